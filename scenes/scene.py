@@ -1,0 +1,69 @@
+"""What is in the box: named surfaces, paints and the lamp. Immutable; effects return changed copies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .spectra import Spectrum
+
+__all__ = ["Lamp", "Material", "Scene", "Surface"]
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A Lambertian paint. reflectance : 0 to 1, held constant beyond its table."""
+
+    name: str
+    reflectance: Spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A named triangle mesh. vertices_mm : (n, 3). faces : (m, 3), counter-clockwise seen from the lit side."""
+
+    name: str
+    material: str
+    vertices_mm: NDArray[np.float64]
+    faces: NDArray[np.int64]
+
+    @property
+    def areas_mm2(self) -> NDArray[np.float64]:
+        """(m,) triangle areas."""
+        a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """The light: a surface of its own that emits uniformly by Lambert's law and reflects nothing.
+
+    radiance : W m^-2 sr^-1 nm^-1, zero beyond its table.
+    """
+
+    surface: Surface
+    radiance: Spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One box. Lengths in mm; surfaces do not contain the lamp's own surface."""
+
+    name: str
+    surfaces: tuple[Surface, ...]
+    materials: dict[str, Material]
+    lamp: Lamp
+    source: str = field(default="")
+
+    def surface(self, name: str) -> Surface:
+        """The surface of that name; KeyError with the known names otherwise."""
+        for surface in self.surfaces:
+            if surface.name == name:
+                return surface
+        raise KeyError(f"no surface '{name}'; there are {', '.join(s.name for s in self.surfaces)}")
+
+    def with_lamp(self, radiance: Spectrum) -> Scene:
+        """The same box under another lamp spectrum."""
+        return replace(self, lamp=replace(self.lamp, radiance=radiance))
