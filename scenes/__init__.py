@@ -1,1 +1,23 @@
+"""What is in the box: surfaces, paints, spectra, the lamp, the camera's geometry, scene files."""
 
+from .camera import Camera
+from .cornell_box import cornell_box, cornell_camera
+from .errors import InputError
+from .scene import Lamp, Material, Scene, Surface
+from .scene_file import load_scene
+from .spectra import Spectrum, read_spectra, read_spectrum
+
+__all__ = [
+    "Camera",
+    "InputError",
+    "Lamp",
+    "Material",
+    "Scene",
+    "Spectrum",
+    "Surface",
+    "cornell_box",
+    "cornell_camera",
+    "load_scene",
+    "read_spectra",
+    "read_spectrum",
+]

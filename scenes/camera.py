@@ -68,13 +68,16 @@ class Camera:
         return self.focal_length_px * radial * xy + self.principal_point_px
 
     def directions(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
-        """Unit world directions (..., 3) of the rays through pixel positions; the distortion is inverted."""
+        """Unit world directions (..., 3) of the rays through pixel positions; the distortion is inverted.
+
+        NaN where no ray arrives: with k1 < 0 no point appears farther out than 2 f / (3 sqrt(-3 k1)).
+        """
         u, v = np.broadcast_arrays(np.asarray(u_px, float), np.asarray(v_px, float))
         distorted = np.stack([u - self.principal_point_px[0], v - self.principal_point_px[1]], -1)
         distorted = distorted / self.focal_length_px
         radius = np.linalg.norm(distorted, axis=-1)
-        undistorted = radius.copy()
-        for _ in range(12):  # Newton on r (1 + k1 r^2) = radius converges quadratically for |k1 r^2| << 1
+        undistorted = np.where(radius * np.sqrt(max(-27.0 * self.k1, 0.0)) < 2.0, radius, np.nan)
+        for _ in range(12):  # Newton on r (1 + k1 r^2) = radius converges quadratically
             undistorted -= (undistorted * (1 + self.k1 * undistorted**2) - radius) / (
                 1 + 3 * self.k1 * undistorted**2
             )

@@ -22,7 +22,10 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A named triangle mesh. vertices_mm : (n, 3). faces : (m, 3), counter-clockwise seen from the lit side."""
+    """A named triangle mesh.
+
+    vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side.
+    """
 
     name: str
     material: str
@@ -38,13 +41,18 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """The light: a surface of its own that emits uniformly by Lambert's law and reflects nothing.
+    """The light: a surface of its own that emits and reflects nothing.
 
-    radiance : W m^-2 sr^-1 nm^-1, zero beyond its table.
+    radiance : W m^-2 sr^-1 nm^-1, mean over the lamp, along its normal; zero beyond its table.
+    edge_ratio : 0 to 1, radiance at the corners over that at the centre: the radiance goes as
+        e + (1 - e) (1 - X^2) (1 - Z^2), X and Z from -1 to 1 across the lamp, mean kept; 1 is uniform.
+    exponent : radiance goes as cos^n of the angle from the normal; 0 is Lambert's law.
     """
 
     surface: Surface
     radiance: Spectrum
+    edge_ratio: float = 1.0
+    exponent: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

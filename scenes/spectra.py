@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
+from .faults import path_inside, suggestion
 
 __all__ = ["Spectrum", "planck", "read_spectra", "read_spectrum"]
 
@@ -35,21 +36,22 @@ class Spectrum:
         wavelength = np.asarray(self.wavelength_nm, dtype=np.float64)
         values = np.asarray(self.values, dtype=np.float64)
         if wavelength.ndim != 1 or wavelength.shape != values.shape or wavelength.size == 0:
-            raise InputError("spectrum", f"shapes {wavelength.shape} and {values.shape}", "two equal 1-D tables")
+            found = f"shapes {wavelength.shape} and {values.shape}"
+            raise InputError("spectrum", found, "two 1-D tables of equal length, not empty")
         if not (np.all(np.isfinite(wavelength)) and np.all(np.isfinite(values))):
             raise InputError("spectrum", "a value that is not a finite number", "finite numbers")
         if np.any(np.diff(wavelength) <= 0):
             bad = int(np.argmax(np.diff(wavelength) <= 0))
-            raise InputError(
-                "spectrum", f"{wavelength[bad]:g} nm followed by {wavelength[bad + 1]:g} nm", "ascending wavelengths"
-            )
+            found = f"{wavelength[bad]:g} nm followed by {wavelength[bad + 1]:g} nm"
+            raise InputError("spectrum", found, "ascending wavelengths")
         object.__setattr__(self, "wavelength_nm", wavelength)
         object.__setattr__(self, "values", values)
 
     def at(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
         """Values at the given wavelengths (any shape, nm)."""
-        edges = (0.0, 0.0) if self.outside == "zero" else (None, None)
-        return np.interp(np.asarray(wavelength_nm, float), self.wavelength_nm, self.values, edges[0], edges[1])
+        beyond = 0.0 if self.outside == "zero" else None
+        wavelength = np.asarray(wavelength_nm, float)
+        return np.interp(wavelength, self.wavelength_nm, self.values, left=beyond, right=beyond)
 
     def scaled(self, factor: float) -> Spectrum:
         """The same spectrum times a number."""
@@ -60,9 +62,8 @@ def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64
     """Planck's spectral radiance relative to its value at 550 nm (CODATA c2 = 0.014387769 m K)."""
     c2_nm = 0.014387769e9
     wavelength = np.asarray(wavelength_nm, float)
-    return (550.0 / wavelength) ** 5 * np.expm1(c2_nm / (550.0 * temperature_k)) / np.expm1(
-        c2_nm / (wavelength * temperature_k)
-    )
+    photon = np.expm1(c2_nm / (550.0 * temperature_k)) / np.expm1(c2_nm / (wavelength * temperature_k))
+    return (550.0 / wavelength) ** 5 * photon
 
 
 def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
@@ -70,42 +71,66 @@ def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
 
     Raises InputError naming the file, column and row of the first fault.
     """
-    try:
-        with open(path, newline="", encoding="utf-8") as stream:
-            rows = [row for row in csv.reader(stream) if row and any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise InputError(path, error.strerror or str(error), "a readable CSV file") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "bytes that are no text", "a CSV file in UTF-8") from None
-    if len(rows) < 2 or rows[0][0].strip() != "wavelength_nm":
-        raise InputError(path, "no table" if len(rows) < 2 else f"first column '{rows[0][0]}'",
-                         "a header row that begins with wavelength_nm, then rows of numbers")  # fmt: skip
-    names = [name.strip() for name in rows[0]]
-    table = np.empty((len(rows) - 1, len(names)))
-    for index, row in enumerate(rows[1:]):
-        if len(row) != len(names):
-            raise InputError(f"{path}: row {index + 2}", f"{len(row)} cells", f"{len(names)} as in the header")
-        for column, cell in enumerate(row):
-            try:
-                value = float(cell)
-            except ValueError:
-                value = float("nan")
-            if not np.isfinite(value):
-                raise InputError(f"{path}: row {index + 2}, {names[column]}", f"'{cell.strip()}'", "a finite number")
-            table[index, column] = value
-    if np.any(np.diff(table[:, 0]) <= 0):
-        bad = int(np.argmax(np.diff(table[:, 0]) <= 0))
-        raise InputError(f"{path}: row {bad + 3}, wavelength_nm", f"{table[bad + 1, 0]:g} after {table[bad, 0]:g}",
-                         "ascending wavelengths")  # fmt: skip
+    lines = _read_lines(path)
+    if len(lines) < 2:
+        raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")
+    names = [name.strip() for name in lines[0][1]]
+    if names[0] != "wavelength_nm":
+        raise InputError(f"{path}: header", f"first column '{names[0]}'", "first column 'wavelength_nm'")
+    if len(set(names)) < len(names) or "" in names:
+        raise InputError(f"{path}: header", ", ".join(names), "a name of its own for every column")
+    table = np.empty((len(lines) - 1, len(names)))
+    for index, (line, cells) in enumerate(lines[1:]):
+        if len(cells) != len(names):
+            raise InputError(f"{path}: line {line}", f"{len(cells)} cells", f"{len(names)} as in the header")
+        for column, cell in enumerate(cells):
+            table[index, column] = _number(cell, f"{path}: line {line}, {names[column]}")
+        if index and table[index, 0] <= table[index - 1, 0]:
+            raise InputError(
+                f"{path}: line {line}, wavelength_nm",
+                f"{table[index, 0]:g} after {table[index - 1, 0]:g}",
+                "ascending wavelengths",
+            )
     return {name: Spectrum(table[:, 0], table[:, i], outside) for i, name in enumerate(names) if i}
 
 
+def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """(line number, cells) of every line of a CSV that is not blank."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except UnicodeDecodeError:
+        raise InputError(path, "bytes that are no text", "a CSV file in UTF-8") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(path, reason, "a readable CSV file") from None
+    except csv.Error as error:
+        raise InputError(path, str(error), "a CSV file") from None
+
+
+def _number(cell: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise InputError(where, f"'{cell.strip()}'", "a finite number")
+    return value
+
+
 def read_spectrum(folder: Path, reference: str, outside: Outside = "hold") -> Spectrum:
-    """One column by reference ``"file.csv:column"``, the file relative to ``folder``."""
+    """One column by reference ``"file.csv:column"``, the file inside ``folder``.
+
+    Raises InputError for a reference without a column, a path that leaves the folder, an unknown column,
+    and whatever ``read_spectra`` finds.
+    """
     name, separator, column = reference.rpartition(":")
     if not separator:
         raise InputError(f"{folder}: {reference}", "no column", "'file.csv:column'")
-    spectra = read_spectra(folder / name, outside)
+    path = path_inside(folder, name, f"{folder}: {reference}")
+    spectra = read_spectra(path, outside)
     if column not in spectra:
-        raise InputError(folder / name, f"no column '{column}'", f"one of {', '.join(spectra)}")
+        known = f"one of {', '.join(spectra)}" if spectra else "a table with columns beside wavelength_nm"
+        raise InputError(path, f"no column '{column}'", known, suggestion(column, spectra))
     return spectra[column]

@@ -1,0 +1,135 @@
+"""XYZ from band signals: filter weights b_i and the tristimulus values they give (Pattanaik et al. 1997).
+
+The colour-matching functions are written as sums of the bands' own responses F_i = F Q T_lens T_i,
+
+    xbar(l) ~ Sum_i b_i F_i(l)    (eq. 5),    X = 683 lm/W Sum_i b_i S_i / K_i    (eq. 4),
+
+so X, Y, Z are absolute (Y is luminance in cd m^-2) where C is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from .sensor_equation import WAVELENGTH_NM, BandResponse, trapezoidal_weights
+
+__all__ = [
+    "LUMINOUS_EFFICACY", "FilterWeights", "colour_matching_functions", "fit_filter_weights", "xyz_covariance",
+    "xyz_image",
+]  # fmt: skip
+
+#: lm/W, of monochromatic light at 555 nm.
+LUMINOUS_EFFICACY = 683.0
+
+
+def colour_matching_functions() -> NDArray[np.float64]:
+    """(3, 301) CIE 1931 2-degree xbar, ybar, zbar on WAVELENGTH_NM (tables of colour-science)."""
+    from colour import MSDS_CMFS  # slow to import, and only needed here
+
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    table = np.asarray(observer.values, float).T
+    return np.stack([np.interp(WAVELENGTH_NM, observer.wavelengths, row) for row in table])
+
+
+@dataclass(frozen=True, eq=False)
+class FilterWeights:
+    """b_i and how well they do.
+
+    weights : (3, band), J per quantum: rows X, Y, Z. reconstructed : (3, wavelength), their sums.
+    target : (3, wavelength), the colour-matching functions. residual_rms : (3,) of reconstructed - target.
+    noise_gain : (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, over the
+        relative standard deviation of every band's signal; 1 / sqrt(bands) is as quiet as it can be.
+    regularised : whether noise had a say. relative_noise : (band,) the level it was told.
+    """
+
+    bands: tuple[str, ...]
+    wavelength_nm: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    reconstructed: NDArray[np.float64]
+    target: NDArray[np.float64]
+    residual_rms: NDArray[np.float64]
+    noise_gain: NDArray[np.float64]
+    regularised: bool
+    relative_noise: NDArray[np.float64]
+
+
+def fit_filter_weights(
+    responses: Sequence[BandResponse],
+    relative_noise: ArrayLike = 0.0,
+    target: NDArray[np.float64] | None = None,
+) -> FilterWeights:
+    """Filter weights by least squares, regularised as far as the stated noise asks for.
+
+    relative_noise : standard deviation over signal of a band (one number, or one per band), for light of
+        equal energy per nm. 0 gives plain least squares. target : (3, wavelength), default CIE 1931.
+
+    The error of X has two parts: the misfit e(l) = xbar - Sum b_i F_i integrated over the light's spectrum,
+    and the noise Sum b_i n_i. Taking the spectrum as L0 times values of unit variance that are independent
+    from one stretch of length D to the next, D = range / number of bands (all that so many bands can tell
+    apart), the expected square of the first is L0^2 D Int e^2 dl; that of the second is
+    L0^2 Sum b_i^2 (relative_noise_i Int F_i dl)^2. Their sum is minimised: Tikhonov regularisation whose
+    strength is fixed by the noise and not by taste.
+    """
+    wavelength = responses[0].wavelength_nm
+    goal = colour_matching_functions() if target is None else target
+    curves = np.stack([response.response for response in responses])
+    noise = np.broadcast_to(np.asarray(relative_noise, float), (len(responses),))
+    areas = curves @ trapezoidal_weights(wavelength)
+    step = trapezoidal_weights(wavelength)
+    stretch = (wavelength[-1] - wavelength[0]) / len(responses)
+    # In units of quanta per joule (1e17) the equations would be badly conditioned.
+    unit = curves / areas[:, None]
+    rows = np.concatenate([(unit * np.sqrt(stretch * step)).T, np.diag(noise)])
+    right = np.concatenate([(goal * np.sqrt(stretch * step)).T, np.zeros((len(responses), len(goal)))])
+    scaled = np.linalg.lstsq(rows, right, rcond=None)[0].T
+    weights = scaled / areas
+    reconstructed = weights @ curves
+    gain = np.sqrt(np.sum(scaled**2, axis=1)) / np.abs(scaled.sum(axis=1))
+    return FilterWeights(
+        bands=tuple(response.band for response in responses),
+        wavelength_nm=wavelength,
+        weights=weights,
+        reconstructed=reconstructed,
+        target=goal,
+        residual_rms=np.sqrt(np.mean((reconstructed - goal) ** 2, axis=1)),
+        noise_gain=gain,
+        regularised=bool(np.any(noise > 0)),
+        relative_noise=noise.copy(),
+    )
+
+
+def _signal_to_xyz(weights: FilterWeights, responses: Sequence[BandResponse]) -> NDArray[np.float64]:
+    return LUMINOUS_EFFICACY * weights.weights / np.array([response.factor for response in responses])
+
+
+def xyz_image(images: xr.Dataset, weights: FilterWeights, responses: Sequence[BandResponse]) -> xr.Dataset:
+    """Tristimulus images of BandImages (band, y, x).
+
+    Returns ``xyz`` (component, y, x), Y in cd m^-2, ``variance`` of the same shape by the images' own
+    independent noise, and ``mask`` (y, x), the union of the bands' flags. Noise only: the error of the
+    weights against the CIE functions and that of C stand apart.
+    """
+    matrix = _signal_to_xyz(weights, responses)
+    flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
+    dims = ("component", "y", "x")
+    return xr.Dataset(
+        {
+            "xyz": (dims, np.tensordot(matrix, images["signal"].values, 1), {"units": "cd m^-2 (Y)"}),
+            "variance": (dims, np.tensordot(matrix**2, images["variance"].values, 1), {"units": "cd^2 m^-4"}),
+            "mask": (("y", "x"), flags, dict(images["mask"].attrs)),
+        },
+        coords={"component": ["X", "Y", "Z"]},
+    )
+
+
+def xyz_covariance(
+    variance: ArrayLike, weights: FilterWeights, responses: Sequence[BandResponse]
+) -> NDArray[np.float64]:
+    """Covariance (..., 3, 3) of X, Y, Z for independent band variances (band, ...) in DN^2."""
+    matrix = _signal_to_xyz(weights, responses)
+    return np.einsum("ib,b...,jb->...ij", matrix, np.asarray(variance, float), matrix, optimize=True)

@@ -1,0 +1,103 @@
+"""Dark frames: the level of every pixel at any exposure, and what part of it is thermal charge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .capture import Capture
+
+__all__ = ["DarkLibrary", "read_darks"]
+
+# A share of zeros above this means that the converter cuts off part of the read noise.
+_CLIPPED_SHARE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class DarkLibrary:
+    """The dark frames of a capture, one level per exposure.
+
+    exposure_s : (k,) ascending; k = 0 without dark frames. repeats : (k,) frames averaged.
+    level : (k, y, x) DN, their mean. bias : (y, x) DN, the level at no exposure, by a straight line in
+    time through all levels (the only level where there is one; 0 without dark frames).
+    rate : (y, x) DN/s >= 0, the slope of that line. clipped : the frames are cut off at 0 DN.
+    """
+
+    exposure_s: NDArray[np.float64]
+    repeats: NDArray[np.int64]
+    level: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    clipped: bool
+
+    def weights(self, exposure_s: float) -> NDArray[np.float64]:
+        """(k,) weights of the levels that give the dark at an exposure.
+
+        The level taken at that exposure where there is one; else the straight line through its two
+        neighbours in time, carried on beyond the ends; the only level where there is one.
+        """
+        count = self.exposure_s.size
+        weights = np.zeros(count)
+        exact = np.flatnonzero(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0))
+        if exact.size:
+            weights[exact[0]] = 1.0
+        elif count == 1:
+            weights[0] = 1.0
+        elif count > 1:
+            upper = int(np.clip(np.searchsorted(self.exposure_s, exposure_s), 1, count - 1))
+            before, after = self.exposure_s[upper - 1], self.exposure_s[upper]
+            weights[upper] = (exposure_s - before) / (after - before)
+            weights[upper - 1] = 1 - weights[upper]
+        return weights
+
+    def at(self, exposure_s: float) -> NDArray[np.float64]:
+        """(y, x) DN, the dark at an exposure, by ``weights``; 0 without dark frames."""
+        return np.tensordot(self.weights(exposure_s), self.level, axes=1)
+
+    def thermal(self, exposure_s: float) -> NDArray[np.float64]:
+        """(y, x) DN >= 0, the part of the dark that is charge and so carries shot noise."""
+        return self.rate * exposure_s
+
+    def note(self, exposure_s: float) -> str | None:
+        """What is to be said about the dark at an exposure; None where a level was taken at it."""
+        if self.exposure_s.size == 0 or (
+            np.any(self.weights(exposure_s) == 1.0) and self.exposure_s.size > 1
+        ):
+            return None
+        if np.any(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0)):
+            return None
+        if self.exposure_s.size == 1:
+            return f"no dark frames at {exposure_s:g} s: those at {self.exposure_s[0]:g} s were used"
+        inside = self.exposure_s[0] < exposure_s < self.exposure_s[-1]
+        return f"no dark frames at {exposure_s:g} s: {'inter' if inside else 'extra'}polated linearly in time"
+
+
+def _line(
+    exposure: NDArray[np.float64], repeats: NDArray[np.int64], level: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    mean_time = np.average(exposure, weights=repeats)
+    mean_level = np.average(level, axis=0, weights=repeats)
+    lever = repeats * (exposure - mean_time)
+    rate = np.maximum(np.tensordot(lever, level, axes=1) / np.sum(lever * (exposure - mean_time)), 0.0)
+    return mean_level - rate * mean_time, rate
+
+
+def read_darks(capture: Capture) -> DarkLibrary:
+    """The dark frames of a capture; an empty library where it has none or they were subtracted before.
+
+    Raises InputError for a faulty frame.
+    """
+    tables = sorted(capture.manifest.darks, key=lambda dark: dark.exposure_s)
+    zeros = np.zeros(capture.shape)
+    if not tables:
+        empty = np.zeros((0, *capture.shape))
+        return DarkLibrary(np.zeros(0), np.zeros(0, np.int64), empty, zeros, zeros, False)
+    stacks = [capture.frames(table) for table in tables]
+    exposure = np.array([table.exposure_s for table in tables])
+    repeats = np.array([stack.shape[0] for stack in stacks])
+    level = np.stack([stack.mean(axis=0) for stack in stacks])
+    bias, rate = _line(exposure, repeats, level) if exposure.size > 1 else (level[0], zeros)
+    clipped = bool(np.mean(stacks[0] == 0) > _CLIPPED_SHARE)
+    return DarkLibrary(exposure, repeats, level, bias, rate, clipped)

@@ -1,0 +1,55 @@
+"""Defective pixels, found robustly in dark and flat frames with a stated rate of false alarms."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.stats import norm
+
+__all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "vignetted_pixels"]
+
+#: How many sound pixels one image loses on average to each test, if the sound ones are normally distributed.
+FALSE_ALARMS_PER_IMAGE = 0.01
+
+_MAD_TO_SIGMA = 1.4826
+_VIGNETTED_SHARE = 0.1
+# 5 x 5 without the pixel itself, which would be its own median too often and make the spread look small.
+_NEIGHBOURS = np.ones((5, 5), bool)
+_NEIGHBOURS[2, 2] = False
+
+
+def _robust(values: NDArray[np.float64], smallest_sigma: float) -> NDArray[np.float64]:
+    middle = np.median(values)
+    sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(values - middle))), smallest_sigma)
+    return (values - middle) / sigma
+
+
+def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[np.bool_]:
+    """(y, x) True where the dark level (y, x) in DN stands out above the others.
+
+    The spread comes from the median absolute deviation; smallest_sigma_dn : what noise alone gives, for
+    frames whose median deviation rounds to 0. Threshold: FALSE_ALARMS_PER_IMAGE.
+    """
+    return _robust(dark, smallest_sigma_dn) > norm.isf(FALSE_ALARMS_PER_IMAGE / dark.size)
+
+
+def dead_pixels(response: NDArray[np.float64], mosaic: bool = False) -> NDArray[np.bool_]:
+    """(y, x) True where the flat response (y, x) falls below that of the pixel's 5 x 5 neighbours.
+
+    The ratio to the neighbours' median is judged by its own median absolute deviation; threshold:
+    FALSE_ALARMS_PER_IMAGE. mosaic : compare each of the four pixels of the mosaic's cell with its like.
+    """
+    step = 2 if mosaic else 1
+    ratio = np.empty_like(response)
+    for row, column in itertools.product(range(step), range(step)):
+        plane = response[row::step, column::step]
+        ratio[row::step, column::step] = plane / np.maximum(median_filter(plane, footprint=_NEIGHBOURS), 1e-6)
+    return _robust(ratio, 1e-6) < -norm.isf(FALSE_ALARMS_PER_IMAGE / response.size)
+
+
+def vignetted_pixels(response: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(y, x) True where the flat is below a tenth of its maximum (99.9th percentile)."""
+    return response < _VIGNETTED_SHARE * np.percentile(response, 99.9)

@@ -1,0 +1,114 @@
+"""Faults of a manifest in words: which key, what was found, what is expected, how to mend it."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from cboxlab.scenes.errors import InputError
+from pydantic import BaseModel, ValidationError
+
+from .manifest import Manifest
+
+__all__ = ["nearest", "raise_faults", "read_manifest"]
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """A hint that names the known word nearest to ``word``; empty where none is near."""
+    close = difflib.get_close_matches(word, list(known), 1)
+    return f"Did you mean '{close[0]}'?" if close else ""
+
+
+def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
+    """Raise nothing for no fault, the fault itself for one, else one InputError with a line for each."""
+    if len(faults) == 1:
+        raise faults[0]
+    if faults:
+        lines = "".join(f"\n  {fault}" for fault in faults)
+        raise InputError(path, f"{len(faults)} faults", "none", f"They are:{lines}")
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models(argument)]
+
+
+def _known_keys(location: Sequence[int | str]) -> list[str]:
+    model: type[BaseModel] = Manifest
+    for part in location:
+        if isinstance(part, str) and part in model.model_fields:
+            inner = _models(model.model_fields[part].annotation)
+            model = inner[0] if inner else model
+    return list(model.model_fields)
+
+
+def _key(data: Mapping[str, Any], location: Sequence[int | str]) -> str:
+    text, value = "", data
+    for part in location:
+        if isinstance(part, str) and part.startswith("<"):
+            continue
+        try:
+            value = value[part]  # type: ignore[index]
+        except (KeyError, IndexError, TypeError):
+            value = {}
+        if isinstance(part, int):
+            identity = value.get("id", value.get("band")) if isinstance(value, Mapping) else None
+            text += f"[{part}]" + (f" ({identity})" if isinstance(identity, str) else "")
+        else:
+            text += f".{part}" if text else part
+    return text
+
+
+def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> InputError:
+    location = error["loc"]
+    where = f"{path}: {_key(data, location)}"
+    if error["type"] == "missing":
+        return InputError(where, "nothing", "this key", "Add it.")
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(location[:-1])
+        return InputError(
+            where, "an unknown key", f"one of {', '.join(known)}", nearest(str(location[-1]), known)
+        )
+    expected = error["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    found = repr(error["input"])
+    return InputError(where, found if len(found) < 80 else found[:77] + "...", expected)
+
+
+def read_manifest(path: Path) -> Manifest:
+    """The manifest in the TOML file ``path``, its keys and their ranges checked.
+
+    Raises one InputError that names every faulty key. Files it names are not looked at.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(
+            path,
+            "no such file",
+            "the manifest of a capture",
+            "A capture is a folder with a capture.toml in it.",
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, str(error), "a readable text file in UTF-8") from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        for key, state in (("dark", "subtracted"), ("flat", "divided")):
+            if re.search(rf"(?m)^\s*{key}\s*=", text) and re.search(rf"(?m)^\s*\[\[\s*{key}\s*\]\]", text):
+                raise InputError(
+                    f"{path}: {key}",
+                    f"both {key} = ... and [[{key}]]",
+                    "one of them",
+                    f"Frames with {key} = '{state}' have no [[{key}]].",
+                ) from None
+        raise InputError(path, f"a fault in the TOML: {error}", "valid TOML") from None
+    try:
+        return Manifest.model_validate(data)
+    except ValidationError as failure:
+        raise_faults(path, [_fault(path, data, dict(error)) for error in failure.errors()])
+        raise AssertionError("a validation error without errors") from None

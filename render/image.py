@@ -1,0 +1,70 @@
+"""What an integrator returns: radiance in every pixel at every wavelength, kept in a short basis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = ["LAMP", "NOTHING", "RenderedImage"]
+
+#: Surface ids of pixels that see the lamp, or nothing at all.
+LAMP, NOTHING = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedImage:
+    """Spectral radiance as coefficients of spectra, in independent batches.
+
+    coefficients : (batch, y, x, n). spectra : (n, w), W m^-2 sr^-1 nm^-1. wavelength_nm : (w,).
+    coverage : (y, x, s + 1) part of the pixel that each surface covers, the lamp last.
+    """
+
+    coefficients: NDArray[np.float32]
+    spectra: NDArray[np.float64]
+    wavelength_nm: NDArray[np.float64]
+    coverage: NDArray[np.float32]
+    surface_names: tuple[str, ...]
+
+    @property
+    def surface(self) -> NDArray[np.int16]:
+        """(y, x) index into surface_names of what covers most of the pixel; LAMP or NOTHING otherwise."""
+        most = np.argmax(self.coverage, axis=-1).astype(np.int16)
+        most[most == len(self.surface_names)] = LAMP
+        most[self.coverage.sum(axis=-1) < 0.5] = NOTHING
+        return most
+
+    @property
+    def sees_lamp(self) -> NDArray[np.bool_]:
+        """(y, x) whether any part of the pixel sees the lamp."""
+        return self.coverage[..., -1] > 0
+
+    def project(self, weights: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and variance of the mean (y, x, q) of the radiance times ``weights`` (w, q).
+
+        The variance is that of the batches' mean, from their scatter; NaN with a single batch.
+        """
+        values = self.coefficients @ (self.spectra @ weights)
+        count = len(values)
+        mean = values.mean(axis=0)
+        variance = values.var(axis=0, ddof=1) / count if count > 1 else np.full_like(mean, np.nan)
+        return mean, variance
+
+    def cube(self) -> xr.Dataset:
+        """The spectral cube: radiance and standard_error (y, x, wavelength), surface (y, x)."""
+        mean, variance = self.project(np.eye(len(self.wavelength_nm)))
+        unit = {"units": "W m^-2 sr^-1 nm^-1"}
+        return xr.Dataset(
+            {
+                "radiance": (("y", "x", "wavelength"), mean.astype(np.float32), unit),
+                "standard_error": (("y", "x", "wavelength"), np.sqrt(variance).astype(np.float32), unit),
+                "surface": (
+                    ("y", "x"),
+                    self.surface,
+                    {"names": ", ".join(self.surface_names), "lamp": LAMP, "nothing": NOTHING},
+                ),
+            },
+            coords={"wavelength": ("wavelength", self.wavelength_nm, {"units": "nm"})},
+        )

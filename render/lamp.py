@@ -1,0 +1,130 @@
+"""Direct light from the lamp at a point: sampled shadow rays around the analytic unoccluded value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .tracer import RAY_OFFSET_MM, Tracer, visible
+
+__all__ = ["LampSampler", "build_lamp_sampler", "direct_light"]
+
+
+@dataclass(frozen=True, eq=False)
+class LampSampler:
+    """The lamp's triangles, ready for sampling by area, and the loop of its border for the analytic value."""
+
+    corners: list[mi.Point3f]
+    thresholds: list[float]
+    normal: mi.Vector3f
+    area: float
+    border: list[tuple[mi.Point3f, mi.Point3f]]
+    centre: np.ndarray
+    half_size: np.ndarray
+    edge_ratio: float
+    exponent: float
+
+
+def _point(values: np.ndarray) -> mi.Point3f:
+    return mi.Point3f(*(float(x) for x in values))
+
+
+def build_lamp_sampler(tracer: Tracer) -> LampSampler:
+    """Pack the lamp of a scene. The lamp is planar: all its triangles share a normal."""
+    triangles = tracer.lamp_triangles
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    areas = 0.5 * np.linalg.norm(cross, axis=1)
+    edges: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+    for triangle in triangles:
+        for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+            if edges.pop((tuple(b), tuple(a)), None) is None:
+                edges[tuple(a), tuple(b)] = (a, b)
+    low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
+    lamp = tracer.scene.lamp
+    return LampSampler(
+        corners=[_point(c) for t in triangles for c in t],
+        thresholds=list(np.cumsum(areas) / areas.sum()),
+        normal=mi.Vector3f(*(float(x) for x in cross[0] / np.linalg.norm(cross[0]))),
+        area=float(areas.sum()),
+        border=[(_point(a), _point(b)) for a, b in edges.values()],
+        centre=(low + high) / 2,
+        half_size=np.maximum((high - low) / 2, 1e-9),
+        edge_ratio=lamp.edge_ratio,
+        exponent=lamp.exponent,
+    )
+
+
+def _sample(lamp: LampSampler, u: mi.Float, v: mi.Float) -> mi.Point3f:
+    """A point uniform over the lamp's area."""
+    low, result = 0.0, None
+    for i, high in enumerate(lamp.thresholds):
+        a, b, c = lamp.corners[3 * i : 3 * i + 3]
+        root = dr.sqrt((u - low) / (high - low))
+        point = a + (b - a) * (root * (1 - v)) + (c - a) * (root * v)
+        result = point if result is None else dr.select(u >= low, point, result)
+        low = high
+    assert result is not None
+    return result
+
+
+def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) -> tuple[mi.Float, mi.Bool]:
+    """Form factor from a point to the whole lamp by Lambert's formula, and where it holds.
+
+    It holds where every corner of the lamp lies above the point's horizon.
+    """
+    total = mi.Float(0)
+    whole = mi.Bool(True)
+    for start, end in lamp.border:
+        a, b = start - position, end - position
+        whole &= dr.dot(a, normal) > 0
+        axis = dr.cross(a, b)
+        length = dr.norm(axis)
+        angle = dr.atan2(length, dr.dot(a, b))
+        total += dr.select(length > 0, angle * dr.dot(axis, normal) / length, 0)
+    return dr.abs(total) * (0.5 / np.pi), whole
+
+
+def _pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.Float | float:
+    """Radiance at a lamp point towards an angle, relative to the lamp's mean along its normal."""
+    value: mi.Float | float = 1.0
+    if lamp.edge_ratio != 1.0:
+        x = (point.x - lamp.centre[0]) / lamp.half_size[0]
+        z = (point.z - lamp.centre[2]) / lamp.half_size[2]
+        e = lamp.edge_ratio
+        value = (e + (1 - e) * (1 - x * x) * (1 - z * z)) / (e + (1 - e) * 4 / 9)
+    if lamp.exponent != 0.0:
+        value = value * dr.power(cosine, lamp.exponent)
+    return value
+
+
+def direct_light(
+    tracer: Tracer,
+    lamp: LampSampler,
+    position: mi.Point3f,
+    normal: mi.Vector3f,
+    u: mi.Float,
+    v: mi.Float,
+    active: mi.Bool,
+) -> mi.Float:
+    """Irradiance from the lamp over pi times the lamp's radiance (a form factor, 0 to 1), one shadow ray.
+
+    Unbiased. The unoccluded form factor w of one lamp point has the analytic mean w0, which serves as a
+    control variate, w V + (w0 - w), so fully lit points carry no sampling noise.
+    """
+    origin = position + normal * RAY_OFFSET_MM
+    point = _sample(lamp, u, v)
+    offset = point - origin
+    square = dr.squared_norm(offset)
+    direction = offset * dr.rsqrt(square)
+    cosine = dr.dot(direction, normal)
+    lamp_cosine = -dr.dot(direction, lamp.normal)
+    facing = active & (cosine > 0) & (lamp_cosine > 0)
+    weight = dr.select(facing, cosine * lamp_cosine * lamp.area / (np.pi * square), 0)
+    free = visible(tracer, origin, point, facing)
+    sampled = dr.select(free, weight * _pattern(lamp, point, lamp_cosine), 0)
+    mean, whole = _unoccluded(lamp, origin, normal)
+    in_front = dr.dot(origin - point, lamp.normal) > 0
+    return dr.select(active, sampled + dr.select(whole & in_front, mean - weight, 0), 0)

@@ -1,0 +1,102 @@
+"""The scene's surfaces cut into small triangles that share one indirect radiosity each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .tracer import Tracer
+
+__all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Every triangle cut into divisions^2 equal ones; the lamp has none.
+
+    triangle : (p,) the parent. area : (p,) mm^2. material, surface : (p,). centre : (p, 3) mm.
+    corners : (p, 3, 3) mm.
+    """
+
+    triangle: np.ndarray
+    area: np.ndarray
+    material: np.ndarray
+    surface: np.ndarray
+    corners: np.ndarray
+    packed_divisions: mi.Float
+    packed_first: mi.UInt32
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(p, 3) centroids, mm."""
+        return self.corners.mean(axis=1)
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+
+def build_patches(tracer: Tracer, edge_mm: float) -> Patches:
+    """Cut all triangles so that no patch's edge exceeds ``edge_mm``."""
+    divisions, first, parts = [], [], []
+    total = 0
+    for index, (a, b, c) in enumerate(tracer.vertices):
+        first.append(total)
+        if tracer.surface[index] == len(tracer.scene.surfaces):
+            divisions.append(1)
+            continue
+        n = max(
+            1,
+            int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - b), np.linalg.norm(a - c)) / edge_mm)),
+        )
+        divisions.append(n)
+        i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
+        keep = i + j + upper < n
+        i, j, upper = i[keep], j[keep], upper[keep]
+        # the k-th patch of a triangle in the order of patch_of: two per cell, rows one shorter each
+        order = np.argsort(_local_index(i, j, upper, n))
+        i, j, upper = i[order], j[order], upper[order]
+        grid = np.stack(
+            [np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1
+        )
+        weights = grid / n
+        corners = a + weights[..., :1] * (b - a) + weights[..., 1:] * (c - a)
+        parts.append((np.full(len(i), index), corners))
+        total += len(i)
+    triangle = np.concatenate([p[0] for p in parts])
+    corners = np.concatenate([p[1] for p in parts])
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return Patches(
+        triangle=triangle,
+        area=0.5 * np.linalg.norm(cross, axis=1),
+        material=tracer.material[triangle],
+        surface=tracer.surface[triangle],
+        corners=corners,
+        packed_divisions=mi.Float(np.array(divisions, np.float32)),
+        packed_first=mi.UInt32(np.array(first, np.uint32)),
+    )
+
+
+def _local_index(i, j, upper, n):
+    """Position of sub-triangle (i, j, upper) in its parent: row i holds 2 (n - i) - 1 patches."""
+    return i * (2 * n - i) + 2 * j + upper
+
+
+def patch_of(patches: Patches, triangle: mi.UInt32, uv: mi.Point2f, active: mi.Bool) -> mi.UInt32:
+    """The patch under a hit, from the triangle's index and barycentric coordinates."""
+    n = dr.gather(mi.Float, patches.packed_divisions, triangle, active)
+    first = dr.gather(mi.UInt32, patches.packed_first, triangle, active)
+    x, y = uv.x * n, uv.y * n
+    i = dr.clip(dr.floor(x), 0, n - 1)
+    j = dr.clip(dr.floor(y), 0, n - 1 - i)
+    upper = dr.select((x - i + y - j > 1) & (i + j < n - 1), mi.Float(1), mi.Float(0))
+    return first + mi.UInt32(_local_index(i, j, upper, n))
+
+
+def patch_points(corners: mi.Float, index: mi.UInt32, u: mi.Float, v: mi.Float) -> mi.Point3f:
+    """A point uniform over each patch ``index``; ``corners`` are those of Patches, flattened."""
+    a, b, c = (dr.gather(mi.Point3f, corners, index * 3 + k) for k in range(3))
+    root = dr.sqrt(u)
+    return a + (b - a) * (root * (1 - v)) + (c - a) * (root * v)

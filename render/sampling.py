@@ -1,0 +1,57 @@
+"""Low-discrepancy points and the maps from the unit square to lamp points and directions."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.stats import qmc
+
+from . import variant as _variant  # noqa: F401  (activates a variant)
+
+__all__ = ["SobolPoints", "cosine_hemisphere"]
+
+
+@lru_cache(maxsize=8)
+def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
+    """(2^m * d,) Sobol' points as 32-bit integers (Joe and Kuo's direction numbers, through SciPy)."""
+    points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
+    return (points * 2.0**32).astype(np.uint32).ravel()
+
+
+class SobolPoints:
+    """Owen-scrambled Sobol' points, scrambled afresh for every lane and seed.
+
+    The nested uniform scrambling by hashing is that of Laine and Karras (2011) with the constants of
+    Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. All lanes use all points, so each
+    lane's estimate is unbiased and its error falls faster than that of independent points.
+    """
+
+    def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int) -> None:
+        log2 = int(np.ceil(np.log2(max(count, 2))))
+        self.dimensions = dimensions
+        self._table = mi.UInt32(_sobol_table(dimensions, log2))
+        seeds = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        self._seeds = [
+            mi.sample_tea_32(lane, seeds + (0x9E3779B9 * (d + 1) & 0xFFFFFFFF))[0] for d in range(dimensions)
+        ]
+
+    def point(self, index: mi.UInt32, dimension: int) -> mi.Float:
+        """Coordinate in [0, 1) of point ``index``."""
+        x = dr.gather(mi.UInt32, self._table, index * self.dimensions + dimension)
+        seed = self._seeds[dimension]
+        x = dr.brev(x)
+        x ^= x * 0x3D20ADEA
+        x += seed
+        x *= (seed >> 16) | 1
+        x ^= x * 0x05526C56
+        x ^= x * 0x53A22864
+        x = dr.brev(x)
+        return mi.Float(x >> 8) * (1.0 / 16777216.0)
+
+
+def cosine_hemisphere(normal: mi.Vector3f, u: mi.Float, v: mi.Float) -> mi.Vector3f:
+    """Direction about ``normal`` with density cos(theta) / pi (Malley's method)."""
+    return mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(u, v)))

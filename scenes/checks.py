@@ -1,0 +1,76 @@
+"""What a scene may hold: tables without holes, reflectances of real paints, triangles with an area."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import InputError
+from .scene import Surface
+from .spectra import Spectrum
+
+__all__ = ["radiance_faults", "reflectance_faults", "surface_faults", "table_faults"]
+
+#: A step this many times the median step is a hole in a table.
+LARGEST_STEP = 3.0
+#: A triangle whose area is a smaller share of its longest edge squared counts as none.
+SMALLEST_AREA = 1e-9
+
+
+def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """A fault for each hole, a step above three times the median: to interpolate over it is to guess."""
+    steps = np.diff(spectrum.wavelength_nm)
+    if steps.size == 0:
+        return []
+    median = float(np.median(steps))
+    return [
+        InputError(
+            where,
+            f"a hole in the table from {spectrum.wavelength_nm[i]:g} to {spectrum.wavelength_nm[i + 1]:g} nm",
+            f"steps up to {LARGEST_STEP * median:g} nm, {LARGEST_STEP:g} times the usual {median:g} nm",
+            "fill in the missing rows",
+        )
+        for i in np.flatnonzero(steps > LARGEST_STEP * median)
+    ]
+
+
+def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """Holes, and the first value outside 0 to 1 (a passive paint cannot return more light than it gets)."""
+    faults = table_faults(spectrum, where)
+    outside = np.flatnonzero((spectrum.values < 0) | (spectrum.values > 1))
+    if outside.size:
+        value, wavelength = spectrum.values[outside[0]], spectrum.wavelength_nm[outside[0]]
+        hint = "divide by 100 if the table is in percent" if 1 < spectrum.values.max() <= 100 else ""
+        faults.append(
+            InputError(where, f"reflectance {value:g} at {wavelength:g} nm", "values from 0 to 1", hint)
+        )
+    return faults
+
+
+def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """Holes, a negative radiance, or no light at all."""
+    faults = table_faults(spectrum, where)
+    if spectrum.values.min() < 0:
+        at = spectrum.wavelength_nm[np.argmin(spectrum.values)]
+        faults.append(
+            InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values not below 0")
+        )
+    elif spectrum.values.max() == 0:
+        faults.append(InputError(where, "a radiance of 0 everywhere", "a lamp that gives light"))
+    return faults
+
+
+def surface_faults(surface: Surface, where: str) -> list[InputError]:
+    """A fault where triangles have no area (corners that coincide or lie on one line)."""
+    corners = surface.vertices_mm[surface.faces]
+    edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    empty = np.flatnonzero(surface.areas_mm2 <= SMALLEST_AREA * edges.max(axis=1) ** 2)
+    if empty.size == 0:
+        return []
+    first = ", ".join("(" + " ".join(f"{x:g}" for x in corner) + ")" for corner in corners[empty[0]])
+    return [
+        InputError(
+            where,
+            f"{empty.size} of {len(corners)} triangles without area, the first at {first}",
+            "corners that differ and do not lie on one line",
+        )
+    ]

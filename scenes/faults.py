@@ -1,0 +1,103 @@
+"""From the faults of an input file to one InputError: several at once, pydantic's, paths, near names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from .errors import InputError
+
+__all__ = ["combined", "faults_of_validation", "path_inside", "referred", "suggestion"]
+
+
+def combined(faults: Sequence[InputError]) -> InputError:
+    """One InputError that tells every fault: the first in full, the others after it in the hint."""
+    first, others = faults[0], faults[1:]
+    if not others:
+        return first
+    more = "; ".join(f"({number}) {fault}" for number, fault in enumerate(others, start=2))
+    hint = f"{first.hint}. " if first.hint else ""
+    return InputError(first.where, first.found, first.expected, f"{hint}{len(others)} more: {more}")
+
+
+def referred(fault: InputError, where: str) -> InputError:
+    """A fault of another file, told at the key that names that file."""
+    return InputError(where, f"{fault.found} ({fault.where})", fault.expected, fault.hint)
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """``"did you mean 'x'?"`` for the nearest known name, empty where none is near."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean '{near[0]}'?" if near else ""
+
+
+def path_inside(folder: Path, name: str, where: str | Path) -> Path:
+    """The path of a file named relative to ``folder``, links resolved.
+
+    Raises InputError (at ``where``) for an absolute path and for one that leaves the folder.
+    """
+    expected = "a path inside the folder, relative to it, with forward slashes"
+    if not name or "\0" in name or "\\" in name or PurePosixPath(name).is_absolute():
+        raise InputError(where, repr(name), expected)
+    try:
+        path = (folder / name).resolve()
+        inside = path.is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(where, f"{name!r} ({error})", expected) from None
+    if not inside:
+        raise InputError(where, f"{name!r}, which leaves the folder", expected)
+    return path
+
+
+def faults_of_validation(path: Path, error: ValidationError, model: type[BaseModel]) -> list[InputError]:
+    """Every fault that pydantic found in the file at ``path`` when it was read as ``model``.
+
+    A key reads ``surface[2].material``; an unknown key is told with the keys allowed and the nearest one.
+    """
+    return [_fault(path, dict(details), model) for details in error.errors(include_url=False)]
+
+
+def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> InputError:
+    location: tuple[int | str, ...] = details["loc"]
+    where = f"{path}: {_key(location)}" if location else str(path)
+    kind, value = details["type"], details["input"]
+    if kind == "extra_forbidden":
+        known = sorted(_keys_at(model, location[:-1]))
+        hint = suggestion(str(location[-1]), known)
+        return InputError(where, "an unknown key", f"one of {', '.join(known)}", hint)
+    message = str(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if kind == "missing":
+        return InputError(where, "nothing", "a value: this key is required")
+    return InputError(where, _shown(value), message)
+
+
+def _shown(value: object) -> str:
+    keys = ", ".join(map(str, value)) if isinstance(value, dict) else ""
+    text = f"a table with the keys {keys}" if keys else repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in location]
+    return "".join(parts).removeprefix(".")
+
+
+def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
+    """The keys that the table at ``location`` may have."""
+    current = model
+    for part in location:
+        field = next((f for name, f in current.model_fields.items() if part in (name, f.alias)), None)
+        if field is not None:
+            current = _model_in(field.annotation) or current
+    return {field.alias or name for name, field in current.model_fields.items()}
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """The first pydantic model inside a type such as ``list[Model] | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)

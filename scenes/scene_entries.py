@@ -1,0 +1,142 @@
+"""The tables of a scene file as pydantic models, and the triangles that they describe."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from .errors import InputError
+from .faults import path_inside, referred
+from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, vector_area
+
+__all__ = ["LampEntry", "SceneFile", "SpectrumTable", "SurfaceEntry", "lamp_mesh", "surface_mesh"]
+
+Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Quad = Annotated[list[Point], Field(min_length=4, max_length=4)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=80)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class SpectrumTable(_Table):
+    wavelength_nm: list[float]
+    values: list[float]
+
+
+class BoxEntry(_Table):
+    center_mm: Point
+    size_mm: Annotated[list[Positive], Field(min_length=3, max_length=3)]
+    yaw_deg: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+
+
+class SurfaceEntry(_Table):
+    name: Name
+    material: str
+    quads_mm: Annotated[list[Quad], Field(min_length=1)] | None = None
+    box: BoxEntry | None = None
+    mesh: str | None = None
+    unit_mm: Positive = 1.0
+    hole: str | None = None
+
+
+class MaterialEntry(_Table):
+    reflectance: Any
+
+
+class LampEntry(_Table):
+    name: Name = "light"
+    quads_mm: Annotated[list[Quad], Field(min_length=1)]
+    radiance: Any
+
+
+class SceneFile(_Table):
+    format: Literal["scene/1"]
+    name: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    surface: Annotated[list[SurfaceEntry], Field(min_length=1)]
+    material: dict[str, MaterialEntry]
+    lamp: LampEntry
+
+
+def lamp_mesh(entry: LampEntry, where: str) -> Mesh:
+    """The triangles of the lamp; InputError at ``where`` for a quad that crosses itself."""
+    return _quads(entry.quads_mm, where)
+
+
+def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str) -> Mesh:
+    """The triangles of a surface; InputError at ``where`` for a shape that cannot be built."""
+    given = [key for key in ("quads_mm", "box", "mesh") if getattr(entry, key) is not None]
+    if len(given) != 1:
+        raise InputError(where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, mesh")
+    for key, shape in (("hole", "quads_mm"), ("unit_mm", "mesh")):
+        if key in entry.model_fields_set and given != [shape]:
+            raise InputError(f"{where}.{key}", f"'{key}' beside '{given[0]}'", f"it beside '{shape}' only")
+    if entry.box is not None:
+        return box_mesh(entry.box.center_mm, entry.box.size_mm, entry.box.yaw_deg)
+    if entry.mesh is not None:
+        path = path_inside(folder, entry.mesh, f"{where}.mesh")
+        try:
+            return file_mesh(path, entry.unit_mm)
+        except InputError as error:
+            raise referred(error, f"{where}.mesh") from None
+    quads = entry.quads_mm or []
+    if entry.hole is None:
+        for quad, light in product(quads, lamp.quads_mm):
+            if _ring_or_none(quad, light):
+                hint = f'add hole = "{lamp.name}"'
+                raise InputError(where, "the lamp in this surface's plane", "a hole for the lamp", hint)
+        return _quads(quads, where)
+    if entry.hole != lamp.name:
+        raise InputError(f"{where}.hole", f"'{entry.hole}'", f"the lamp's name, '{lamp.name}'")
+    return _with_holes(quads, lamp.quads_mm, where)
+
+
+def _quads(quads: list[Quad], where: str) -> Mesh:
+    return joined([_quad(quad, f"{where}.quads_mm[{index}]") for index, quad in enumerate(quads)])
+
+
+def _quad(quad: list[Point], where: str) -> Mesh:
+    vertices, faces = quad_mesh(quad)
+    first, second = (vector_area(vertices[face]) for face in faces)
+    if first @ second < 0:
+        hint = "list the corners in their order around the quad"
+        raise InputError(where, "a quad that crosses itself or folds back", "a convex quad", hint)
+    return vertices, faces
+
+
+def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
+    """The quads without the lamp's, each of which lies in one quad of its own."""
+    whole, meshes = dict(enumerate(quads)), []
+    for light in lamp_quads:
+        reasons = ["no quad is left for it"]
+        for index, quad in whole.items():
+            try:
+                ring = ring_mesh(quad, light)
+            except ValueError as error:
+                reasons.append(f"quads_mm[{index}]: {error}")
+                continue
+            if vector_area(quad) @ vector_area(light) < 0:
+                hint = "reverse the order of the lamp's corners"
+                raise InputError(f"{where}.hole", "a lamp facing backwards", "one facing this way", hint)
+            meshes.append(ring)
+            del whole[index]
+            break
+        else:
+            expected = "each of the lamp's quads flush with this surface and inside a quad of its own"
+            raise InputError(f"{where}.hole", f"no place for the lamp ({reasons[-1]})", expected)
+    rest = [_quad(quad, f"{where}.quads_mm[{index}]") for index, quad in whole.items()]
+    return joined([*meshes, *rest])
+
+
+def _ring_or_none(quad: list[Point], light: list[Point]) -> Mesh | None:
+    try:
+        return ring_mesh(quad, light)
+    except ValueError:
+        return None

@@ -1,0 +1,130 @@
+"""Scene files: a TOML file that describes a box (docs/scene-format.md) becomes a Scene."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from .checks import radiance_faults, reflectance_faults, surface_faults
+from .errors import InputError
+from .faults import combined, faults_of_validation, referred, suggestion
+from .scene import Lamp, Material, Scene, Surface
+from .scene_entries import SceneFile, SpectrumTable, lamp_mesh, surface_mesh
+from .spectra import Outside, Spectrum, read_spectrum
+
+__all__ = ["load_scene", "packaged_scenes"]
+
+PACKAGED = Path(__file__).parent / "data"
+
+
+def packaged_scenes() -> list[str]:
+    """Names of the scenes that come with the program."""
+    return sorted(path.stem for path in PACKAGED.glob("*.toml"))
+
+
+def load_scene(path_or_name: str | Path) -> Scene:
+    """The scene of a file, or of the program's own by name ("cornell-box").
+
+    Raises one InputError that tells all faults of the file.
+    """
+    if str(path_or_name) in packaged_scenes():
+        path = PACKAGED / f"{path_or_name}.toml"
+    else:
+        path = Path(path_or_name)
+    return _built(path, _read(path))
+
+
+def _read(path: Path) -> SceneFile:
+    expected = "a readable scene file in TOML"
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        known = packaged_scenes()
+        hint = suggestion(str(path), known) or f"scenes of the program's own: {', '.join(known)}"
+        raise InputError(path, "no such file", expected, hint) from None
+    except UnicodeDecodeError:
+        raise InputError(path, "bytes that are no text", expected) from None
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error), expected) from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, a null byte in the path, nesting
+        raise InputError(path, str(error), expected) from None
+    try:
+        return SceneFile.model_validate(content)
+    except ValidationError as error:
+        raise combined(faults_of_validation(path, error, SceneFile)) from None
+
+
+@contextmanager
+def _gathered(faults: list[InputError]) -> Iterator[None]:
+    """One part of the file: a fault in it is kept, and reading goes on with the next part."""
+    try:
+        yield
+    except InputError as fault:
+        faults.append(fault)
+
+
+def _built(path: Path, file: SceneFile) -> Scene:
+    faults: list[InputError] = []
+    materials: dict[str, Material] = {}
+    surfaces: list[Surface] = []
+    lamp: Lamp | None = None
+    for name, material in file.material.items():
+        where = f"{path}: material.{name}.reflectance"
+        with _gathered(faults):
+            reflectance = _spectrum(path, material.reflectance, where, "hold")
+            faults += reflectance_faults(reflectance, where)
+            materials[name] = Material(name, reflectance)
+    with _gathered(faults):
+        where = f"{path}: lamp"
+        radiance = _spectrum(path, file.lamp.radiance, f"{where}.radiance", "zero")
+        shape = lamp_mesh(file.lamp, where)
+        lamp = Lamp(Surface(file.lamp.name, file.lamp.name, *shape), radiance)
+        faults += radiance_faults(radiance, f"{where}.radiance")
+        faults += surface_faults(lamp.surface, f"{where}.quads_mm")
+    names = [file.lamp.name]
+    for index, entry in enumerate(file.surface):
+        where = f"{path}: surface[{index}] ({entry.name})"
+        with _gathered(faults):
+            if entry.name in names:
+                raise InputError(where, "a name already taken", "one name for each surface and the lamp")
+            names.append(entry.name)
+            if entry.material not in file.material:
+                faults.append(_missing_material(entry.material, list(file.material), f"{where}.material"))
+            mesh = surface_mesh(entry, file.lamp, path.parent, where)
+            surface = Surface(entry.name, entry.material, *mesh)
+            faults += surface_faults(surface, where)
+            surfaces.append(surface)
+    if faults or lamp is None:
+        raise combined(faults)
+    return Scene(file.name, tuple(surfaces), materials, lamp, file.source)
+
+
+def _missing_material(name: str, known: list[str], where: str) -> InputError:
+    expected = f"one of {', '.join(known)}" if known else "a [material.NAME] table"
+    return InputError(where, f"'{name}', which the file does not define", expected, suggestion(name, known))
+
+
+def _spectrum(path: Path, entry: object, where: str, outside: Outside) -> Spectrum:
+    """A reflectance or radiance: "file.csv:column", a table, or (reflectances only) one number."""
+    try:
+        if isinstance(entry, str):
+            return read_spectrum(path.parent, entry, outside)
+        if isinstance(entry, dict):
+            table = SpectrumTable.model_validate(entry)
+            return Spectrum(np.array(table.wavelength_nm), np.array(table.values), outside)
+        if isinstance(entry, int | float) and not isinstance(entry, bool) and outside == "hold":
+            return Spectrum(np.array([550.0]), np.array([float(entry)]), outside)
+    except ValidationError as error:
+        raise combined(faults_of_validation(Path(where), error, SpectrumTable)) from None
+    except OverflowError:
+        raise InputError(where, "an integer beyond all bounds", "a reflectance") from None
+    except InputError as error:
+        raise referred(error, where) from None
+    constant = ", or one number" if outside == "hold" else ""
+    expected = f"'file.csv:column', or {{ wavelength_nm = [...], values = [...] }}{constant}"
+    raise InputError(where, repr(entry), expected)

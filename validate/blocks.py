@@ -1,0 +1,54 @@
+"""What a section of the report is made of; a diagnosis adds sections of the same kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .plots import Drawing, MapRow
+
+__all__ = ["Cell", "ReportSection", "Table", "number", "significant"]
+
+MINUS = str.maketrans("-", "−")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table cell. note : small print under it. strong : stands out."""
+
+    text: str
+    note: str = ""
+    strong: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """header : one entry per column. rows : first the row's heading, then numbers."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """One section of the report: paragraphs of plain text, then pictures, plots and tables in order."""
+
+    title: str
+    paragraphs: Sequence[str] = ()
+    blocks: Sequence[MapRow | Drawing | Table] = ()
+
+
+def number(value: float, digits: int = 2, sign: bool = False) -> str:
+    """Fixed digits behind the point, a true minus (none for zero), a dash for NaN."""
+    if not np.isfinite(value):
+        return "–"
+    rounded = round(value, digits) + 0.0  # adding 0.0 turns -0.0 into 0.0
+    return f"{rounded:{'+' if sign and rounded else ''}.{digits}f}".translate(MINUS)
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Significant digits, a true minus, a dash for NaN."""
+    return f"{value:.{digits}g}".translate(MINUS) if np.isfinite(value) else "–"
