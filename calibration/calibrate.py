@@ -6,17 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from cboxlab.scenes.camera import Camera
 from numpy.typing import ArrayLike, NDArray
 
+from .camera_calibration import calibrate_camera
 from .capture import Capture
 from .colorimetry import FilterWeights, fit_filter_weights, xyz_image
 from .corrected_bands import CorrectedBands, correct_bands
 from .dark import DarkLibrary, read_darks
-from .geometry import CameraFit, fit_camera, read_points
-from .mosaic import strongest_channels
+from .geometry import CameraFit
+from .linearity import Linearity, measure_linearity
+from .mosaic import band_channels, brighter_channel_notes
 from .noise import NoiseModel, measure_noise
+from .patches import PatchTable, measure_patches
 from .radiometry import Radiometry, measure_constant
 from .sensor_equation import BandResponse, band_responses, missing_keys
+from .target_camera import TargetFit
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -26,7 +31,8 @@ class Calibration:
     """What ``calibrate`` found; None where the capture lacks what it takes, and ``notes`` say so.
 
     channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
-    plain_weights : filter weights without, ``weights`` with a regard for noise.
+    plain_weights : filter weights without, ``weights`` with a regard for noise. camera_fit : from the survey.
+    target_fit : from flat targets, joined with the survey where there is one.
     """
 
     capture: Capture
@@ -39,7 +45,17 @@ class Calibration:
     plain_weights: FilterWeights | None
     weights: FilterWeights | None
     camera_fit: CameraFit | None
+    target_fit: TargetFit | None
+    linearity: Linearity | None
+    patches: PatchTable | None
     notes: tuple[str, ...]
+
+    @property
+    def camera(self) -> Camera | None:
+        """The calibrated camera with its covariance: of the survey, refined by flat targets."""
+        if self.target_fit is not None and self.target_fit.survey_camera is not None:
+            return self.target_fit.survey_camera
+        return None if self.camera_fit is None else self.camera_fit.camera
 
     @property
     def images(self) -> xr.Dataset:
@@ -67,24 +83,6 @@ def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
     return np.array(noise)
 
 
-def _fit_camera(capture: Capture) -> tuple[CameraFit | None, list[str]]:
-    geometry, camera = capture.manifest.geometry, capture.manifest.camera
-    if geometry is None:
-        return None, ["no [geometry]: the camera's pose cannot be computed"]
-    nominal = None
-    if capture.manifest.lens.focal_length_mm is not None and camera.pixel_pitch_um is not None:
-        nominal = capture.manifest.lens.focal_length_mm / (camera.pixel_pitch_um * 1e-3)
-    fit = fit_camera(
-        read_points(capture.folder / geometry.points),
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        point_sigma_px=geometry.point_sigma_px,
-        focal_length_px=nominal,
-    )
-    notes = [f"surveyed points left out as mistakes: {', '.join(fit.outliers)}"] if fit.outliers else []
-    return fit, notes
-
-
 def calibrate(capture: Capture) -> Calibration:
     """Everything that the capture allows to be computed.
 
@@ -93,12 +91,26 @@ def calibrate(capture: Capture) -> Calibration:
     """
     dark = read_darks(capture)
     noise = measure_noise(capture, dark)
-    channels = strongest_channels(capture)
+    channels = band_channels(capture)
     bands = correct_bands(capture, dark, noise, channels)
     radiometry = measure_constant(capture, bands, dark, noise, channels)
-    camera_fit, camera_notes = _fit_camera(capture)
-    notes = [*noise.notes, *bands.notes, *radiometry.notes, *camera_notes]
+    camera_fit, target_fit, camera_notes = calibrate_camera(capture)
+    notes = [
+        *noise.notes,
+        *bands.notes,
+        *brighter_channel_notes(capture, channels),
+        *radiometry.notes,
+        *camera_notes,
+    ]
     responses = plain = weights = None
+    linearity = measure_linearity(capture, dark, noise, channels)
+    if linearity is None:
+        notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
+    patches = measure_patches(capture, bands, noise, linearity)
+    if patches is not None:
+        notes += patches.notes
+    elif capture.manifest.labels is not None:
+        notes.append("[labels] without a known white patch or without filters: no patch reflectances")
     missing = missing_keys(capture)
     if missing:
         notes.append(f"no absolute signals and no XYZ, for want of {', '.join(missing)}")
@@ -108,5 +120,18 @@ def calibrate(capture: Capture) -> Calibration:
         plain = fit_filter_weights(responses)
         weights = fit_filter_weights(responses, _typical_noise(bands.images))
     return Calibration(
-        capture, dark, noise, channels, bands, radiometry, responses, plain, weights, camera_fit, tuple(notes)
+        capture,
+        dark,
+        noise,
+        channels,
+        bands,
+        radiometry,
+        responses,
+        plain,
+        weights,
+        camera_fit,
+        target_fit,
+        linearity,
+        patches,
+        tuple(dict.fromkeys(notes)),
     )

@@ -72,6 +72,9 @@ def correct_bands(
         notes.append("the dark was subtracted before: the noise it carried is not counted")
     if manifest.flat == "divided":
         notes.append("the flat was divided before: its noise is not counted, its vignetting not masked")
+    bare = [band.id for band in manifest.band if not capture.flats(band.id)]
+    if bare and manifest.flat != "divided":
+        notes.append(f"no flat field for {', '.join(bare)}: vignetting and pixel sensitivities stay in")
     for band in manifest.band:
         channel = None
         if channels is not None and manifest.mosaic is not None:

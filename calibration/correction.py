@@ -77,14 +77,12 @@ def read_flat(
 ) -> FlatField:
     """The flat field of a band, from the flat taken at the band's own f-number where there are several.
 
-    Without a flat (or where it was divided before) the response is 1 without variance, and a note says so.
+    Without a flat (or where it was divided before) the response is 1 without variance.
     channel : (y, x) the pixels of the band's channel, where the sensor has a mosaic.
     """
     tables = capture.flats(band)
     if not tables:
-        divided = capture.manifest.flat == "divided"
-        note = None if divided else f"{band}: no flat field: a flat of 1 was assumed"
-        return uniform_flat(capture.shape, dark, note)
+        return uniform_flat(capture.shape, dark)
     table = tables[0]
     note = None
     if capture.f_number(table) != capture.band(band).f_number:

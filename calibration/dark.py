@@ -62,11 +62,8 @@ class DarkLibrary:
 
     def note(self, exposure_s: float) -> str | None:
         """What is to be said about the dark at an exposure; None where a level was taken at it."""
-        if self.exposure_s.size == 0 or (
-            np.any(self.weights(exposure_s) == 1.0) and self.exposure_s.size > 1
-        ):
-            return None
-        if np.any(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0)):
+        taken = np.any(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0))
+        if self.exposure_s.size == 0 or taken:
             return None
         if self.exposure_s.size == 1:
             return f"no dark frames at {exposure_s:g} s: those at {self.exposure_s[0]:g} s were used"

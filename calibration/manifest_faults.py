@@ -17,6 +17,9 @@ from .manifest import Manifest
 __all__ = ["nearest", "raise_faults", "read_manifest"]
 
 
+_MOST_LINES = 20
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """A hint that names the known word nearest to ``word``; empty where none is near."""
     close = difflib.get_close_matches(word, list(known), 1)
@@ -28,7 +31,9 @@ def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
     if len(faults) == 1:
         raise faults[0]
     if faults:
-        lines = "".join(f"\n  {fault}" for fault in faults)
+        lines = "".join(f"\n  {fault}" for fault in faults[:_MOST_LINES])
+        if len(faults) > _MOST_LINES:
+            lines += f"\n  and {len(faults) - _MOST_LINES} more"
         raise InputError(path, f"{len(faults)} faults", "none", f"They are:{lines}")
 
 
@@ -79,6 +84,21 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
     return InputError(where, found if len(found) < 80 else found[:77] + "...", expected)
 
 
+def _without_echoes(failure: ValidationError) -> list[Mapping[str, Any]]:
+    """The errors, without the missing key that a misspelt one stands for."""
+    errors: list[Mapping[str, Any]] = [dict(error) for error in failure.errors()]
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+
+    def echo(error: Mapping[str, Any]) -> bool:
+        location = error["loc"]
+        return error["type"] == "missing" and any(
+            other[:-1] == location[:-1] and difflib.get_close_matches(str(other[-1]), [str(location[-1])])
+            for other in unknown
+        )
+
+    return [error for error in errors if not echo(error)]
+
+
 def read_manifest(path: Path) -> Manifest:
     """The manifest in the TOML file ``path``, its keys and their ranges checked.
 
@@ -110,5 +130,5 @@ def read_manifest(path: Path) -> Manifest:
     try:
         return Manifest.model_validate(data)
     except ValidationError as failure:
-        raise_faults(path, [_fault(path, data, dict(error)) for error in failure.errors()])
+        raise_faults(path, [_fault(path, data, error) for error in _without_echoes(failure)])
         raise AssertionError("a validation error without errors") from None

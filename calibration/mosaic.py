@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .capture import Capture
+from .manifest import BandTable
 
-__all__ = ["channel_mask", "strongest_channels"]
+__all__ = ["band_channels", "brighter_channel_notes", "channel_mask"]
+
+# Where the sensitivities of usual colour filter arrays cross.
+_BLUE_TO_GREEN_NM = 490.0
+_GREEN_TO_RED_NM = 580.0
 
 
 def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[np.bool_]:
@@ -22,18 +29,49 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     return np.tile(cell, ((height + 1) // 2, (width + 1) // 2))[:height, :width]
 
 
-def strongest_channels(capture: Capture) -> dict[str, str] | None:
-    """By band, the channel with the largest mean count in the band's own frames; None without a mosaic.
+def band_channels(capture: Capture) -> dict[str, str] | None:
+    """By band, the channel that its filter is meant for; None without a mosaic.
 
-    The weaker channels see a narrow band mostly through leaks of their filter and the crosstalk of
-    brighter neighbours, so that they answer less linearly.
+    The channel with the largest in-band response where the quantum efficiencies are stated; else the one
+    whose dye usually passes the filter's peak: B below 490 nm, R above 580 nm, G between; without a
+    transmittance the one with the largest mean count. Not simply the brightest: light outside the pass band
+    can make another channel brighter, and the weak channels live on leaks and their neighbours' crosstalk.
     """
-    mosaic = capture.manifest.mosaic
-    if mosaic is None:
+    if capture.manifest.mosaic is None:
         return None
-    masks = {channel: channel_mask(mosaic.pattern, capture.shape, channel) for channel in "RGB"}
-    strongest = {}
-    for band in capture.manifest.band:
-        frame = capture.frames(band).mean(axis=0)
-        strongest[band.id] = max(masks, key=lambda channel: frame[masks[channel]].mean())
-    return strongest
+    return {band.id: _band_channel(capture, band) for band in capture.manifest.band}
+
+
+def _band_channel(capture: Capture, band: BandTable) -> str:
+    if band.transmittance is None:
+        return _brightest_channel(capture, band)
+    filter_curve = capture.light(band.transmittance)
+    if capture.manifest.camera.quantum_efficiency is not None:
+        grid = filter_curve.wavelength_nm
+
+        def in_band(channel: str) -> float:
+            efficiency = capture.quantum_efficiency(channel)
+            return 0.0 if efficiency is None else float(np.sum(efficiency.at(grid) * filter_curve.values))
+
+        return max("RGB", key=in_band)
+    peak = filter_curve.wavelength_nm[np.argmax(filter_curve.values)]
+    return "B" if peak < _BLUE_TO_GREEN_NM else "R" if peak > _GREEN_TO_RED_NM else "G"
+
+
+def _brightest_channel(capture: Capture, band: BandTable) -> str:
+    assert capture.manifest.mosaic is not None
+    pattern, frame = capture.manifest.mosaic.pattern, capture.frames(band).mean(axis=0)
+    return max("RGB", key=lambda channel: frame[channel_mask(pattern, capture.shape, channel)].mean())
+
+
+def brighter_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:
+    """A note for every band in which another channel is brighter than the filter's own."""
+    notes = []
+    for band in capture.manifest.band if channels is not None else ():
+        brightest = _brightest_channel(capture, band)
+        if brightest != channels[band.id]:  # type: ignore[index]
+            notes.append(
+                f"{band.id}: channel {brightest} is brighter than the filter's own, {channels[band.id]}: "  # type: ignore[index]
+                "the frames hold light from outside the pass band"
+            )
+    return notes

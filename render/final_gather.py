@@ -19,15 +19,15 @@ from cboxlab.scenes.scene import Scene
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light
 from .patches import Patches, build_patches, patch_of
-from .primary import surface_coverage
+from .primary import facet_coverage
 from .radiosity import indirect_basis, trace_exchange
 from .sampling import SobolPoints, cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
 
 __all__ = ["render_final_gather"]
 
-#: Default patch size as a part of the scene's diagonal: about 35 mm in the published box.
-PATCHES_PER_DIAGONAL = 27
+#: Default patch size as a part of the scene's diagonal: about 48 mm in the published box.
+PATCHES_PER_DIAGONAL = 20
 
 
 def render_final_gather(
@@ -76,7 +76,8 @@ def render_final_gather(
         coefficients=np.stack(images),
         spectra=_basis_spectra(scene, wavelength_nm, reflectances, spectra),
         wavelength_nm=np.asarray(wavelength_nm, float),
-        coverage=surface_coverage(tracer, camera),
+        coverage=facet_coverage(tracer, camera),
+        facet_surface=tracer.facet_surface,
         surface_names=tuple(s.name for s in scene.surfaces),
     )
 

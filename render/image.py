@@ -19,19 +19,22 @@ class RenderedImage:
     """Spectral radiance as coefficients of spectra, in independent batches.
 
     coefficients : (batch, y, x, n). spectra : (n, w), W m^-2 sr^-1 nm^-1. wavelength_nm : (w,).
-    coverage : (y, x, s + 1) part of the pixel that each surface covers, the lamp last.
+    coverage : (y, x, f) part of the pixel that each flat face covers, the lamp last.
+    facet_surface : (f,) index into surface_names of each face.
     """
 
     coefficients: NDArray[np.float32]
     spectra: NDArray[np.float64]
     wavelength_nm: NDArray[np.float64]
     coverage: NDArray[np.float32]
+    facet_surface: NDArray[np.int64]
     surface_names: tuple[str, ...]
 
     @property
     def surface(self) -> NDArray[np.int16]:
         """(y, x) index into surface_names of what covers most of the pixel; LAMP or NOTHING otherwise."""
-        most = np.argmax(self.coverage, axis=-1).astype(np.int16)
+        each = [self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)]
+        most = np.argmax(np.stack(each, axis=-1), axis=-1).astype(np.int16)
         most[most == len(self.surface_names)] = LAMP
         most[self.coverage.sum(axis=-1) < 0.5] = NOTHING
         return most
@@ -40,6 +43,11 @@ class RenderedImage:
     def sees_lamp(self) -> NDArray[np.bool_]:
         """(y, x) whether any part of the pixel sees the lamp."""
         return self.coverage[..., -1] > 0
+
+    @property
+    def pure(self) -> NDArray[np.bool_]:
+        """(y, x) whether the pixel sees one flat face only."""
+        return self.coverage.max(axis=-1) == 1
 
     def project(self, weights: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean and variance of the mean (y, x, q) of the radiance times ``weights`` (w, q).

@@ -1,40 +1,39 @@
-"""Which surfaces each pixel sees, by a dense regular grid of camera rays."""
+"""Which faces each pixel sees, by camera rays alone."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from cboxlab.scenes.camera import Camera
 
+from .sampling import SobolPoints
 from .tracer import Tracer, camera_ray, intersect
 
-__all__ = ["surface_coverage"]
+__all__ = ["facet_coverage"]
 
 
-def surface_coverage(tracer: Tracer, camera: Camera, grid: int = 8) -> np.ndarray:
-    """(y, x, s + 1) float32: the part of each pixel that each surface covers; the lamp comes last.
+def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
+    """(y, x, f) float32: the part of each pixel that each flat face covers; the lamp's face comes last.
 
-    What is missing to 1 sees no surface. grid : grid^2 camera rays a pixel, their standard error at an
-    edge below 1 / grid^1.5.
+    What is missing to 1 sees no face. samples : low-discrepancy camera rays a pixel.
     """
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
-    surfaces = len(tracer.scene.surfaces) + 1
+    points = SobolPoints(2, samples, lane, seed)
+    faces = len(tracer.facet_surface)
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        u = (mi.Float(i % grid) + 0.5) / grid - 0.5
-        v = (mi.Float(i // grid) + 0.5) / grid - 0.5
+        u, v = points.point(i, 0) - 0.5, points.point(i, 1) - 0.5
         hit = intersect(tracer, camera_ray(camera, column + u, row + v), coherent=True)
-        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.valid)
-        here = [dr.select(hit.valid & (surface == s), mi.Float(1), mi.Float(0)) for s in range(surfaces)]
+        facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+        here = [dr.select(hit.front & (facet == f), mi.Float(1), mi.Float(0)) for f in range(faces)]
         return i + 1, [a + b for a, b in zip(sums, here, strict=True)]
 
-    total = dr.opaque(mi.UInt32, grid * grid)
-    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(surfaces)])
+    total = dr.opaque(mi.UInt32, samples)
+    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(faces)])
     _, sums = dr.while_loop(start, lambda i, _: i < total, body)
     dr.eval(sums)
-    stacked = np.stack([np.array(s) for s in sums], axis=-1) / np.float32(grid * grid)
-    return stacked.reshape(camera.height_px, camera.width_px, surfaces)
+    stacked = np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)
+    return stacked.reshape(camera.height_px, camera.width_px, faces)

@@ -25,7 +25,8 @@ class Tracer:
 
     vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
     ``scene.surfaces``, the lamp's triangles carry len(surfaces). material : (t,) index into
-    ``material_names``, the lamp's carry len(material_names).
+    ``material_names``, the lamp's carry len(material_names). facet : (t,) index of the flat face it belongs
+    to; facet_surface : (f,) the surface of each face, the lamp's face comes last.
     """
 
     scene: Scene
@@ -35,9 +36,12 @@ class Tracer:
     normals: np.ndarray
     surface: np.ndarray
     material: np.ndarray
+    facet: np.ndarray
+    facet_surface: np.ndarray
     packed_normals: mi.Float
     packed_surface: mi.UInt32
     packed_material: mi.UInt32
+    packed_facet: mi.UInt32
 
     @property
     def lamp_triangles(self) -> np.ndarray:
@@ -70,6 +74,7 @@ def build_tracer(scene: Scene) -> Tracer:
     material = np.concatenate([np.full(len(s.faces), m) for s, _, m in parts])
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    facet, facet_surface = _facets(normals, surface)
     mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
@@ -83,10 +88,25 @@ def build_tracer(scene: Scene) -> Tracer:
         normals=normals,
         surface=surface,
         material=material,
+        facet=facet,
+        facet_surface=facet_surface,
         packed_normals=mi.Float(normals.astype(np.float32).ravel()),
         packed_surface=mi.UInt32(surface.astype(np.uint32)),
         packed_material=mi.UInt32(material.astype(np.uint32)),
+        packed_facet=mi.UInt32(facet.astype(np.uint32)),
     )
+
+
+def _facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Group each surface's triangles into flat faces: normals within 2 degrees of a face's first triangle."""
+    facet = np.full(len(normals), -1)
+    owners: list[int] = []
+    for index in range(len(normals)):
+        if facet[index] < 0:
+            same = (surface == surface[index]) & (normals @ normals[index] > np.cos(np.radians(2.0))) & (facet < 0)
+            facet[same] = len(owners)
+            owners.append(int(surface[index]))
+    return facet, np.array(owners)
 
 
 def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, coherent: bool = False) -> Hit:

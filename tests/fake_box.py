@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.band_images import Mask, band_images
+from cboxlab.calibration.colorimetry import FilterWeights, fit_filter_weights
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, BandResponse
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validate.compare import Comparison, compare
 from cboxlab.validate.metrics import Run
-from cboxlab.validate.picture_sections import FilterWeights
 
 BANDS = ("f450", "f500", "f550", "f600", "f650")
 SURFACES = ("floor", "ceiling", "back wall", "red wall", "green wall", "block")
@@ -114,16 +115,12 @@ def fake_run(**changes: object) -> Run:
     return Run(**{**arguments, **changes})
 
 
-def fake_weights() -> FilterWeights:
-    """Gaussian filters and their least-squares fit to Gaussian colour-matching functions."""
-    wavelength = np.arange(400.0, 701.0, 5.0)
-
-    def bell(centre: float, width: float, height: float = 1.0) -> np.ndarray:
-        return height * np.exp(-0.5 * ((wavelength - centre) / width) ** 2)
-
-    matching = np.array([bell(600, 35, 1.06) + bell(445, 20, 0.36), bell(556, 43), bell(450, 24, 1.75)])
-    responses = np.array([bell(c, 22, 0.4) for c in (450, 500, 550, 600, 650)])
-    weights = np.linalg.lstsq(responses.T, matching.T, rcond=None)[0].T
-    return FilterWeights(
-        BANDS, wavelength, responses, matching, weights @ responses, weights, (1.2, 1.1, 1.9)
-    )
+def fake_weights() -> tuple[FilterWeights, list[BandResponse]]:
+    """Weights fitted to Gaussian filters."""
+    responses = [
+        BandResponse(
+            band, WAVELENGTH_NM, 1e18 * np.exp(-0.5 * ((WAVELENGTH_NM - float(band[1:])) / 22) ** 2), 1.0
+        )
+        for band in BANDS
+    ]
+    return fit_filter_weights(responses, 0.01), responses

@@ -45,7 +45,7 @@ def test_maps_of_a_comparison(tmp_path, comparison):
     np.testing.assert_allclose(measured.values, comparison.maps.measured.values, rtol=1e-6)
     difference, units = read_map(tmp_path / "maps" / "difference.exr")
     assert list(difference.channel.values) == ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"]
-    assert units["dY"] == "W m^-2 sr^-1"
+    assert units["dY"] == "cd m^-2"
     expected = comparison.maps.xyz_measured - comparison.maps.xyz_rendered
     floor = BOX.surface == 0
     np.testing.assert_allclose(difference.values[1][floor], expected.values[floor, 1], rtol=1e-5, atol=1e-6)

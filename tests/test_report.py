@@ -31,10 +31,10 @@ def pages(tmp_path_factory):
         ),
     )  # fmt: skip
     inputs = {
-        "noise": ReportInputs(BOX.compare(seed=1), fake_run(), ASSUMPTIONS, fake_weights()),
+        "noise": ReportInputs(BOX.compare(seed=1), fake_run(), ASSUMPTIONS, *fake_weights()),
         "error": ReportInputs(
-            BOX.compare(seed=2, factor=1.03), fake_run(lamp_scale=1.05, path=()), ASSUMPTIONS, None, (step,),
-            ("A hand-written warning.",),
+            BOX.compare(seed=2, factor=1.03), fake_run(lamp_scale=1.05), ASSUMPTIONS, sections=(step,),
+            further_warnings=("A hand-written warning.",),
         ),
     }  # fmt: skip
     pages = {}

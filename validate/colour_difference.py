@@ -121,6 +121,8 @@ def srgb_preview(xyz: ArrayLike, white: White) -> NDArray[np.uint8]:
     """
     xyz = np.asarray(xyz, float) / white.luminance
     known = np.isfinite(xyz).all(axis=-1, keepdims=True)
-    rgb = colour.XYZ_to_sRGB(np.where(known, xyz, 0.0), np.array([white.x, white.y]))
+    rgb = colour.XYZ_to_sRGB(
+        np.where(known, xyz, 0.0), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02"
+    )
     rgb = np.where(known, np.clip(rgb, 0.0, 1.0), 0.5)
     return np.round(255 * rgb).astype(np.uint8)

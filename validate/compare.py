@@ -193,7 +193,7 @@ def compare(
 
     sensor_variance : (band, y, x) DN^2 of the camera's noise; the Monte Carlo variance of the render is
         ``rendered.variance``. Both are taken as independent between pixels and bands.
-    xyz_per_dn : (3, band) X, Y, Z per count, that is b_i / K_i: measured and rendered go through the same.
+    xyz_per_dn : (3, band) X, Y, Z per count, 683 b_i / K_i; measured and rendered go through the same.
     lamp_xyz : (3,) of the lamp through the same weights, any scale. surface, pure : see ``regions``; the lamp
         itself has to be masked. fitted_parameters : taken off the degrees of freedom.
 

@@ -66,7 +66,7 @@ def _write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
         Image.fromarray(rgb).save(temporary, format="PNG", optimize=True)
 
 
-def write_maps(folder: Path, comparison: Comparison, xyz_unit: str = "W m^-2 sr^-1") -> list[Path]:
+def write_maps(folder: Path, comparison: Comparison, xyz_unit: str = "cd m^-2") -> list[Path]:
     """Write every map of a comparison into ``folder``; returns the paths.
 
     measured.exr, rendered.exr, sigma.exr (DN, a channel per band), residual_over_sigma.exr, mask.exr (sum of

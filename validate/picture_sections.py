@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import matplotlib
 import numpy as np
+from cboxlab.calibration.colorimetry import FilterWeights
+from cboxlab.calibration.sensor_equation import BandResponse
 from matplotlib.colors import LogNorm
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from .blocks import ReportSection, Table, number, significant
@@ -28,25 +28,7 @@ from .plots import (
     sequential_scale,
 )
 
-__all__ = ["FilterWeights", "maps_section", "residual_section", "scatter_section", "weights_section"]
-
-
-@dataclass(frozen=True, eq=False)
-class FilterWeights:
-    """What the report shows of the filter weights b_i.
-
-    wavelength_nm : (n,). responses : (band, n) quantum efficiency x lens x filter, per band id in ``bands``.
-    colour_matching, reconstructed : (3, n) CIE functions and their reconstruction. weights : (3, band) b_i.
-    noise_gain : (3,) standard deviation of X, Y, Z for unit relative noise in every band, or empty.
-    """
-
-    bands: Sequence[str]
-    wavelength_nm: NDArray[np.float64]
-    responses: NDArray[np.float64]
-    colour_matching: NDArray[np.float64]
-    reconstructed: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    noise_gain: Sequence[float] = ()
+__all__ = ["maps_section", "residual_section", "scatter_section", "weights_section"]
 
 
 def maps_section(c: Comparison) -> ReportSection:
@@ -158,44 +140,51 @@ def scatter_section(c: Comparison) -> ReportSection:
 
 
 @matplotlib.rc_context(STYLE)
-def weights_section(w: FilterWeights) -> ReportSection:
-    """Filters, reconstructed colour-matching functions, and the weights' own error."""
+def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> ReportSection:
+    """Responses of the bands, reconstructed colour-matching functions, and the weights' own error."""
     figure, (left, right) = new_figure(2, 3.4)
-    order = np.argsort([w.wavelength_nm[np.argmax(r)] for r in w.responses])
+    order = np.argsort([np.argmax(r.response) for r in responses])
+    highest = max(r.response.max() for r in responses)
     colours = matplotlib.colormaps["turbo"](np.linspace(0.08, 0.9, len(order)))
     for colour, index in zip(colours, order, strict=True):
-        response = w.responses[index]
-        left.plot(w.wavelength_nm, response, color=colour)
+        wavelength, response = responses[index].wavelength_nm, responses[index].response / highest
+        left.plot(wavelength, response, color=colour)
         peak = int(np.argmax(response))
         left.annotate(
-            w.bands[index], (w.wavelength_nm[peak], response[peak]), (0, 3), textcoords="offset points",
+            responses[index].band, (wavelength[peak], response[peak]), (0, 3), textcoords="offset points",
             ha="center", fontsize=8,
         )  # fmt: skip
-    left.set(title="Response of each band", xlabel="wavelength, nm", ylabel="efficiency × lens × filter")
+    left.set(title="Response of each band", xlabel="wavelength, nm", ylabel="F × Q × lens × filter, relative")
     thin: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
     for axis, (name, colour) in enumerate((("x̄", "#b5534b"), ("ȳ", "#5b8f55"), ("z̄", "#4a74b4"))):
-        right.plot(w.wavelength_nm, w.colour_matching[axis], color=colour, **thin)
+        right.plot(w.wavelength_nm, w.target[axis], color=colour, **thin)
         right.plot(w.wavelength_nm, w.reconstructed[axis], color=colour, label=name)
     right.plot([], [], color=INK, label="CIE 1931", **thin)
     right.set(title="Reconstructed colour-matching functions", xlabel="wavelength, nm")
     right.legend(fontsize=8, ncols=2)
-    error = w.reconstructed - w.colour_matching
-    rms = np.sqrt(np.mean(error**2, axis=1) / np.mean(w.colour_matching**2, axis=1))
-    header = ["", *w.bands, "rms error of the curve, %"] + (["noise gain"] if len(w.noise_gain) else [])
+    error = w.reconstructed - w.target
+    rms = np.sqrt(np.mean(error**2, axis=1) / np.mean(w.target**2, axis=1))
+    header = ["", *w.bands, "rms error of the curve, %", "noise gain"]
     rows = [
-        [axis, *(significant(v) for v in w.weights[i]), number(100 * rms[i], 1)]
-        + ([significant(w.noise_gain[i])] if len(w.noise_gain) else [])
+        [
+            axis,
+            *(significant(1e18 * v) for v in w.weights[i]),
+            number(100 * rms[i], 1),
+            number(w.noise_gain[i]),
+        ]
         for i, axis in enumerate("XYZ")
     ]
     return ReportSection(
         "From bands to colour: the filter weights",
         (
-            "XYZ = Σ b_i S_i / K_i. The weights reconstruct the CIE functions only approximately. That "
-            "error is not in the colour differences above, since measured and rendered go through the same "
-            "weights; it is how far the absolute colours may be from the truth.",
+            "XYZ = 683 lm/W Σ b_i S_i / K_i. The weights reconstruct the CIE functions only approximately. "
+            "That error is not in the colour differences above, since measured and rendered go through the "
+            "same weights; it is how far the absolute colours may be from the truth.",
         ),
         (
             drawing(figure),
-            Table(header, rows, "Weights b_i, and rms error relative to the rms of the CIE function."),
+            Table(header, rows,
+                  "Weights b_i in 1e-18 J per quantum; rms error relative to the rms of the CIE function; "
+                  "noise gain: relative noise of X, Y, Z for light of equal energy over that of every band."),
         ),
     )  # fmt: skip

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cboxlab.calibration.colorimetry import FilterWeights
+from cboxlab.calibration.sensor_equation import BandResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ from .colour_difference import srgb_preview
 from .compare import Comparison
 from .files import replacing
 from .metrics import Run
-from .picture_sections import FilterWeights, maps_section, residual_section, scatter_section, weights_section
+from .picture_sections import maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow, diverging_scale, map_row, picture_row
 from .table_sections import camera_section, masks_section, tables_section
 from .verdict import verdict, warnings
@@ -27,14 +29,16 @@ __all__ = ["ReportInputs", "build_report"]
 class ReportInputs:
     """Everything a report shows.
 
-    assumptions : sentences on what was taken for granted. weights : left out where unknown. sections :
-    further ones (a diagnosis), shown after the tables. further_warnings : beside those the figures give.
+    assumptions : sentences on what was taken for granted. weights, responses : filter weights and what
+    they were fitted to, left out where unknown. sections : further ones (a diagnosis), shown after the
+    tables. further_warnings : beside those the figures give.
     """
 
     comparison: Comparison
     run: Run
     assumptions: Sequence[str]
     weights: FilterWeights | None = None
+    responses: Sequence[BandResponse] = ()
     sections: Sequence[ReportSection] = ()
     further_warnings: Sequence[str] = ()
 
@@ -89,7 +93,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
         slider=slider.panels,
         trio=[*slider.panels, *map_row({"Luminance difference": signed}, scale).panels], trio_scale=scale,
         sections=sections, assumptions=inputs.assumptions,
-        weights=None if inputs.weights is None else weights_section(inputs.weights),
+        weights=None if inputs.weights is None else weights_section(inputs.weights, inputs.responses),
     )  # fmt: skip
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")

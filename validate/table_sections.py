@@ -46,7 +46,8 @@ def tables_section(c: Comparison) -> ReportSection:
         ],
         "By surface: relative difference of the means over the interior (at least three pixels from any "
         "edge) with its standard error from pixel noise, and ΔE between these means; χ² over the whole "
-        "surface. Bold: more than chance (p < 0.001) for differences and χ²; more than three times noise for ΔE*ab.",
+        "surface. Bold: more than chance (p < 0.001) for differences and χ²; more than "
+        "three times noise for ΔE*ab.",
     )  # fmt: skip
     total = c.chi2_edges.count + c.chi2_interiors.count
     share = c.share_of_excess_at_edges

@@ -1,0 +1,85 @@
+"""Plots of a calibration: noise against signal, dark level against exposure, filters and their weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .band_images import Mask
+from .calibrate import Calibration
+from .sensor_equation import WAVELENGTH_NM
+
+__all__ = ["plot_dark", "plot_filters", "plot_noise"]
+
+_DOTS_PER_INCH = 110
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
+
+
+def plot_noise(calibration: Calibration, path: Path) -> None:
+    """Standard deviation of one count against its charge: the noise model and what the repeats show."""
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.subplots()
+    noise, capture = calibration.noise, calibration.capture
+    charge = np.geomspace(0.5, capture.saturation_dn, 200)
+    axes.loglog(charge, np.sqrt(noise.variance(charge)), color="black", label="shot, read and rounding noise")
+    for index, band in enumerate(capture.manifest.band):
+        if len(band.frames) < 2:
+            continue
+        stack = capture.frames(band).astype(float)
+        good = calibration.images["mask"].values[index] & np.uint8(Mask.SATURATED) == 0
+        level = (stack.mean(axis=0) - calibration.dark.bias)[good]
+        variance = stack.var(axis=0, ddof=1)[good]
+        edges = np.quantile(level, np.linspace(0, 1, 13))
+        which = np.clip(np.searchsorted(edges, level) - 1, 0, 11)
+        size = np.maximum(np.bincount(which, minlength=12), 1)
+        mean, spread = (np.bincount(which, values, 12) / size for values in (level, variance))
+        lit = (mean > 0) & (spread > 0)
+        axes.plot(mean[lit], np.sqrt(spread[lit]), ".", label=f"{band.id}, repeats")
+    axes.set(xlabel="count above bias (DN)", ylabel="standard deviation of one count (DN)", title="Noise")
+    axes.legend(fontsize="small")
+    axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def plot_dark(calibration: Calibration, path: Path) -> None:
+    """Dark level of all pixels against exposure: median and the 1st and 99th percentiles."""
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.subplots()
+    dark = calibration.dark
+    low, middle, high = np.percentile(dark.level.reshape(dark.exposure_s.size, -1), [1, 50, 99], axis=1)
+    axes.errorbar(dark.exposure_s, middle, [middle - low, high - middle], fmt="o-", capsize=4, color="black")
+    axes.set(
+        xlabel="exposure (s)", ylabel="dark level (DN): median, 1st to 99th percentile", title="Dark level"
+    )
+    axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def plot_filters(calibration: Calibration, path: Path) -> None:
+    """The bands' responses, and the colour-matching functions with their reconstruction."""
+    weights, responses = calibration.weights, calibration.responses
+    if weights is None or responses is None:
+        raise ValueError("the capture gives no filter weights")
+    figure = Figure(figsize=(8, 8), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    largest = max(float(response.response.max()) for response in responses)
+    for response in responses:
+        top.plot(WAVELENGTH_NM, response.response / largest, label=response.band)
+    top.set(ylabel="response F Q T_lens T_i (largest = 1)", title="Bands")
+    top.legend(fontsize="small", ncols=4)
+    for index, (name, colour) in enumerate(zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True)):
+        bottom.plot(WAVELENGTH_NM, weights.target[index], color=colour, label=f"CIE 1931 {name}")
+        rms = weights.residual_rms[index]
+        bottom.plot(
+            WAVELENGTH_NM, weights.reconstructed[index], "--", color=colour, label=f"sum b F, rms {rms:.3f}"
+        )
+    bottom.set(xlabel="wavelength (nm)", ylabel="colour-matching functions", title="Reconstruction")
+    bottom.legend(fontsize="small", ncols=3)
+    for axes in (top, bottom):
+        axes.grid(alpha=0.3)
+    _save(figure, path)

@@ -1,0 +1,153 @@
+"""Linearity from brackets: the black level and the exposure offset that make counts proportional to time.
+
+A tile of the image with rate r gives, at the exposure t, the mean count
+
+    DN = r (t + exposure_offset) - black_level + dark(t)
+
+A black level above 0 means that the converter takes that much away before it counts, which dark frames
+cut off at 0 cannot show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from scipy.optimize import least_squares
+
+from .capture import Capture, FrameTable
+from .dark import DarkLibrary
+from .mosaic import channel_mask
+from .noise import NoiseModel
+
+__all__ = ["Linearity", "measure_linearity"]
+
+_TILE_PX = 16
+# Counts used: not so low that rounding and cutting off at 0 bend them, not so high that some pixels clip.
+_LOWEST_MEAN_DN = 3.0
+_HIGHEST_SHARE = 0.92
+# Relative scatter of tile means that no noise model explains (light source, shutter).
+_SCATTER = 0.003
+
+
+@dataclass(frozen=True)
+class Linearity:
+    """black_level_dn and exposure_offset_s with one standard deviation each, common to all bands.
+
+    rms_deviation : by band, root mean square relative deviation of tile means from proportionality to time
+    as counted; rms_corrected : the same with both corrections. tiles : means used.
+    """
+
+    black_level_dn: float
+    black_level_sigma: float
+    exposure_offset_s: float
+    exposure_offset_sigma: float
+    rms_deviation: Mapping[str, float]
+    rms_corrected: Mapping[str, float]
+    tiles: int
+
+
+@dataclass(frozen=True, eq=False)
+class _TileMeans:
+    band: NDArray[np.int64]
+    tile: NDArray[np.int64]
+    exposure: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+
+
+def _tile_means(
+    capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None
+) -> _TileMeans:
+    width = capture.shape[1]
+    rows, columns = np.indices(capture.shape) // _TILE_PX
+    tiles = rows * (width // _TILE_PX + 1) + columns
+    limit = _HIGHEST_SHARE * capture.saturation_dn
+    parts: list[tuple[NDArray, ...]] = []
+    for index, band in enumerate(capture.manifest.band):
+        own: NDArray[np.bool_] = np.ones(capture.shape, bool)
+        if channels is not None and capture.manifest.mosaic is not None:
+            own = channel_mask(capture.manifest.mosaic.pattern, capture.shape, channels[band.id])
+        tables: tuple[FrameTable, ...] = (band, *capture.brackets(band.id))
+        for table in tables:
+            counts = capture.frames(table)
+            net = counts.mean(axis=0) - dark.at(table.exposure_s)
+            # A tile with a clipped pixel, of any channel since their charge spreads, is left out as a whole.
+            usable = (maximum_filter(counts.max(axis=0), 3) < limit) & ((counts.min(axis=0) > 0) | ~own)
+            size = np.bincount(tiles[own], minlength=tiles.max() + 1)
+            whole = (np.bincount(tiles[~usable], minlength=size.size) == 0) & (size > 0)
+            mean = np.bincount(tiles[own], net[own], size.size) / np.maximum(size, 1)
+            good = np.flatnonzero(whole & (mean > _LOWEST_MEAN_DN))
+            variance = (
+                noise.variance(mean[good]) / (size[good] * len(table.frames)) + (_SCATTER * mean[good]) ** 2
+            )
+            parts.append(
+                (
+                    np.full(good.size, index),
+                    index * size.size + good,
+                    np.full(good.size, table.exposure_s),
+                    mean[good],
+                    np.sqrt(variance),
+                )
+            )
+    band_index, tile, exposure, mean, sigma = (np.concatenate(column) for column in zip(*parts, strict=True))
+    _, tile, members = np.unique(tile, return_inverse=True, return_counts=True)
+    several = members[tile] > 1
+    _, tile = np.unique(tile[several], return_inverse=True)
+    return _TileMeans(band_index[several], tile, exposure[several], mean[several], sigma[several])
+
+
+def _deviations(means: _TileMeans, black: float, offset: float) -> NDArray[np.float64]:
+    signal, time = means.mean + black, means.exposure + offset
+    weight = 1 / means.sigma**2
+    rate = np.bincount(means.tile, weight * signal * time) / np.bincount(means.tile, weight * time**2)
+    return signal - rate[means.tile] * time
+
+
+def measure_linearity(
+    capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
+) -> Linearity | None:
+    """Black level and exposure offset by robust least squares over all bands; None without brackets.
+
+    Every tile of 16 x 16 px has a rate of its own, eliminated from the fit. The sigmas are scaled by the
+    scatter found. Raises InputError for a faulty frame.
+    """
+    if not capture.manifest.bracket:
+        return None
+    means = _tile_means(capture, dark, noise, channels)
+    freedom = means.mean.size - np.unique(means.tile).size - 2
+    shortest = float(means.exposure.min())
+    if freedom < 10 or np.unique(means.exposure).size < 2:
+        return None
+    fit = least_squares(
+        lambda p: _deviations(means, p[0], p[1] * shortest) / means.sigma,
+        [0.0, 0.0],
+        x_scale=[0.1, 0.01],
+        bounds=([-np.inf, -0.9], np.inf),
+        loss="soft_l1",
+    )
+    residual = fit.fun
+    scale = (1.4826 * np.median(np.abs(residual))) ** 2 * residual.size / freedom
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * max(scale, 1.0)
+    black, offset = float(fit.x[0]), float(fit.x[1] * shortest)
+
+    def by_band(deviations: NDArray[np.float64]) -> dict[str, float]:
+        relative = (deviations / means.mean) ** 2
+        return {
+            identifier: float(np.sqrt(relative[means.band == index].mean()))
+            for index, identifier in enumerate(capture.band_ids)
+            if np.any(means.band == index)
+        }
+
+    return Linearity(
+        black_level_dn=black,
+        black_level_sigma=float(np.sqrt(covariance[0, 0])),
+        exposure_offset_s=offset,
+        exposure_offset_sigma=float(np.sqrt(covariance[1, 1]) * shortest),
+        rms_deviation=by_band(_deviations(means, 0.0, 0.0)),
+        rms_corrected=by_band(_deviations(means, black, offset)),
+        tiles=int(means.mean.size),
+    )

@@ -1,0 +1,68 @@
+"""XYZ of measured patches under a standard illuminant, and patches.csv."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .colorimetry import colour_matching_functions
+from .patches import PatchTable
+from .sensor_equation import WAVELENGTH_NM
+
+__all__ = ["ILLUMINANT", "patch_xyz", "patches_csv", "smoothest_spectra"]
+
+#: CIE standard illuminant under which the patches' X, Y, Z are stated.
+ILLUMINANT = "D65"
+
+
+def smoothest_spectra(
+    filters: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(wavelength, band) M: the spectrum M r has the band means r and the least curvature of all that do.
+
+    filters : (band, wavelength) of unit sum on the even grid ``wavelength_nm``. The integral of the squared
+    second derivative is minimised under the bands' means as exact conditions (Lagrange multipliers).
+    """
+    count, bands = wavelength_nm.size, filters.shape[0]
+    curvature = np.diff(np.eye(count), 2, axis=0)
+    system = np.zeros((count + bands, count + bands))
+    system[:count, :count] = curvature.T @ curvature
+    system[:count, count:] = filters.T
+    system[count:, :count] = filters
+    right = np.vstack([np.zeros((count, bands)), np.eye(bands)])
+    return np.asarray(np.linalg.solve(system, right)[:count], np.float64)
+
+
+def patch_xyz(table: PatchTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 3) X, Y, Z under ILLUMINANT with the white patch at Y = 100, and their standard deviations.
+
+    The spectrum between the bands is the smoothest one with the measured band reflectances; the sigmas are
+    those of the reflectances, not of this interpolation.
+    """
+    from colour import SDS_ILLUMINANTS  # slow to import, and only needed here
+
+    illuminant = SDS_ILLUMINANTS[ILLUMINANT]
+    power = np.interp(WAVELENGTH_NM, illuminant.wavelengths, illuminant.values)
+    spectra = smoothest_spectra(table.filters, table.wavelength_nm)
+    inside = np.isin(table.wavelength_nm, WAVELENGTH_NM)
+    matrix = (colour_matching_functions() * power) @ spectra[inside]
+    white = table.reflectance[[label.label for label in table.labels].index(table.white.label)]
+    matrix = matrix * 100.0 / (matrix[1] @ white)
+    return table.reflectance @ matrix.T, np.sqrt(table.sigma**2 @ (matrix**2).T)
+
+
+def patches_csv(table: PatchTable) -> str:
+    """The text of patches.csv: label, name, reflectance per band, X, Y, Z, illuminant, and every sigma."""
+    xyz, xyz_sigma = patch_xyz(table)
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    quantities = [*table.bands, "X", "Y", "Z"]
+    writer.writerow(["label", "name", *quantities, "illuminant", *(f"{name}_sigma" for name in quantities)])
+    for index, label in enumerate(table.labels):
+        values = [f"{value:.5f}" for value in (*table.reflectance[index], *xyz[index])]
+        sigmas = [f"{value:.5f}" for value in (*table.sigma[index], *xyz_sigma[index])]
+        writer.writerow([label.label, label.name, *values, ILLUMINANT, *sigmas])
+    return stream.getvalue()

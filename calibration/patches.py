@@ -1,0 +1,198 @@
+"""Reflectances of labelled patches from the frames alone, on the scale of the white patch.
+
+Per band: the channel of the filter, corrected frames plus the black level that the brackets show, the
+illumination divided out (see ``shading``), patch means over labels with their rims cut off, the white patch
+set to its tabulated band reflectance. Stray light adds nearly alike to all patches and shows most in the
+darkest: the darkest patch is taken to be spectrally neutral, as the black of a chart is made to be, with
+the median of its reflectances over the bands as its reflectance in each; what a band shows beyond that is
+subtracted. No other reflectance is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from .band_images import Mask
+from .capture import Capture
+from .corrected_bands import CorrectedBands
+from .labels import Label
+from .linearity import Linearity
+from .mosaic import channel_mask
+from .noise import NoiseModel
+from .shading import PatchPixels, Shading, fit_shading
+
+__all__ = ["PatchTable", "band_filter", "measure_patches"]
+
+_RIM_PX = 4
+_HALF_WIDTH_NM = 15.0
+#: A ColorChecker's white patch.
+_WHITE_LABEL = 19
+# Counts above this share of the largest may hold clipped parts where frames were reduced in size.
+_HIGHEST_SHARE = 0.98
+_FEWEST_PIXELS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class PatchTable:
+    """Measured patches.
+
+    labels : n patches. bands : m identifiers. reflectance, sigma : (n, m), sigma by noise, shading and the
+    offset, without the error of the white patch's own table. offset : (m,) reflectance that was subtracted.
+    shading : by band. filters : (m, wavelength) of unit sum on ``wavelength_nm``, cut to the peak +-15 nm.
+    """
+
+    labels: tuple[Label, ...]
+    bands: tuple[str, ...]
+    reflectance: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    shading: dict[str, Shading]
+    wavelength_nm: NDArray[np.float64]
+    filters: NDArray[np.float64]
+    white: Label
+    notes: tuple[str, ...]
+
+
+def band_filter(transmittance: Spectrum, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) transmittance within 15 nm of its main peak, 0 elsewhere, of unit sum."""
+    values = transmittance.at(wavelength_nm)
+    peak = wavelength_nm[np.argmax(values)]
+    values = np.where(np.abs(wavelength_nm - peak) <= _HALF_WIDTH_NM, values, 0.0)
+    return values / values.sum()
+
+
+def _white(capture: Capture, labels: Sequence[Label]) -> Label | None:
+    known = capture.label_reflectances()
+    usable = [label for label in labels if label.column in known]
+    named = [label for label in usable if "white" in label.name.lower()]
+    return next((label for label in (*usable,) if label.label == _WHITE_LABEL), named[0] if named else None)
+
+
+def _patch_pixels(
+    capture: Capture,
+    bands: CorrectedBands,
+    noise: NoiseModel,
+    index: int,
+    black_dn: float,
+    labels: Sequence[Label],
+) -> list[PatchPixels | None]:
+    image, manifest = capture.labels(), capture.manifest
+    band = manifest.band[index]
+    usable = bands.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) == 0
+    usable &= capture.frames(band).max(axis=0) < _HIGHEST_SHARE * capture.saturation_dn
+    if manifest.mosaic is not None:
+        channel = str(bands.images["channel"].values[index])
+        usable &= channel_mask(manifest.mosaic.pattern, capture.shape, channel)
+    signal = bands.images["signal"].values[index] + black_dn / bands.flats[band.id].response
+    patches: list[PatchPixels | None] = []
+    for label in labels:
+        v, u = np.nonzero(binary_erosion(image == label.label, iterations=_RIM_PX) & usable)
+        if u.size < _FEWEST_PIXELS:
+            patches.append(None)
+            continue
+        values = signal[v, u]
+        response = float(bands.flats[band.id].response[v, u].mean())
+        variance = float(noise.variance(values.mean() * response)) / len(band.frames) / response**2
+        patches.append(PatchPixels(u.astype(float), v.astype(float), values, float(np.sqrt(variance))))
+    return patches
+
+
+def _relative_signals(
+    patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) signals over that of the white patch, illumination divided out, and their standard deviations."""
+    level, sigma = np.full(len(patches), np.nan), np.full(len(patches), np.nan)
+    reference = patches[white]
+    if reference is None:
+        return level, sigma
+    place = (float(reference.u_px.mean()), float(reference.v_px.mean()))
+    for index, patch in enumerate(patches):
+        if patch is None:
+            continue
+        light = np.ones(patch.signal.size) if shading is None else shading.at(patch.u_px, patch.v_px)
+        # The ratio of sums weighs by light and has no bias from dividing noise by a small number.
+        level[index] = patch.signal.sum() / light.sum()
+        uneven = 0.0
+        if shading is not None:
+            uneven = float(shading.relative_sigma(patch.u_px.mean(), patch.v_px.mean(), place))
+        noise = patch.sigma * np.sqrt(patch.signal.size) / light.sum()
+        sigma[index] = np.hypot(noise, level[index] * uneven)
+    relative_white = sigma[white] / level[white]
+    ratio = level / level[white]
+    spread = np.hypot(sigma / level[white], ratio * relative_white)
+    spread[white] = relative_white
+    return ratio, spread
+
+
+def _subtract_offsets(
+    reflectance: NDArray[np.float64], sigma: NDArray[np.float64], white: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
+    """Two-point scale (n, m): white as tabulated (m,), darkest patch neutral. Also the offsets and its row.
+
+    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o).
+    """
+    darkest = int(np.nanargmin(np.median(reflectance, axis=1)))
+    dark = reflectance[darkest]
+    neutral = float(np.median(dark))
+    offset = white * (dark - neutral) / (white - dark)
+    corrected = reflectance * (white + offset) / white - offset
+    spread = 1.4826 * float(np.median(np.abs(dark - neutral)))
+    return corrected, np.hypot(sigma, spread * np.abs(1 - reflectance / white)), offset, darkest
+
+
+def measure_patches(
+    capture: Capture, bands: CorrectedBands, noise: NoiseModel, linearity: Linearity | None
+) -> PatchTable | None:
+    """Band reflectances of all labelled patches; None without labels, filters or white patch.
+
+    Raises InputError for faulty files.
+    """
+    if capture.manifest.labels is None:
+        return None
+    labels = capture.label_names()
+    white = _white(capture, labels)
+    if white is None or any(band.transmittance is None for band in capture.manifest.band):
+        return None
+    wavelength = np.arange(380.0, 731.0)
+    curves = [capture.light(str(band.transmittance)) for band in capture.manifest.band]
+    filters = np.stack([band_filter(curve, wavelength) for curve in curves])
+    white_reflectance = filters @ capture.label_reflectances()[str(white.column)].at(wavelength)
+    black = 0.0 if linearity is None else linearity.black_level_dn
+    position = labels.index(white)
+    columns, spreads, shadings, notes = [], [], {}, []
+    for index, identifier in enumerate(capture.band_ids):
+        patches = _patch_pixels(capture, bands, noise, index, black, labels)
+        shading = fit_shading([patch for patch in patches if patch is not None])
+        if shading is None:
+            notes.append(f"{identifier}: too few bright patches: the illumination was taken as even")
+        else:
+            shadings[identifier] = shading
+        ratio, spread = _relative_signals(patches, shading, position)
+        columns.append(ratio * white_reflectance[index])
+        spreads.append(spread * white_reflectance[index])
+    reflectance, sigma = np.stack(columns, axis=1), np.stack(spreads, axis=1)
+    offset = np.zeros(len(capture.band_ids))
+    if len(capture.band_ids) >= 3 and np.all(np.isfinite(reflectance)):
+        reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
+        shown = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
+        notes.append(
+            f"patches: '{labels[darkest].name}' taken as spectrally neutral; stray light subtracted: {shown}"
+        )
+    return PatchTable(
+        labels,
+        capture.band_ids,
+        reflectance,
+        sigma,
+        offset,
+        shadings,
+        wavelength,
+        filters,
+        white,
+        tuple(notes),
+    )

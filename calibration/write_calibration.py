@@ -1,0 +1,171 @@
+"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv and plots."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+
+from .calibrate import Calibration
+from .calibration_plots import plot_dark, plot_filters, plot_noise
+from .colorimetry import FilterWeights
+from .geometry import CameraFit
+from .patch_colour import ILLUMINANT, patches_csv
+
+__all__ = ["calibration_record", "camera_record", "write_calibration"]
+
+
+def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
+    """The "camera" object of metrics.json and calibration.json.
+
+    position_mm, position_sigma_mm : 3 each. rotation_deg : Rodrigues vector of R R0^T. covariance : 10 x 10,
+    of position_mm, rotation_deg, focal_length_px, principal_point_px, k1.
+    """
+    covariance = np.full((10, 10), np.nan) if camera.covariance is None else camera.covariance
+    return {
+        "reprojection_rms_px": fit.reprojection_rms_px,
+        "position_mm": camera.position_mm.tolist(),
+        "position_sigma_mm": np.sqrt(np.diag(covariance)[:3]).tolist(),
+        "rotation_deg": camera.parameters[3:6].tolist(),
+        "focal_length_px": camera.focal_length_px,
+        "principal_point_px": np.asarray(camera.principal_point_px).tolist(),
+        "k1": camera.k1,
+        "covariance": covariance.tolist(),
+        "outliers": list(fit.outliers),
+    }
+
+
+def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
+    return None if value is None else {"value": value, "sigma": sigma}
+
+
+def _weights(weights: FilterWeights | None) -> dict[str, Any] | None:
+    if weights is None:
+        return None
+    return {
+        "bands": list(weights.bands),
+        **{name: row.tolist() for name, row in zip("XYZ", weights.weights, strict=True)},
+        "residual_rms": dict(zip("XYZ", weights.residual_rms.tolist(), strict=True)),
+        "noise_gain": dict(zip("XYZ", weights.noise_gain.tolist(), strict=True)),
+        "relative_noise": weights.relative_noise.tolist(),
+    }
+
+
+def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
+    dark = calibration.dark
+    levels = []
+    for exposure, repeats, level in zip(dark.exposure_s, dark.repeats, dark.level, strict=True):
+        levels.append(
+            {
+                "exposure_s": float(exposure),
+                "median_dn": float(np.median(level)),
+                "mean_dn": float(level.mean()),
+                "sigma_dn": float(level.std(ddof=1) / np.sqrt(level.size)),
+                "pixel_spread_dn": float(level.std(ddof=1)),
+                "frames": int(repeats),
+            }
+        )
+    return levels
+
+
+def calibration_record(calibration: Calibration) -> dict[str, Any]:
+    """What calibration.json holds; null where the capture lacks what it takes, and ``notes`` say so."""
+    noise, radiometry, linearity = calibration.noise, calibration.radiometry, calibration.linearity
+    camera, fit = calibration.camera, calibration.camera_fit
+    images, patches = calibration.images, calibration.patches
+    flags = {name.split("=")[0].lower(): int(name.split("=")[1]) for name in images["mask"].flags.split(", ")}
+    return {
+        "capture": calibration.capture.manifest.name,
+        "bands": list(calibration.capture.band_ids),
+        "channels": calibration.channels,
+        "camera": None if fit is None or camera is None else camera_record(camera, fit),
+        "target_intrinsics": None
+        if calibration.target_fit is None
+        else {
+            "focal_length_px_principal_point_px_k1": calibration.target_fit.intrinsics.tolist(),
+            "covariance": calibration.target_fit.intrinsics_covariance.tolist(),
+            "reprojection_rms_px": calibration.target_fit.reprojection_rms_px,
+        },
+        "gain_e_per_dn": _value(noise.gain_e_per_dn, noise.gain_sigma),
+        "read_noise_e": _value(noise.read_noise_e, noise.read_noise_sigma),
+        "dark_level": _dark_levels(calibration),
+        "linearity": None
+        if linearity is None
+        else {
+            "black_level_dn": _value(linearity.black_level_dn, linearity.black_level_sigma),
+            "exposure_offset_s": _value(linearity.exposure_offset_s, linearity.exposure_offset_sigma),
+            "rms_deviation": dict(linearity.rms_deviation),
+            "rms_deviation_corrected": dict(linearity.rms_corrected),
+        },
+        "C": None
+        if radiometry.constant is None
+        else {
+            "value": radiometry.constant,
+            "sigma": radiometry.sigma,
+            "nominal": radiometry.nominal,
+            "bands": {c.band: {"value": c.constant, "sigma": c.sigma} for c in radiometry.by_band},
+            "chi2": radiometry.chi2,
+            "degrees_of_freedom": radiometry.degrees,
+            "probability": radiometry.probability,
+        },
+        "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},
+        "filter_weights": _weights(calibration.weights),
+        "filter_weights_without_noise": _weights(calibration.plain_weights),
+        "masked": {
+            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
+            for name, value in flags.items()
+        },
+        "patches": None
+        if patches is None
+        else {
+            "file": "patches.csv",
+            "illuminant": ILLUMINANT,
+            "white": patches.white.name,
+            "offset": dict(zip(patches.bands, patches.offset.tolist(), strict=True)),
+            "shading_order": {band: shading.order for band, shading in patches.shading.items()},
+        },
+        "notes": list(calibration.notes),
+    }
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _write(path: Path, write: Callable[[Path], object]) -> None:
+    temporary = path.with_name(f".{path.stem}-unfinished{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...]:
+    """Write calibration.json, patches.csv where there are patches, and the plots; returns the files.
+
+    Every file is written under another name first, so that none is ever half there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(_finite(calibration_record(calibration)), indent=1, allow_nan=False) + "\n"
+    jobs: dict[str, Callable[[Path], object]] = {"calibration.json": lambda path: path.write_text(text)}
+    if calibration.patches is not None:
+        table = patches_csv(calibration.patches)
+        jobs["patches.csv"] = lambda path: path.write_text(table)
+    jobs["noise.png"] = lambda path: plot_noise(calibration, path)
+    if calibration.dark.exposure_s.size:
+        jobs["dark.png"] = lambda path: plot_dark(calibration, path)
+    if calibration.weights is not None:
+        jobs["filters.png"] = lambda path: plot_filters(calibration, path)
+    for name, job in jobs.items():
+        _write(folder / name, job)
+    return tuple(folder / name for name in jobs)

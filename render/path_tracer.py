@@ -1,0 +1,173 @@
+"""Paths that carry every wavelength: the unbiased reference for diffuse scenes.
+
+Each path is traced once. Its geometry, and whether Russian roulette ends it, do not depend on the
+wavelength; beside it runs one throughput per wavelength, so reflectances act exactly where they are asked
+for. At every vertex the lamp's light is added (next-event estimation); only the camera sees the lamp itself.
+Neighbouring wavelengths share their paths, so their errors are almost fully correlated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+
+from .image import RenderedImage
+from .lamp import LampSampler, build_lamp_sampler, direct_light
+from .path_points import PathPoints
+from .primary import facet_coverage
+from .sampling import cosine_hemisphere
+from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
+
+__all__ = ["render_path_tracer"]
+
+#: Lanes of one kernel call: enough to fill the processors, few enough for a progress bar to move.
+LANES_PER_CALL = 2**15
+UNLIMITED = 2**32 - 1
+
+
+def render_path_tracer(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    samples: int = 256,
+    batches: int = 4,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RenderedImage:
+    """Render the scene through the camera by path tracing.
+
+    wavelength_nm : (w,) where paints and lamp are evaluated. samples : paths per pixel and batch. batches :
+    independent randomisations, whose scatter gives the standard error. max_bounces : reflections between
+    lamp and camera (0 the lamp alone, 1 direct light; None for all). Repeatable by ``seed``.
+
+    The result's coefficients are radiance over the lamp's radiance: of the lamp as the camera sees it, then
+    at each wavelength.
+    """
+    wavelengths = np.asarray(wavelength_nm, float)
+    tracer = build_tracer(scene)
+    lamp = build_lamp_sampler(tracer)
+    reflectances = np.array([m.reflectance.at(wavelengths) for m in scene.materials.values()])
+    rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
+    starts = range(0, camera.height_px, rows)
+    images = []
+    for batch in range(batches):
+        strips = []
+        for start in starts:
+            height = min(rows, camera.height_px - start)
+            mixed_seed = seed + 7919 * (batch + 1)
+            strips.append(
+                _strip(tracer, lamp, reflectances, camera, start, height, samples, mixed_seed, max_bounces)
+            )
+            if progress:
+                progress((batch + (start + height) / camera.height_px) / batches)
+        images.append(np.concatenate(strips))
+    lamp_radiance = scene.lamp.radiance.at(wavelengths)
+    return RenderedImage(
+        coefficients=np.stack(images),
+        spectra=np.vstack([lamp_radiance, np.diag(lamp_radiance)]),
+        wavelength_nm=wavelengths,
+        coverage=facet_coverage(tracer, camera),
+        facet_surface=tracer.facet_surface,
+        surface_names=tuple(s.name for s in scene.surfaces),
+    )
+
+
+def _strip(
+    tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera,
+    start: int, height: int, samples: int, seed: int, max_bounces: int | None,
+) -> np.ndarray:  # fmt: skip
+    """(height, x, 1 + w) of a strip of rows.
+
+    One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
+    path in the same step, so none waits for the longest path of its neighbours.
+    """
+    count = height * camera.width_px
+    lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
+    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    points = PathPoints(samples, lane, seed)
+    survival = reflectances.max(axis=1)  # a fixed proxy: the same paths at every choice of wavelengths
+    paints = _Paints(reflectances / np.maximum(survival, 1e-6)[:, None])
+    packed_survival = mi.Float(survival.astype(np.float32))
+    n_surfaces = len(tracer.scene.surfaces)
+    total = dr.opaque(mi.UInt32, samples)
+    last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
+    one = mi.Float(1)
+
+    def begin(index: mi.UInt32) -> mi.Ray3f:
+        u, v = points.pixel(index)
+        return camera_ray(camera, column + u - 0.5, row + v - 0.5)
+
+    def body(
+        index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float,
+        throughput: list[mi.Float], sums: list[mi.Float],
+    ) -> tuple:  # fmt: skip
+        hit = intersect(tracer, mi.Ray3f(origin, direction))
+        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
+        on_lamp = hit.front & (surface == n_surfaces)
+        shaded = hit.front & (surface < n_surfaces) & (depth < last)
+        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
+        survives = dr.gather(mi.Float, packed_survival, material, shaded)
+        vertex = points.at_vertex(index, depth)
+        light = survives * direct_light(
+            tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
+        )
+        reflected = [dr.select(shaded, t * r, 0) for t, r in zip(throughput, paints(material), strict=True)]
+        new_sums = [s + t * light for s, t in zip(sums, reflected, strict=True)]
+        goes_on = shaded & (vertex.roulette < survives)
+        ended = ~goes_on
+        turned = cosine_hemisphere(hit.normal, vertex.direction_u, vertex.direction_v)
+        next_index = index + dr.select(ended, mi.UInt32(1), mi.UInt32(0))
+        fresh = begin(next_index)
+        return (
+            next_index,
+            dr.select(ended, mi.UInt32(0), depth + 1),
+            mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
+            dr.select(ended, fresh.d, turned),
+            seen + dr.select(on_lamp & (depth == 0), one, 0),
+            [dr.select(ended, one, t) for t in reflected],
+            new_sums,
+        )
+
+    zero = dr.zeros(mi.UInt32, count)
+    first = begin(zero)
+    wavelengths = reflectances.shape[1]
+    state = (
+        zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.zeros(mi.Float, count),
+        [dr.ones(mi.Float, count) for _ in range(wavelengths)],
+        [dr.zeros(mi.Float, count) for _ in range(wavelengths)],
+    )  # fmt: skip
+    *_, seen, _, sums = dr.while_loop(state, lambda index, *_: index < total, body)
+    dr.eval(seen, sums)
+    stacked = np.stack([np.array(s) for s in (seen, *sums)], axis=-1) / np.float32(samples)
+    return stacked.reshape(height, camera.width_px, -1)
+
+
+class _Paints:
+    """Looks up a paint's row of a small table (material, w), for each lane its own paint."""
+
+    #: Up to so many paints a chain of selections is cheaper than gathering from memory.
+    MOST_SELECTED = 4
+
+    def __init__(self, table: np.ndarray) -> None:
+        self._paints, self._wavelengths = table.shape
+        self._selects = self._paints <= self.MOST_SELECTED
+        if self._selects:
+            self._rows = [[dr.opaque(mi.Float, float(x)) for x in row] for row in table]
+        else:
+            self._packed = mi.Float(table.astype(np.float32).ravel())
+
+    def __call__(self, material: mi.UInt32) -> list[mi.Float]:
+        if not self._selects:
+            base = material * self._wavelengths
+            return [dr.gather(mi.Float, self._packed, base + k) for k in range(self._wavelengths)]
+        values = list(self._rows[0])
+        for paint in range(1, self._paints):
+            here = material == paint
+            values = [dr.select(here, new, old) for new, old in zip(self._rows[paint], values, strict=True)]
+        return values

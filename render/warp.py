@@ -1,0 +1,94 @@
+"""The picture from a slightly moved camera, without rendering again.
+
+In a pixel I = Sum_f c_f L_f, with c_f the part that flat face f covers and L_f that face's own signal there.
+Moving the camera changes c_f, which camera rays alone tell (always with the same random numbers), and
+moves the point seen on each face, for which L_f is looked up where the first camera saw it. The change
+between two cameras so found is added to the rendered picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from .image import RenderedImage
+from .primary import facet_coverage
+from .tracer import Tracer
+
+__all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change"]
+
+_COVERAGE_SAMPLES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Warp:
+    """A picture taken apart by faces. layers : per face, signals (band, y, x) continued beyond its border."""
+
+    tracer: Tracer
+    camera: Camera
+    layers: dict[int, NDArray[np.float64]]
+    base: NDArray[np.float64]
+
+
+def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDArray[np.float64]) -> Warp:
+    """Take signals (band, y, x) rendered through ``camera`` apart."""
+    layers = {f: _layer(signal, image.coverage[..., f]) for f in range(len(tracer.facet_surface)) if image.coverage[..., f].any()}
+    return Warp(tracer, camera, layers, _assemble(tracer, camera, layers, camera))
+
+
+def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
+    """Change (band, y, x) of the signals when ``camera`` takes the place of the one that rendered them.
+
+    Good for motions up to about a pixel; what comes into sight only by the motion is not known.
+    """
+    return _assemble(warp.tracer, warp.camera, warp.layers, camera) - warp.base
+
+
+def _assemble(tracer: Tracer, seen_by: Camera, layers: dict[int, NDArray], camera: Camera) -> NDArray[np.float64]:
+    coverage = facet_coverage(tracer, camera, _COVERAGE_SAMPLES)
+    result = np.zeros_like(next(iter(layers.values())))
+    for face, layer in layers.items():
+        where = coverage[..., face] > 0
+        rows, columns = _seen_at(tracer, face, seen_by, camera, where)
+        for band in range(len(layer)):
+            values = map_coordinates(layer[band], [rows, columns], order=1, mode="nearest")
+            result[band][where] += coverage[..., face][where] * values
+    return result
+
+
+def _layer(signal: NDArray, coverage: NDArray) -> NDArray[np.float64]:
+    """A face's own signals (band, y, x), continued beyond its border from the nearest pixel that sees it alone."""
+    own = coverage == 1
+    if not own.any():
+        own = coverage == coverage.max()
+    rows, columns = distance_transform_edt(~own, return_distances=False, return_indices=True)
+    return signal[:, rows, columns]
+
+
+def _seen_at(tracer: Tracer, face: int, seen_by: Camera, camera: Camera, where: NDArray) -> tuple[NDArray, NDArray]:
+    """Rows and columns at which ``seen_by`` sees the points of the face's plane that ``camera`` has in pixels ``where``."""
+    triangle = int(np.argmax(tracer.facet == face))
+    corner, normal = tracer.vertices[triangle, 0], tracer.normals[triangle]
+    rows, columns = (index.astype(float) for index in np.nonzero(where))
+    direction = camera.directions(columns, rows)
+    slope = direction @ normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = camera.position_mm + (((corner - camera.position_mm) @ normal) / slope)[:, None] * direction
+        u, v = seen_by.project(points).T
+    # a pixel's centre may miss a face that only crosses its border: then the pixel itself is the best guess
+    lost = ~(np.hypot(u - columns, v - rows) < 2.0)
+    return np.where(lost, rows, v), np.where(lost, columns, u)
+
+
+def pixels_per_unit(tracer: Tracer, camera: Camera) -> NDArray[np.float64]:
+    """(10,) root mean square motion, px, of the scene's corners in sight per unit of each camera parameter."""
+    points = tracer.vertices.reshape(-1, 3)
+    image = camera.project(points)
+    inside = np.all((image > -0.5) & (image < [camera.width_px, camera.height_px]), axis=1)
+    step = 1e-4
+    motion = [camera.with_parameters(camera.parameters + step * axis).project(points) - image for axis in np.eye(10)]
+    return np.array([np.sqrt(np.mean(np.sum(m[inside] ** 2, axis=1))) for m in motion]) / step

@@ -1,0 +1,92 @@
+"""The nuisances of every comparison: lamp power and camera, fitted to the image within what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.render.warp import Warp, pixels_per_unit, warp_change
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+
+__all__ = ["NuisanceFit", "camera_jacobian", "fit_lamp_scale", "fit_nuisances"]
+
+#: Steps of the camera's derivatives, in px of mean motion: many of a pixel's samples, little of the pixel.
+_STEP_PX = 0.1
+
+_LARGEST_ROUNDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class NuisanceFit:
+    """camera : refitted, its covariance that of image and survey together. signal : (band, y, x) DN, warped and scaled."""
+
+    camera: Camera
+    lamp_scale: float
+    lamp_scale_sigma: float
+    signal: NDArray[np.float64]
+    rounds: int
+
+
+def camera_jacobian(warp: Warp, camera: Camera) -> NDArray[np.float64]:
+    """Derivative (10, band, y, x) of the signals with respect to ``camera.parameters``, by central differences."""
+    steps = _STEP_PX / pixels_per_unit(warp.tracer, camera)
+    result = []
+    for axis, step in zip(np.eye(10), steps, strict=True):
+        ahead, behind = (camera.with_parameters(camera.parameters + sign * step * axis) for sign in (1, -1))
+        result.append((warp_change(warp, ahead) - warp_change(warp, behind)) / (2 * step))
+    return np.array(result)
+
+
+def fit_lamp_scale(
+    measured: NDArray, rendered: NDArray, variance: NDArray, used: NDArray, prior_sigma: float | None
+) -> tuple[float, float]:
+    """Factor on the lamp and its standard deviation; the prior is 1 +- prior_sigma (None: no prior)."""
+    weight = (rendered / variance)[used]
+    prior = 0.0 if prior_sigma is None else prior_sigma**-2
+    information = float(weight @ rendered[used]) + prior
+    return (float(weight @ measured[used]) + prior) / information, information**-0.5
+
+
+def fit_nuisances(
+    measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp, calibrated: Camera, lamp_sigma: float | None
+) -> NuisanceFit:
+    """Gauss-Newton on the ten camera parameters and the lamp's scale.
+
+    measured, variance, signal : (band, y, x), signal as rendered through ``warp.camera``. used : mask.
+    calibrated : the survey's camera; its covariance is the prior of the ten parameters (none: they stay).
+    """
+    camera = warp.camera
+    if calibrated.covariance is None:
+        scale, sigma = fit_lamp_scale(measured, signal, variance, used, lamp_sigma)
+        return NuisanceFit(camera, scale, sigma, scale * signal, 0)
+    prior = np.zeros((11, 11))
+    prior[:10, :10] = np.linalg.inv(calibrated.covariance)
+    prior[10, 10] = 0.0 if lamp_sigma is None else lamp_sigma**-2
+    weight = 1 / variance[used]
+    scale, current = fit_lamp_scale(measured, signal, variance, used, lamp_sigma)[0], signal
+    pixels = pixels_per_unit(warp.tracer, camera)
+    design = np.empty((11, int(used.sum())))
+    rounds = 0
+    for rounds in range(1, _LARGEST_ROUNDS + 1):
+        if rounds <= 2:
+            design[:10] = camera_jacobian(warp, camera)[:, used]
+        scaled = design * scale
+        scaled[10] = current[used]
+        information = (scaled * weight) @ scaled.T + prior
+        deviation = np.append(calibrated.parameters - camera.parameters, 1.0 - scale)
+        gradient = (scaled * weight) @ (measured - scale * current)[used] + prior @ deviation
+        step = np.linalg.solve(information, gradient)
+        camera = camera.with_parameters(camera.parameters + step[:10])
+        scale += float(step[10])
+        current = signal + warp_change(warp, camera)
+        if np.max(np.abs(step[:10]) * pixels) < 0.003:
+            break
+    covariance = np.linalg.inv(information)
+    return NuisanceFit(
+        camera=replace(camera, covariance=covariance[:10, :10]),
+        lamp_scale=scale,
+        lamp_scale_sigma=float(np.sqrt(covariance[10, 10])),
+        signal=scale * current,
+        rounds=rounds,
+    )
