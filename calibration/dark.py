@@ -13,6 +13,9 @@ __all__ = ["DarkLibrary", "read_darks"]
 
 # A share of zeros above this means that the converter cuts off part of the read noise.
 _CLIPPED_SHARE = 0.05
+_MAD_TO_SIGMA = 1.4826
+# Pixels further out than this have a dark current of their own: noise does it once in 1.7 million.
+_UNUSUAL_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +25,7 @@ class DarkLibrary:
     exposure_s : (k,) ascending; k = 0 without dark frames. repeats : (k,) frames averaged.
     level : (k, y, x) DN, their mean. bias : (y, x) DN, the level at no exposure, by a straight line in
     time through all levels (the only level where there is one; 0 without dark frames).
-    rate : (y, x) DN/s >= 0, the slope of that line. clipped : the frames are cut off at 0 DN.
+    rate : (y, x) DN/s >= 0, its slope (see ``_line``). clipped : the frames are cut off at 0 DN.
     """
 
     exposure_s: NDArray[np.float64]
@@ -72,13 +75,34 @@ class DarkLibrary:
 
 
 def _line(
-    exposure: NDArray[np.float64], repeats: NDArray[np.int64], level: NDArray[np.float64]
+    exposure: NDArray[np.float64],
+    repeats: NDArray[np.int64],
+    level: NDArray[np.float64],
+    frame_variance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bias and rate of every pixel by a straight line in time through its levels.
+
+    Short exposures tell little about a pixel's own rate, and noise cut off at 0 would look like dark
+    current. So the rates are drawn to their median by the share of their spread that is noise (empirical
+    Bayes, James and Stein 1961), except those that stand out from it.
+    """
     mean_time = np.average(exposure, weights=repeats)
-    mean_level = np.average(level, axis=0, weights=repeats)
     lever = repeats * (exposure - mean_time)
-    rate = np.maximum(np.tensordot(lever, level, axes=1) / np.sum(lever * (exposure - mean_time)), 0.0)
-    return mean_level - rate * mean_time, rate
+    length = float(np.sum(lever * (exposure - mean_time)))
+    own = np.tensordot(lever, level, axes=1) / length
+    middle = float(np.median(own))
+    spread = _MAD_TO_SIGMA * float(np.median(np.abs(own - middle)))
+    noise = frame_variance / length  # of a rate: each level has the variance frame_variance / repeats
+    share = max(0.0, 1.0 - noise / spread**2) if spread > 0 else 0.0
+    usual = np.abs(own - middle) <= _UNUSUAL_SIGMAS * spread
+    rate = np.maximum(np.where(usual, middle + share * (own - middle), own), 0.0)
+    return np.average(level, axis=0, weights=repeats) - rate * mean_time, rate
+
+
+def _frame_variance(stacks: list[NDArray[np.uint16]]) -> float:
+    """DN^2, the variance of a frame by its repeats, mean of all; 0 without repeats."""
+    pairs = [stack.astype(float) for stack in stacks if stack.shape[0] > 1]
+    return float(np.mean([stack.var(axis=0, ddof=1).mean() for stack in pairs])) if pairs else 0.0
 
 
 def read_darks(capture: Capture) -> DarkLibrary:
@@ -95,6 +119,8 @@ def read_darks(capture: Capture) -> DarkLibrary:
     exposure = np.array([table.exposure_s for table in tables])
     repeats = np.array([stack.shape[0] for stack in stacks])
     level = np.stack([stack.mean(axis=0) for stack in stacks])
-    bias, rate = _line(exposure, repeats, level) if exposure.size > 1 else (level[0], zeros)
+    bias, rate = level[0], zeros
+    if exposure.size > 1:
+        bias, rate = _line(exposure, repeats, level, _frame_variance(stacks))
     clipped = bool(np.mean(stacks[0] == 0) > _CLIPPED_SHARE)
     return DarkLibrary(exposure, repeats, level, bias, rate, clipped)

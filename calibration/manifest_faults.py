@@ -63,7 +63,7 @@ def _key(data: Mapping[str, Any], location: Sequence[int | str]) -> str:
             value = {}
         if isinstance(part, int):
             identity = value.get("id", value.get("band")) if isinstance(value, Mapping) else None
-            text += f"[{part}]" + (f" ({identity})" if isinstance(identity, str) else "")
+            text += f"[{part}]" + (f" ({identity})" if identity and isinstance(identity, str) else "")
         else:
             text += f".{part}" if text else part
     return text

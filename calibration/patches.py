@@ -4,8 +4,8 @@ Per band: the channel of the filter, corrected frames plus the black level that 
 illumination divided out (see ``shading``), patch means over labels with their rims cut off, the white patch
 set to its tabulated band reflectance. Stray light adds nearly alike to all patches and shows most in the
 darkest: the darkest patch is taken to be spectrally neutral, as the black of a chart is made to be, with
-the median of its reflectances over the bands as its reflectance in each; what a band shows beyond that is
-subtracted. No other reflectance is used.
+the median of its reflectances over the bands as its reflectance in each; what a band shows beyond that (or
+short of it) is subtracted. No other reflectance is used.
 """
 
 from __future__ import annotations
@@ -182,7 +182,8 @@ def measure_patches(
         reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
         shown = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
         notes.append(
-            f"patches: '{labels[darkest].name}' taken as spectrally neutral; stray light subtracted: {shown}"
+            f"patches: '{labels[darkest].name}' taken as spectrally neutral; offsets subtracted "
+            f"(stray light; below 0, a loss that nothing here explains): {shown}"
         )
     return PatchTable(
         labels,

@@ -40,9 +40,9 @@ class PatchPixels:
 class Shading:
     """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to ``order``, 1 at ``centre_px``.
 
-    x, y : (u, v) - centre in units of ``scale_px``. covariance : of the coefficients, clustered by patch, so
-    that unevenness within patches counts. validation : by order, the weighted mean square of the residuals
-    in patches left out of the fit.
+    x, y : (u, v) - centre in units of ``scale_px``. covariance : of the coefficients, by the jackknife over
+    patches, so that unevenness within patches counts. validation : by order, the weighted mean square of the
+    residuals in patches left out of the fit.
     """
 
     order: int
@@ -110,21 +110,19 @@ def fit_shading(patches: Sequence[PatchPixels], orders: Sequence[int] = ORDERS) 
     centre = (float(every_u.mean()), float(every_v.mean()))
     scale = float(max(np.ptp(every_u), np.ptp(every_v)) / 2)
     validation: dict[int, float] = {}
-    fits: dict[int, tuple[NDArray, NDArray, list[_Equations]]] = {}
+    fits: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     for order in orders:
         parts = [_equations(p, _basis(p.u_px, p.v_px, order, centre, scale)) for p in bright]
         normal = np.sum([e.normal for e in parts], axis=0)
         right = np.sum([e.right for e in parts], axis=0)
-        error = 0.0
+        error, without = 0.0, []
         for part in parts:
-            left_out = np.linalg.lstsq(normal - part.normal, right - part.right, rcond=None)[0]
-            error += part.constant - 2 * left_out @ part.right + left_out @ part.normal @ left_out
+            fit = np.linalg.lstsq(normal - part.normal, right - part.right, rcond=None)[0]
+            error += part.constant - 2 * fit @ part.right + fit @ part.normal @ fit
+            without.append(fit)
         validation[order] = float(error / sum(e.weight for e in parts))
-        fits[order] = (np.linalg.solve(normal, right), normal, parts)
+        spread = np.stack(without) - np.mean(without, axis=0)
+        jackknife: NDArray[np.float64] = (len(parts) - 1) / len(parts) * spread.T @ spread
+        fits[order] = (np.asarray(np.linalg.solve(normal, right), np.float64), jackknife)
     order = min(validation, key=lambda o: validation[o])
-    coefficients, normal, parts = fits[order]
-    scores = np.stack([e.right - e.normal @ coefficients for e in parts])
-    inverse = np.linalg.inv(normal)
-    small_sample = len(parts) / (len(parts) - 1)
-    covariance: NDArray[np.float64] = small_sample * inverse @ (scores.T @ scores) @ inverse
-    return Shading(order, coefficients, covariance, centre, scale, validation)
+    return Shading(order, *fits[order], centre, scale, validation)

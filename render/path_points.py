@@ -16,10 +16,10 @@ __all__ = ["PathPoints", "VertexPoints"]
 
 #: Columns of the Sobol' table. The lowest go where stratification helps most: the direction of the first
 #: bounce with the lamp point seen from there, then pixel and lamp point of the first vertex.
-_FIRST = {"direction_u": 0, "direction_v": 1, "light_u": 6, "light_v": 7, "roulette": 8}
-_LATER = {"direction_u": 9, "direction_v": 10, "light_u": 2, "light_v": 3, "roulette": 11}
+_FIRST = {"direction_u": 0, "direction_v": 1, "light_u": 6, "light_v": 7, "roulette": 10}
+_LATER = {"direction_u": 8, "direction_v": 9, "light_u": 2, "light_v": 3, "roulette": 10}
 _PIXEL = (4, 5)
-_COLUMNS = 12
+_COLUMNS = 11
 
 
 @lru_cache(maxsize=8)
@@ -44,10 +44,10 @@ class VertexPoints:
 class PathPoints:
     """Numbers for paths of any length, ``count`` paths per lane, other numbers for every lane and seed.
 
-    The first two vertices use one 12-dimensional point set jointly. Each later vertex takes its points in an
+    The first two vertices use one 11-dimensional point set jointly. Each later vertex takes its points in an
     order of its own and scrambles them afresh (padding; Kollig and Keller 2002), so no path is cut short and
-    each path alone is uniformly distributed. Scrambling by hashing after Laine and Karras (2011), constants of
-    Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
+    each path alone is uniformly distributed. Scrambling by hashing after Laine and Karras (2011), constants
+    of Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
     """
 
     def __init__(self, count: int, lane: mi.UInt32, seed: int) -> None:

@@ -19,10 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
-
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import ArrayLike, NDArray
 
 from .image import LAMP
 
@@ -44,7 +43,7 @@ class Detector:
 
     gain_e_per_dn : e-/DN. bit_depth : counts run 0 .. 2^bit_depth - 1.
     dark_exposure_s, dark_mean_dn, dark_sigma_dn : (k,) level and spread (before rounding) of a count without
-        light, DN, by exposure; linear in between, held beyond.
+        light, DN, by exposure; mean and variance linear in between, held beyond.
     full_well_e : the charge that a pixel holds, e-; None where the converter saturates first.
     linear_dn, recorded_dn : (k,) the static nonlinearity F, both ascending; None for the identity.
     """
@@ -65,11 +64,11 @@ class Detector:
 
     def dark(self, exposure_s: float) -> tuple[float, float]:
         """Mean and standard deviation in DN of a count without light, before F and rounding."""
-        mean, sigma = (
-            np.interp(exposure_s, self.dark_exposure_s, table)
-            for table in (self.dark_mean_dn, self.dark_sigma_dn)
+        mean, variance = (
+            float(np.interp(exposure_s, self.dark_exposure_s, table))
+            for table in (self.dark_mean_dn, self.dark_sigma_dn**2)
         )
-        return float(mean), float(sigma)
+        return mean, float(np.sqrt(variance))
 
     def record(self, linear_dn: ArrayLike) -> NDArray[np.float64]:
         """F: recorded DN for linear DN (any shape), neither of them rounded; held beyond the table."""
@@ -110,7 +109,8 @@ def integration_weights(responsivity: Spectrum, wavelength_nm: ArrayLike) -> NDA
     """
     grid = np.asarray(wavelength_nm, float)
     if grid.ndim != 1 or grid.size < 2 or not np.all(np.diff(grid) > 0):
-        raise InputError("cube: wavelength", f"{grid.size} samples, shape {grid.shape}", "two or more, ascending")
+        found = f"{grid.size} samples, shape {grid.shape}"
+        raise InputError("cube: wavelength", found, "two or more, ascending")
     table = responsivity.wavelength_nm
     knots = np.union1d(table, grid)
     left, right = knots[:-1], knots[1:]
@@ -125,9 +125,10 @@ def integration_weights(responsivity: Spectrum, wavelength_nm: ArrayLike) -> NDA
         np.add.at(weights, cell + 1, value * part)
     whole = float(np.trapezoid(responsivity.values, table))
     if weights.sum() < (1 - LARGEST_LOSS) * whole:
+        held = f"which hold {weights.sum() / whole:.1%} of a channel's sensitivity"
         raise InputError(
             "cube: wavelength",
-            f"{grid[0]:g} to {grid[-1]:g} nm, which hold {weights.sum() / whole:.1%} of a channel's sensitivity",
+            f"{grid[0]:g} to {grid[-1]:g} nm, {held}",
             f"at least {1 - LARGEST_LOSS:.0%} of what the camera sees, {table[0]:g} to {table[-1]:g} nm",
             "Render the cube over a wider range.",
         )
@@ -175,16 +176,15 @@ def channel_map(
     for row in pattern:
         for letter in row:
             if letter not in letters:
-                raise InputError(
-                    "mosaic.pattern", f"the letter '{letter}'", f"letters with a channel: {', '.join(letters)}"
-                )
+                expected = f"letters with a channel: {', '.join(letters)}"
+                raise InputError("mosaic.pattern", f"the letter '{letter}'", expected)
     cell = np.array([[letters.index(letter) for letter in row] for row in pattern])
     tiles = [-(-size // length) for size, length in zip(shape, cell.shape, strict=True)]
     return np.tile(cell, tiles)[: shape[0], : shape[1]]
 
 
 def noisy_counts(
-    expected_e: ArrayLike, dark_mean_dn: ArrayLike, dark_sigma_dn: ArrayLike, detector: Detector,
+    expected_e: NDArray[np.float64], dark_mean_dn: ArrayLike, dark_sigma_dn: ArrayLike, detector: Detector,
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Counts in DN before rounding: shot noise, full well, gain, dark level, read noise, F.
@@ -195,8 +195,8 @@ def noisy_counts(
     if detector.full_well_e is not None:
         np.minimum(electrons, detector.full_well_e, out=electrons)
     electrons /= detector.gain_e_per_dn
-    electrons += dark_mean_dn
-    electrons += dark_sigma_dn * generator.standard_normal(electrons.shape)
+    electrons += np.asarray(dark_mean_dn)
+    electrons += np.asarray(dark_sigma_dn) * generator.standard_normal(electrons.shape)
     return detector.record(electrons)
 
 
@@ -216,7 +216,8 @@ def _expected_rate(cube: xr.Dataset, camera: SensorCamera, channel: str | None) 
             raise InputError(f"camera {camera.name}", found, f"one of {', '.join(letters)}")
         chosen: tuple[str, ...] = (channel,)
     elif channel is not None:
-        raise InputError(f"camera {camera.name}", f"the channel '{channel}'", "none: a mosaic takes all at once")
+        expected = "none: a mosaic takes all at once"
+        raise InputError(f"camera {camera.name}", f"the channel '{channel}'", expected)
     else:
         chosen = letters
     wavelength = cube["wavelength"].values

@@ -1,4 +1,4 @@
-"""Cameras as data: one TOML file and its CSV tables become a SensorCamera (docs: render/data/cameras/README.md)."""
+"""Cameras as data: a TOML file and its CSV tables become a SensorCamera (see data/cameras/README.md)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
 from cboxlab.calibration.sensor_equation import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import combined, faults_of_validation, suggestion
 from cboxlab.scenes.spectra import Spectrum, read_spectrum
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .sensor import Detector, SensorCamera, channel_map
 
@@ -110,18 +109,20 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
 
 
 def _detector(path: Path, file: _CameraFile) -> Detector:
-    dark = _columns(path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn)
+    exposure, mean, sigma = _columns(
+        path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn
+    )
     linear = recorded = None
     if file.nonlinearity is not None:
         linear, recorded = _columns(
             path, "nonlinearity", file.nonlinearity.linear_dn, file.nonlinearity.recorded_dn
         )
         if np.any(np.diff(recorded) <= 0):
-            raise InputError(f"{path}: nonlinearity.recorded_dn", "values that fall or stay", "ascending values")
+            where = f"{path}: nonlinearity.recorded_dn"
+            raise InputError(where, "values that fall or stay", "ascending values")
     values = file.detector
     return Detector(
-        values.gain_e_per_dn, values.bit_depth, *dark,
-        full_well_e=values.full_well_e, linear_dn=linear, recorded_dn=recorded,
+        values.gain_e_per_dn, values.bit_depth, exposure, mean, sigma, values.full_well_e, linear, recorded,
     )  # fmt: skip
 
 
@@ -136,7 +137,7 @@ def _columns(path: Path, table: str, *columns: list[float]) -> list[np.ndarray]:
 
 
 def _channels(path: Path, file: _CameraFile) -> dict[str, Spectrum]:
-    """Responsivities in e- s^-1 per (W m^-2 sr^-1): (pi / 4) pixel area / N^2 times quanta per joule times QE."""
+    """Responsivities, e- s^-1 per (W m^-2 sr^-1): (pi / 4) pixel area / N^2 times quanta per joule, QE."""
     kind, peak = file.sensitivity.kind, file.sensitivity.peak_quantum_efficiency
     if (kind == "relative_energy") != (peak is not None):
         raise InputError(

@@ -64,12 +64,14 @@ class FakeCapture:
             self.rate[pixel] = rate
         self.bias = BIAS + 0.5 * self.rng.standard_normal(shape)
         self.light = 0.3 + 0.7 * u / self.width
-        self.spectrum = 2e-4 * (1.2 - (GRID - 400) / 600)
+        self.spectrum = 0.9e-4 * (1.2 - (GRID - 400) / 600)
         # Exposures that bring the flat of the sphere to 1800 DN, as an operator would choose.
         weights = np.ones(GRID.size)
         weights[[0, -1]] = 0.5
         self.signal_per_s = {
-            f"f{c}": CONSTANT / (F_NUMBER * DISTANCE_MM) ** 2 * float(np.sum(weights * response(c) * sphere()))
+            f"f{c}": CONSTANT
+            / (F_NUMBER * DISTANCE_MM) ** 2
+            * float(np.sum(weights * response(c) * sphere()))
             for c in self.centres
         }
         self.scene_per_s = {
@@ -91,8 +93,8 @@ class FakeCapture:
     def counts(self, signal: np.ndarray, exposure_s: float) -> np.ndarray:
         """One frame of a signal (y, x) in DN above dark, for a flat of 1 already multiplied in."""
         electrons = self.rng.poisson(GAIN * (signal + self.rate * exposure_s))
-        electrons = electrons + READ_NOISE * self.rng.standard_normal(signal.shape)
-        return np.clip(np.rint(electrons / GAIN + self.bias), 0, 2**DEPTH - 1).astype(np.uint16)
+        counted = electrons + READ_NOISE * self.rng.standard_normal(signal.shape)
+        return np.clip(np.rint(counted / GAIN + self.bias), 0, 2**DEPTH - 1).astype(np.uint16)
 
     def _frames(self, stem: str, signal: np.ndarray, exposure_s: float, repeats: int) -> str:
         names = [f"frames/{stem}-{index}.tif" for index in range(repeats)]
@@ -134,6 +136,8 @@ class FakeCapture:
         for band, seconds in self.exposure.items() if references else ():
             signal = self.signal_per_s[band] * seconds * self.flat * self.gains.get(band, 1.0)
             text += f'[[reference]]\nband = "{band}"\nexposure_s = {seconds}\n{optics}'
-            text += 'radiance = "spectra/all.csv:sphere"\n' + self._frames(f"sphere-{band}", signal, seconds, 1)
+            text += 'radiance = "spectra/all.csv:sphere"\n' + self._frames(
+                f"sphere-{band}", signal, seconds, 1
+            )
         (self.folder / "capture.toml").write_text(text + extra)
         return self.folder

@@ -52,8 +52,8 @@ def test_every_key_of_the_format_is_accepted(folder):
     (folder / "points.csv").write_text("id,x_mm,y_mm,z_mm,u_px,v_px\n")
     edit(folder, 'name = "fake"', 'name = "fake"\nscene = "cornell-box"')
     edit(folder, "[camera]", '[camera]\nmodel = "fake"\nreadout_s = 0.5')
-    edit(folder, 'quantum_efficiency = "spectra/all.csv:quantum_efficiency"',
-         "quantum_efficiency = [" + ", ".join(['"spectra/all.csv:quantum_efficiency"'] * 3) + "]")  # fmt: skip
+    column = '"spectra/all.csv:quantum_efficiency"'
+    edit(folder, f"quantum_efficiency = {column}", f"quantum_efficiency = [{column}, {column}, {column}]")
     edit(folder, '[[flat]]\nband = "f450"',
          '[[flat]]\nband = "f450"\nstart_s = 3.5\nradiance = "spectra/all.csv:sphere"')  # fmt: skip
     with open(folder / "capture.toml", "a") as stream:
@@ -61,7 +61,8 @@ def test_every_key_of_the_format_is_accepted(folder):
             '[lamp]\nradiance = "spectra/all.csv:sphere"\nrelative_uncertainty = 0.02\n'
             "spectral_uncertainty = 0.01\n"
             '[geometry]\npoints = "points.csv"\npoint_sigma_px = 0.15\n'
-            '[[target]]\nkind = "charuco"\nrows = 5\ncolumns = 6\npitch_mm = 8\nframes = ["frames/f450-0.tif"]\n'
+            '[[target]]\nkind = "charuco"\nrows = 5\ncolumns = 6\npitch_mm = 8\n'
+            'frames = ["frames/f450-0.tif"]\n'
             '[mosaic]\npattern = "GBRG"\n'
             '[[bracket]]\nband = "f450"\nexposure_s = 0.1\nframes = ["frames/f450-1.tif"]\n'
             '[labels]\nimage = "labels.png"\nnames = "names.csv"\nreflectance = "known.csv"\n'
@@ -119,7 +120,7 @@ MISTAKES = [
     ('name = "fake"', 'name = "fake', ["TOML"]),
     ('name = "fake"', 'name = "fake"\nflat = "divided"', ["flat", "both", "[[flat]]"]),
     ('name = "fake"', 'name = "fake"\ndark = "subtracted"', ["dark", "both", "[[dark]]"]),
-    ("[camera]", "[crop]\nu0_px=10\nv0_px=0\nfull_width_px=60\nfull_height_px=40\n[camera]", ["crop", "66 px"]),
+    ("[lens]", "[crop]\nu0_px=9\nv0_px=0\nfull_width_px=60\nfull_height_px=99\n[lens]", ["crop", "65 px"]),
     ("[camera]", '[mosaic]\npattern = "RGGX"\n[camera]', ["mosaic.pattern", "RGGX", "R, G and B"]),
     ("[camera]", '[mosaic]\npattern = "RGGB"\n[camera]', ["quantum_efficiency", "list of three"]),
     ("[camera]", '[geometry]\npoints = "points.csv"\n[camera]', ["geometry.points", "does not exist"]),

@@ -70,9 +70,8 @@ def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[st
     return {"mean": seen.mean, "p95": seen.p95, "max": seen.maximum, "expected_from_noise": expected}
 
 
-def _camera(run: Run) -> dict[str, Any]:
-    camera, values = run.camera, run.camera.parameters
-    covariance = camera.covariance
+def _camera(run: Run, camera: Camera) -> dict[str, Any]:
+    values, covariance = camera.parameters, camera.covariance
     return {
         "reprojection_rms_px": run.reprojection_rms_px,
         "position_mm": values[:3],
@@ -108,7 +107,8 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
     c = comparison
     content: dict[str, Any] = {
         "capture": run.capture, "model": run.model, "version": run.version, "seconds": run.seconds,
-        "camera": _camera(run),
+        "camera": _camera(run, run.calibrated_camera or run.camera),
+        "camera_refitted": _camera(run, run.camera) if run.calibrated_camera else None,
         "lamp_scale": {
             "value": run.lamp_scale, "sigma": run.lamp_scale_sigma,
             "stated_sigma": run.lamp_scale_prior_sigma,

@@ -1,0 +1,107 @@
+"""The renderers that the benchmark compares, each as a function from a seed to one picture (y, x, band)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes import Camera, Scene, Spectrum
+
+__all__ = ["BANDS", "GATHER_FACTOR", "MANY_BANDS", "MONO_BANDS", "REFERENCE_BANDS", "contender"]
+
+BANDS = np.linspace(400.0, 700.0, 31)
+MANY_BANDS = np.linspace(400.0, 700.0, 76)
+#: Bands of the long stock reference, and bands that stand for all 31 where each costs a render of its own.
+REFERENCE_BANDS = np.array([5, 15, 25])
+MONO_BANDS = np.arange(0, 31, 6)
+#: The final gather takes so many times the samples of the others: its radiosity solution is made once a picture.
+GATHER_FACTOR = 4
+
+Render = Callable[[int], np.ndarray]
+
+
+def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
+    """``name``: path, path-76, default, default-76, specfilm, mono or reference (stock RGB).
+
+    Radiance is relative to the lamp's. Sets Mitsuba's variant, so one contender per process.
+    """
+    from cboxlab.render import variant  # noqa: F401  (finds LLVM)
+    from cboxlab.render.final_gather import render_final_gather
+    from cboxlab.render.path_tracer import render_path_tracer
+    from cboxlab.render.stock import render_stock
+
+    white = scene.with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2), "zero"))
+    if name == "specfilm":
+        return _specfilm(white, camera, samples)
+    if name == "mono":
+        return _mono(white, camera, samples)
+    wavelengths = MANY_BANDS if name.endswith("-76") else BANDS
+    if name == "reference":
+        options: dict[str, Any] = {"variant": "llvm_ad_rgb"}
+        function: Callable = render_stock
+        wavelengths = BANDS[REFERENCE_BANDS]
+    elif name.startswith("path"):
+        function, options = render_path_tracer, {}
+    else:
+        function, options = render_final_gather, {}
+        samples *= GATHER_FACTOR
+
+    def run(seed: int) -> np.ndarray:
+        image = function(white, camera, wavelengths, samples=samples, batches=1, seed=seed, **options)
+        return image.coefficients[0] @ image.spectra
+
+    return run
+
+
+def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
+    """Each band a triangle of area 10 nm: neighbours overlap, so that no sampled wavelength is lost."""
+    import mitsuba as mi
+    from cboxlab.render.stock import scene_dict
+
+    mi.set_variant("llvm_ad_spectral")
+    grid = np.linspace(360.0, 830.0, 471)
+    paints = {name: _irregular(grid, m.reflectance.at(grid)) for name, m in scene.materials.items()}
+    loaded = mi.load_dict(scene_dict(scene, paints, {"type": "uniform", "value": 1.0}), optimize=False)
+    bands = {f"band_{i:02d}": _irregular([b - 10, b, b + 10], [0, 1, 0]) for i, b in enumerate(BANDS)}
+    run = _stock(loaded, camera, {"type": "specfilm", **bands}, samples)
+    return lambda seed: run(seed) / 10.0
+
+
+def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
+    import mitsuba as mi
+    from cboxlab.render.stock import scene_dict
+
+    mi.set_variant("llvm_ad_mono")
+    runs = []
+    for band in BANDS[MONO_BANDS]:
+        paints = {
+            name: {"type": "uniform", "value": float(m.reflectance.at(band))}
+            for name, m in scene.materials.items()
+        }
+        loaded = mi.load_dict(scene_dict(scene, paints, {"type": "uniform", "value": 1.0}), optimize=False)
+        runs.append(_stock(loaded, camera, {"pixel_format": "luminance"}, samples))
+    return lambda seed: np.concatenate([run(seed) for run in runs], axis=-1)
+
+
+def _stock(loaded: Any, camera: Camera, film: dict[str, Any], samples: int) -> Render:
+    import mitsuba as mi
+    from cboxlab.render.pinhole import film_for
+    from cboxlab.render.stock import sensor_dict
+
+    sensor = mi.load_dict(sensor_dict(film_for(camera, 1), camera, film))
+    integrator = mi.load_dict({"type": "path", "max_depth": -1})
+
+    def run(seed: int) -> np.ndarray:
+        image = mi.render(loaded, sensor=sensor, integrator=integrator, spp=samples, seed=seed)
+        return np.array(image).reshape(camera.height_px, camera.width_px, -1)
+
+    return run
+
+
+def _irregular(wavelengths: Any, values: Any) -> dict[str, str]:
+    return {
+        "type": "irregular",
+        "wavelengths": ",".join(f"{w:.8g}" for w in wavelengths),
+        "values": ",".join(f"{v:.8g}" for v in values),
+    }

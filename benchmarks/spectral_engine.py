@@ -1,0 +1,204 @@
+"""How much picture a CPU second buys: our integrators against stock Mitsuba and against bare ray tracing.
+
+    python benchmarks/spectral_engine.py [--json] [--parts specfilm,mono,floor,bands,bias] [--size 256]
+                                         [--samples 64] [--rounds 8]
+
+The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),
+pixels that see the lamp left out. Every contender lives in a process of its own, renders once to warm up, and
+then one picture with a new seed whenever its turn comes, so that all meet the same disturbances. Costs are
+CPU seconds of all threads. An error is the relative variance of one picture from the scatter of the rounds,
+the median over pixels (freed of the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x
+relative variance), cpu_seconds_to_0.3_percent their product over 0.003^2.
+
+"mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" compares the means over each
+surface: the path tracer with stock Mitsuba at three bands, the default with the path tracer at all; max_bias
+is the largest relative difference, beside it the largest difference over its standard error and the number of
+comparisons. The last line is one JSON object; --json prints nothing else. What was left out is null there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes import cornell_box, cornell_camera
+from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, REFERENCE_BANDS, contender
+from scipy.stats import chi2
+
+PARTS = ("specfilm", "mono", "floor", "bands", "bias")
+
+
+def _serve(name: str, size: int, samples: int, pipe: Connection) -> None:
+    """A contender's process: a seed in, cost and picture out, until None arrives."""
+    render = contender(name, cornell_box(), cornell_camera(size), samples)
+    while (seed := pipe.recv()) is not None:
+        wall, cpu = time.perf_counter(), time.process_time()
+        picture = render(seed)
+        cost = time.process_time() - cpu, time.perf_counter() - wall
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        pipe.send((*cost, memory, picture.astype(np.float32)))
+
+
+class Contender:
+    """A contender's process and what it has brought: costs, and the sum and sum of squares of pictures."""
+
+    def __init__(self, name: str, size: int, samples: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.name, self.cpu, self.wall, self.memory_mib = name, [], [], 0.0  # type: ignore[var-annotated]
+        self.pictures: list[np.ndarray] = []
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(name, size, samples, other), daemon=True)
+        self._process.start()
+        other.close()
+        self.turn(0, keep=False)
+
+    def turn(self, seed: int, keep: bool = True) -> None:
+        """Render one picture."""
+        self._pipe.send(seed)
+        cpu, wall, self.memory_mib, picture = self._pipe.recv()
+        if keep:
+            self.cpu.append(cpu)
+            self.wall.append(wall)
+            self.pictures.append(picture)
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.send(None)
+        self._process.join()
+
+    @property
+    def cost(self) -> float:
+        """CPU seconds of one picture, median over rounds."""
+        return float(np.median(self.cpu))
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(y, x, band)."""
+        return np.mean(self.pictures, axis=0, dtype=float)
+
+    @property
+    def variance_of_mean(self) -> np.ndarray:
+        """(y, x, band)."""
+        return np.var(self.pictures, axis=0, ddof=1, dtype=float) / len(self.pictures)
+
+    def relative_variance(self, used: np.ndarray) -> float:
+        """Of one picture: the median over the pixels ``used`` (y, x), then over bands."""
+        rounds = len(self.pictures)
+        bias = chi2.median(rounds - 1) / (rounds - 1)
+        ratio = rounds * self.variance_of_mean[used] / self.mean[used] ** 2
+        return float(np.median(np.median(ratio, axis=0))) / bias
+
+
+def _surfaces(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """(y, x) surface of pixels that see one flat face alone (-1 elsewhere), and whether a pixel sees no lamp."""
+    from cboxlab.render.primary import facet_coverage
+    from cboxlab.render.tracer import build_tracer
+
+    tracer = build_tracer(cornell_box())
+    coverage = facet_coverage(tracer, cornell_camera(size), samples=256)
+    alone = coverage.max(axis=-1) == 1
+    surface = np.where(alone, tracer.facet_surface[coverage.argmax(axis=-1)], -1)
+    seen = (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)
+    return np.where(seen, surface, -1), seen
+
+
+def _bias(one: Contender, other: Contender, bands: np.ndarray, surface: np.ndarray) -> dict[str, float]:
+    """Largest relative difference of surface means, the largest over its standard error, how many there are.
+
+    Pixels share no paths in the path tracer but share a radiosity solution in the gather: the standard error
+    of a surface's mean therefore comes from the scatter of that mean between rounds.
+    """
+    differences, scores = [], []
+    for index in range(surface.max() + 1):
+        here = surface == index
+        means = [np.array([p[here].mean(axis=0) for p in c.pictures], float) for c in (one, other)]
+        a, b = means[0][:, bands] if means[0].shape[1] > len(bands) else means[0], means[1]
+        difference = a.mean(axis=0) - b.mean(axis=0)
+        error = np.sqrt(a.var(axis=0, ddof=1) / len(a) + b.var(axis=0, ddof=1) / len(b))
+        differences.append(np.abs(difference / b.mean(axis=0)))
+        scores.append(np.abs(difference / error))
+    worst = np.unravel_index(np.argmax(differences), np.shape(differences))
+    return {
+        "max_bias": float(np.max(differences)),
+        "max_bias_over_standard_error": float(np.max(scores)),
+        "max_bias_standard_error": float(np.array(differences)[worst] / np.array(scores)[worst]),
+        "comparisons": int(np.size(scores)),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print the JSON object only")
+    parser.add_argument("--parts", default=",".join(PARTS), help="comma-separated, of " + ", ".join(PARTS))
+    parser.add_argument("--size", type=int, default=256, help="width and height, pixels")
+    parser.add_argument("--samples", type=int, default=64, help=f"per pixel (default: {GATHER_FACTOR} times)")
+    parser.add_argument("--rounds", type=int, default=8, help="pictures of each contender, at least 2")
+    options = parser.parse_args()
+    parts = set(options.parts.split(","))
+    if unknown := parts - set(PARTS):
+        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    say = (lambda *words: None) if options.json else (lambda *words: print(*words, flush=True))
+
+    names = ["path", "default"]
+    names += [name for name in ("specfilm", "mono") if name in parts]
+    names += ["path-76", "default-76"] if "bands" in parts else []
+    names += ["reference"] if "bias" in parts else []
+    contenders = {name: Contender(name, options.size, options.samples) for name in names}
+    for seed in range(1, options.rounds + 1):
+        for one in contenders.values():
+            one.turn(seed)
+        say(f"round {seed}: CPU s", {name: round(c.cpu[-1], 2) for name, c in contenders.items()})
+    surface, used = _surfaces(options.size)
+    errors = {name: c.relative_variance(used) for name, c in contenders.items()}
+    costs = {name: c.cost for name, c in contenders.items()}
+    if "mono" in costs:
+        costs["mono"] *= len(BANDS) / len(MONO_BANDS)
+    for name, c in contenders.items():
+        say(
+            f"{name:12} CPU {costs[name]:8.2f} s, wall {np.median(c.wall):7.2f} s, {c.memory_mib:6.0f} MiB, "
+            f"relative variance x samples {errors[name] * options.samples:.4f}, "
+            f"one picture's error {100 * errors[name] ** 0.5:.3f}%"
+        )
+
+    def summary(name: str) -> dict[str, Any]:
+        efficiency = {n: 1 / (costs[n] * errors[n]) for n in contenders}
+        values: dict[str, Any] = {
+            f"efficiency_vs_{stock}": efficiency[name] / efficiency[stock] if stock in costs else None
+            for stock in ("specfilm", "mono")
+        }
+        values["fraction_of_ray_floor"] = None
+        values["cpu_seconds_to_0.3_percent"] = 1 / efficiency[name] / 0.003**2
+        values["max_bias"] = None
+        values["cost_76_over_31"] = costs[f"{name}-76"] / costs[name] if "bands" in parts else None
+        return values
+
+    result = {**summary("path"), "default": summary("default")}
+    if "bias" in parts:
+        result |= _bias(contenders["path"], contenders["reference"], REFERENCE_BANDS, surface)
+        result["default"] |= _bias(contenders["default"], contenders["path"], np.arange(len(BANDS)), surface)
+    if "floor" in parts:
+        from ray_floor import floor_per_path
+
+        floors = []
+        for seed in range(3):
+            seconds, rays = floor_per_path(cornell_box(), cornell_camera(128), BANDS, 8, 3)
+            floors.append(seconds)
+            contenders["path"].turn(1000 + seed)
+        floor = float(np.median(floors)) * options.size**2 * options.samples
+        cost = float(np.median(contenders["path"].cpu[-3:]))
+        result["fraction_of_ray_floor"] = floor / cost
+        say(f"floor: {rays:.2f} rays a path, {floor:.2f} of {cost:.2f} CPU s")
+    for one in contenders.values():
+        one.close()
+    result |= {"size": options.size, "samples": options.samples, "rounds": options.rounds}
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

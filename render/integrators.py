@@ -1,0 +1,53 @@
+"""The one door to an image: the best estimator that this machine can run, or the one asked for."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+
+from . import variant
+from .final_gather import render_final_gather
+from .image import RenderedImage
+from .path_tracer import render_path_tracer
+from .stock import render_stock
+
+__all__ = ["Integrator", "render"]
+
+Integrator = Literal["default", "final-gather", "path", "stock"]
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    samples: int = 256,
+    batches: int = 4,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    integrator: Integrator = "default",
+) -> RenderedImage:
+    """Render the scene through the camera; the integrators agree within their standard errors.
+
+    wavelength_nm : (w,) where paints and lamp are evaluated. samples : per pixel and batch. batches :
+    independent randomisations, whose scatter gives the standard error. max_bounces : reflections between
+    lamp and camera (0 the lamp alone, 1 direct light; None for all). Repeatable by ``seed``.
+    progress : told the part done, 0 to 1. integrator : "default" is the final gather, and Mitsuba's own
+    integrator ("stock", warned of once) where nothing can be compiled.
+    """
+    if not variant.compiled() and integrator != "stock":
+        warnings.warn(variant.HINT, RuntimeWarning, stacklevel=2)
+        integrator = "stock"
+    integrators: dict[str, Callable[..., RenderedImage]] = {
+        "default": render_final_gather, "final-gather": render_final_gather,
+        "path": render_path_tracer, "stock": render_stock,
+    }  # fmt: skip
+    return integrators[integrator](
+        scene, camera, wavelength_nm, samples=samples, batches=batches, seed=seed,
+        max_bounces=max_bounces, progress=progress,
+    )  # fmt: skip

@@ -1,0 +1,230 @@
+"""A photographer and a camera: which frames a capture takes, and what counts they hold.
+
+What is simulated here is what the capture format says of a real laboratory (calibration.sensor_equation):
+the light's counts, cosine-fourth fall-off, vignetting, the pixels' own sensitivity, bias, dark current, hot
+pixels, shot and read noise, rounding and clipping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from .sensor import Detector, noisy_counts, quantise
+
+__all__ = [
+    "CaptureSettings", "Frame", "FrameHooks", "PixelMaps", "Shot", "chosen_exposure", "frames_of",
+    "photograph", "pixel_maps", "plan_shots",
+]  # fmt: skip
+
+Kind = Literal["band", "dark", "flat", "reference"]
+
+#: Marks of the exposure dial within a decade, s.
+EXPOSURE_MARKS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+
+@dataclass(frozen=True)
+class CaptureSettings:
+    """The laboratory. Units are in the names; defaults are a cooled 12-bit camera with a 35 mm lens at f/8.
+
+    film_width_mm : width of the sensor, so that pixel pitch = film_width_mm / width in px.
+    level : part of full scale that the 99.5th percentile outside the lamp may reach.
+    bias_pattern_dn, dark_current_spread, prnu : standard deviations from pixel to pixel of the bias (DN),
+        of the logarithm of the dark current, of the sensitivity. hot_share : of pixels; they have 10 to 100
+        times the dark current. vignetting : loss in the corner beside the cosine-fourth law.
+    lamp_relative_uncertainty : one sigma of the scale of the spectroradiometer's reading in lamp.csv.
+    filter_change_s : between the end of one band and the start of the next.
+    """
+
+    name: str = "cornell box"
+    model: str = "PXL 1300L class"
+    film_width_mm: float = 25.0
+    bit_depth: int = 12
+    gain_e_per_dn: float = 12.0
+    read_noise_e: float = 10.0
+    focal_length_mm: float = 35.0
+    f_number: float = 8.0
+    image_distance_mm: float = 36.6
+    readout_s: float = 1.2
+    filter_change_s: float = 6.0
+    repeats: int = 2
+    reference_repeats: int = 1
+    level: float = 0.7
+    bias_dn: float = 100.0
+    bias_pattern_dn: float = 0.5
+    dark_current_e_s: float = 6.0
+    dark_current_spread: float = 0.1
+    hot_share: float = 5e-4
+    prnu: float = 0.01
+    vignetting: float = 0.08
+    lamp_relative_uncertainty: float = 0.02
+    point_count: int = 50
+    point_sigma_px: float = 0.15
+
+    @property
+    def full_scale_dn(self) -> int:
+        """The largest count."""
+        return 2**self.bit_depth - 1
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A table of capture.toml: an exposure and its repeats. start_s : of the first; None off the sequence."""
+
+    kind: Kind
+    band: str | None
+    exposure_s: float
+    repeats: int
+    start_s: float | None = None
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of the frames inside the capture's folder."""
+        stem = {
+            "band": f"{self.band}", "dark": f"dark-{self.exposure_s:g}s",
+            "flat": f"flat-{self.band}", "reference": f"sphere-{self.band}",
+        }[self.kind]  # fmt: skip
+        return tuple(f"frames/{stem}-{repeat}.tif" for repeat in range(self.repeats))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame as a hook sees it. start_s : since the first frame of the sequence, None outside it."""
+
+    kind: Kind
+    band: str | None
+    exposure_s: float
+    repeat: int
+    start_s: float | None
+
+
+@dataclass(frozen=True)
+class FrameHooks:
+    """Where something may go wrong in the camera; the defaults change nothing.
+
+    exposure_s : frame -> the time that the shutter is really open, s.
+    light : frame, expected light (y, x) in DN above dark, flat included, unclipped -> the same, changed.
+    counts : frame, counts (y, x) with bias and noise before rounding and clipping -> the same, changed.
+    """
+
+    exposure_s: Callable[[Frame], float] = lambda frame: frame.exposure_s
+    light: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, signal: signal
+    counts: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, counts: counts
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMaps:
+    """What is each pixel's own. flat : (y, x), mean 1. bias_dn : (y, x). dark_current_e_s : (y, x)."""
+
+    flat: NDArray[np.float64]
+    bias_dn: NDArray[np.float64]
+    dark_current_e_s: NDArray[np.float64]
+
+
+def pixel_maps(camera: Camera, settings: CaptureSettings, generator: np.random.Generator) -> PixelMaps:
+    """The sensor behind a lens, drawn from ``generator``.
+
+    The optical part of the flat is cos^4 of the field angle times 1 - vignetting r^2, r = 1 in the corner.
+    """
+    shape = camera.height_px, camera.width_px
+    v, u = np.indices(shape)
+    square = (u - camera.principal_point_px[0]) ** 2 + (v - camera.principal_point_px[1]) ** 2
+    corner = ((shape[1] - 1) ** 2 + (shape[0] - 1) ** 2) / 4
+    optics = (1 + square / camera.focal_length_px**2) ** -2 * (1 - settings.vignetting * square / corner)
+    flat = optics * (1 + settings.prnu * generator.standard_normal(shape))
+    current = settings.dark_current_e_s * np.exp(
+        settings.dark_current_spread * generator.standard_normal(shape)
+    )
+    hot = generator.random(shape) < settings.hot_share
+    current[hot] *= 10 ** generator.uniform(1, 2, int(hot.sum()))
+    bias = settings.bias_dn + settings.bias_pattern_dn * generator.standard_normal(shape)
+    return PixelMaps(flat / flat.mean(), bias, current)
+
+
+def chosen_exposure(rate_dn_s: float, settings: CaptureSettings) -> float:
+    """The longest time on the dial that keeps bias plus ``rate_dn_s`` times it within the level, s.
+
+    Raises InputError for a rate that is not above 0 or that would need more than an hour.
+    """
+    span_dn = settings.level * settings.full_scale_dn - settings.bias_dn
+    longest = span_dn / rate_dn_s if rate_dn_s > 0 else np.inf
+    if not 1e-4 < longest < 3600:
+        raise InputError(
+            "capture: exposure",
+            f"{rate_dn_s:g} DN/s in a band's brightest surfaces",
+            "a signal that a time between 0.1 ms and one hour exposes well",
+            "Is the lamp's radiance absolute, in W m^-2 sr^-1 nm^-1?",
+        )
+    decade = int(np.floor(np.log10(longest)))
+    marks = [float(f"{mark}e{power}") for power in (decade - 1, decade) for mark in EXPOSURE_MARKS]
+    return max(mark for mark in marks if mark <= longest)
+
+
+def plan_shots(
+    scene_dn_s: Mapping[str, float], field_dn_s: Mapping[str, float], settings: CaptureSettings,
+    generator: np.random.Generator,
+) -> tuple[Shot, ...]:  # fmt: skip
+    """All exposures of a capture, bands first in the (random) order taken, as a photographer chooses them.
+
+    scene_dn_s : by band, DN/s of the 99.5th percentile outside the lamp. field_dn_s : by band, DN/s of the
+    uniform source that serves as flat and as reference. Darks are taken for every exposure used.
+    """
+    bands, shots, start = list(scene_dn_s), [], 0.0
+    for index in generator.permutation(len(bands)):
+        exposure = chosen_exposure(scene_dn_s[bands[index]], settings)
+        shots.append(Shot("band", bands[index], exposure, settings.repeats, round(start, 1)))
+        start += settings.repeats * (exposure + settings.readout_s)
+        start += settings.filter_change_s * generator.uniform(1, 3)
+    for band in bands:
+        shots.append(Shot("flat", band, chosen_exposure(field_dn_s[band], settings), settings.repeats))
+    for band in bands:
+        exposure = chosen_exposure(field_dn_s[band], settings)
+        shots.append(Shot("reference", band, exposure, settings.reference_repeats))
+    for exposure in sorted({shot.exposure_s for shot in shots}):
+        shots.append(Shot("dark", None, exposure, settings.repeats))
+    return tuple(shots)
+
+
+def frames_of(shot: Shot, readout_s: float) -> tuple[Frame, ...]:
+    """The repeats of a shot; each begins when the one before it is exposed and read out."""
+    return tuple(
+        Frame(
+            shot.kind, shot.band, shot.exposure_s, repeat,
+            None if shot.start_s is None else shot.start_s + repeat * (shot.exposure_s + readout_s),
+        )
+        for repeat in range(shot.repeats)
+    )  # fmt: skip
+
+
+def photograph(
+    shots: Sequence[Shot],
+    signals: Callable[[Shot], NDArray[np.float64]],
+    maps: PixelMaps,
+    settings: CaptureSettings,
+    generator: np.random.Generator,
+    hooks: FrameHooks | None = None,
+) -> dict[str, NDArray[np.uint16]]:
+    """Counts (y, x) of every frame of the shots, by path.
+
+    signals : shot -> expected light in DN per second (y, x) for a flat of 1; not asked for darks.
+    """
+    hooks = hooks or FrameHooks()
+    none = np.zeros(0)
+    detector = Detector(settings.gain_e_per_dn, settings.bit_depth, none, none, none)
+    read_noise_dn = settings.read_noise_e / settings.gain_e_per_dn
+    photographs = {}
+    for shot in shots:
+        rate = np.zeros(maps.flat.shape) if shot.kind == "dark" else signals(shot) * maps.flat
+        for frame, path in zip(frames_of(shot, settings.readout_s), shot.paths, strict=True):
+            exposure = hooks.exposure_s(frame)
+            light = rate if shot.kind == "dark" else hooks.light(frame, rate * exposure)
+            electrons = np.maximum(light, 0) * settings.gain_e_per_dn + maps.dark_current_e_s * exposure
+            counts = noisy_counts(electrons, maps.bias_dn, read_noise_dn, detector, generator)
+            photographs[path] = quantise(hooks.counts(frame, counts), settings.bit_depth)
+    return photographs

@@ -1,0 +1,128 @@
+"""Pictures to look at: sRGB from spectral cubes and from raw mosaics."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.colorimetry import colour_matching_functions
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import NDArray
+
+from .image import LAMP
+from .sensor import SensorCamera, integration_weights
+
+__all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white"]
+
+# Weight of the white patch in the colour fit, so that white comes out white.
+_WHITE_WEIGHT = 1e3
+#: Part of full scale at which a count becomes white: where auto_exposure puts the brightest surfaces.
+_WHITE_LEVEL = 0.8
+
+
+def scene_white(cube: xr.Dataset) -> Spectrum:
+    """What is white in a picture: the lamp's mean spectrum where the cube sees it, else equal energy."""
+    wavelength = cube["wavelength"].values
+    lamp = cube["surface"].values == LAMP if "surface" in cube else np.zeros((1, 1), bool)
+    if not lamp.any():
+        return Spectrum(wavelength, np.ones(wavelength.size))
+    return Spectrum(wavelength, np.asarray(cube["radiance"].values[lamp].mean(axis=0), float))
+
+
+def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear sRGB of XYZ (..., 3) seen under a white that is brought to D65 by the Bradford transform."""
+    from colour import XYZ_to_sRGB, XYZ_to_xy  # slow to import, and only needed here
+
+    return np.asarray(XYZ_to_sRGB(xyz, XYZ_to_xy(white_xyz), "Bradford", apply_cctf_encoding=False))
+
+
+def _xyz_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(w, 3) weights of radiance samples to X, Y, Z (no luminous efficacy), over 400 to 700 nm.
+
+    Cubes over a shorter range give the part of X, Y, Z that they hold.
+    """
+    inside = (WAVELENGTH_NM >= wavelength_nm[0]) & (WAVELENGTH_NM <= wavelength_nm[-1])
+    if inside.sum() < 2:
+        raise InputError(
+            "cube: wavelength", f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm", "visible light"
+        )
+    rows = colour_matching_functions()[:, inside]
+    grid = WAVELENGTH_NM[inside]
+    return np.stack([integration_weights(Spectrum(grid, row, "zero"), wavelength_nm) for row in rows], -1)
+
+
+def _encoded(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Screen values of linear sRGB, clipped to what a screen shows."""
+    from colour import cctf_encoding
+
+    return np.rint(np.asarray(cctf_encoding(np.clip(linear, 0, 1))) * 255).astype(np.uint8)
+
+
+def cube_to_linear_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDArray[np.float64]:
+    """Linear sRGB (y, x, 3) of a cube: ``white`` (scene_white if None) is neutral, and the 99.5th
+    percentile of luminance outside the lamp is 1. Black for a cube without light.
+    """
+    wavelength = cube["wavelength"].values.astype(float)
+    weights = _xyz_weights(wavelength)
+    xyz = cube["radiance"].transpose("y", "x", "wavelength").values @ weights
+    luminance = xyz[..., 1]
+    if "surface" in cube and np.any(cube["surface"].values != LAMP):
+        luminance = luminance[cube["surface"].values != LAMP]
+    brightest = float(np.percentile(luminance, 99.5))
+    if brightest <= 0:
+        return np.zeros(xyz.shape)
+    white_xyz = (white or scene_white(cube)).at(wavelength) @ weights
+    return _adapted(xyz / brightest, white_xyz)
+
+
+def cube_to_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDArray[np.uint8]:
+    """Picture (y, x, 3) for a screen, see cube_to_linear_srgb."""
+    return _encoded(cube_to_linear_srgb(cube, white))
+
+
+def raw_to_srgb(
+    counts: NDArray[np.uint16], camera: SensorCamera, exposure_s: float, white: Spectrum
+) -> NDArray[np.uint8]:
+    """Picture (y, x, 3) of a raw frame (y, x) behind a 2 x 2 mosaic of R, G and B; grey without mosaic.
+
+    Dark level off, F undone, white balance for the illuminant ``white``, bilinear demosaicing (OpenCV), a
+    colour matrix by least squares over the ColorChecker under that illuminant, sRGB.
+
+    Raises InputError for a mosaic of another kind.
+    """
+    detector = camera.detector
+    dark = detector.dark(exposure_s)[0]
+    span = _WHITE_LEVEL * (float(detector.linearise(detector.full_scale_dn)) - dark)
+    linear = (detector.linearise(counts) - dark) / span
+    if camera.pattern is None:
+        return _encoded(np.repeat(linear[..., None], 3, axis=-1))
+    name = "".join(camera.pattern)
+    code = getattr(cv2, f"COLOR_Bayer{name}2RGB", None)
+    if code is None or set(camera.channels) != set("RGB"):
+        raise InputError(
+            f"camera {camera.name}: mosaic.pattern",
+            repr(list(camera.pattern)),
+            "2 x 2 letters R, G, B (Bayer)",
+        )
+    demosaiced = cv2.cvtColor(np.rint(np.clip(linear, 0, 1) * 65535).astype(np.uint16), code) / 65535.0
+    matrix, balance = _colour_matrix(camera, white)
+    return _encoded(np.clip(demosaiced * balance, 0, 1) @ matrix.T)
+
+
+def _colour_matrix(camera: SensorCamera, white: Spectrum) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, 3) from balanced camera values to linear sRGB, and the (3,) balance that makes white (1, 1, 1)."""
+    from colour import SDS_COLOURCHECKERS
+
+    chart = SDS_COLOURCHECKERS["BabelColor Average"].values()
+    reflectance = np.array([np.interp(WAVELENGTH_NM, sd.wavelengths, sd.values) for sd in chart])
+    light = white.at(WAVELENGTH_NM)
+    stimuli = np.vstack([reflectance, np.ones(WAVELENGTH_NM.size)]) * light
+    sensitivity = np.stack([camera.channels[letter].at(WAVELENGTH_NM) for letter in "RGB"])
+    response = stimuli @ sensitivity.T
+    xyz = stimuli @ colour_matching_functions().T
+    target = _adapted(xyz / xyz[-1, 1], xyz[-1])
+    weight = np.append(np.ones(len(reflectance)), _WHITE_WEIGHT)[:, None]
+    matrix = np.linalg.lstsq(weight * response / response[-1], weight * target, rcond=None)[0].T
+    return matrix, response[-1].max() / response[-1]

@@ -1,0 +1,82 @@
+"""Surveyed points: places in the box that the camera sees, and where its image shows them."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+
+from .tracer import Tracer, build_tracer, visible
+
+__all__ = ["survey", "visible_points"]
+
+# Points this near the image's edge cannot be measured, px.
+_MARGIN_PX = 1.5
+# A surface seen at less than this cosine shows no point clearly.
+_FLATTEST_VIEW = 0.1
+
+
+def visible_points(
+    scene: Scene, camera: Camera, count: int, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """(count, 3) mm, to 0.01 mm: half of them corners where so many are in sight, the others anywhere.
+
+    All lie inside the image and in free sight of the camera. Raises InputError where no such points exist.
+    """
+    tracer = build_tracer(scene)
+    corners = np.unique(np.concatenate([s.vertices_mm for s in scene.surfaces]).round(2), axis=0)
+    corners = generator.permutation(corners[_seen(tracer, camera, corners)])[: (count + 1) // 2]
+    found, wanted = [corners], count - len(corners)
+    for _ in range(20):
+        points, normals = _random_points(tracer, 8 * count, generator)
+        sight = camera.position_mm - points
+        cosine = np.einsum("ij,ij->i", sight, normals) / np.linalg.norm(sight, axis=1)
+        points = points[cosine > _FLATTEST_VIEW]
+        found.append(points[_seen(tracer, camera, points)][:wanted])
+        wanted -= len(found[-1])
+        if not wanted:
+            return generator.permutation(np.concatenate(found))
+    raise InputError(
+        f"scene {scene.name}", f"{count - wanted} points in sight of the camera", f"{count}",
+        "Does the camera look into the box?",
+    )  # fmt: skip
+
+
+def survey(
+    scene: Scene, camera: Camera, count: int, sigma_px: float, generator: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points (count, 3) mm and where they were measured (count, 2) px: projection plus Gaussian errors."""
+    points = visible_points(scene, camera, count, generator)
+    return points, camera.project(points) + sigma_px * generator.standard_normal((count, 2))
+
+
+def _random_points(
+    tracer: Tracer, count: int, generator: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points uniform over all surfaces but the lamp, rounded to 0.01 mm, and their normals (count, 3)."""
+    mine = tracer.surface < len(tracer.scene.surfaces)
+    triangles, normals = tracer.vertices[mine], tracer.normals[mine]
+    edges = triangles[:, 1:] - triangles[:, :1]
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    chosen = generator.choice(len(areas), count, p=areas / areas.sum())
+    place = generator.random((count, 2))
+    place = np.where(place.sum(axis=1, keepdims=True) > 1, 1 - place, place)
+    points = triangles[chosen, 0] + np.einsum("ij,ijk->ik", place, edges[chosen])
+    return points.round(2), normals[chosen]
+
+
+def _seen(tracer: Tracer, camera: Camera, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether each point lies inside the image and nothing stands before it."""
+    if not len(points):
+        return np.zeros(0, bool)
+    image = camera.project(points)
+    size = np.array([camera.width_px, camera.height_px])
+    inside = np.all((image > _MARGIN_PX - 0.5) & (image < size - 0.5 - _MARGIN_PX), axis=1)
+    origin = mi.Point3f(*(mi.Float(np.full(len(points), float(x), np.float32)) for x in camera.position_mm))
+    target = mi.Point3f(*(mi.Float(points[:, i].astype(np.float32)) for i in range(3)))
+    free = np.array(visible(tracer, origin, target, dr.full(mi.Bool, True, len(points))))
+    return inside & free

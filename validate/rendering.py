@@ -1,0 +1,63 @@
+"""Rendering down to a stated part of the sensor's noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, BandResponse
+from cboxlab.render.bands import render_bands
+from cboxlab.render.final_gather import render_final_gather
+from cboxlab.render.image import RenderedImage
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+
+__all__ = ["Progress", "noise_ratio", "render_to_noise"]
+
+Progress = Callable[[float], None]
+
+_BATCHES = 8
+_PILOT_SAMPLES = 64
+_FEWEST, _MOST = 64, 8192
+
+#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/engine.md).
+_CONVERGENCE = 0.7
+
+
+def noise_ratio(rendered: xr.Dataset, sensor_variance: NDArray, used: NDArray) -> float:
+    """Median over used pixels and bands of the render's standard deviation over the sensor's."""
+    return float(np.median(np.sqrt(rendered.variance.values / sensor_variance)[used]))
+
+
+def render_to_noise(
+    scene: Scene,
+    camera: Camera,
+    responses: tuple[BandResponse, ...],
+    sensor_variance: Callable[[NDArray], NDArray],
+    usable: NDArray,
+    noise: float,
+    max_bounces: int | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[RenderedImage, xr.Dataset]:
+    """Render until the median ratio of the render's to the sensor's standard deviation is ``noise``.
+
+    A pilot of few samples tells how many it takes. sensor_variance : from expected signals (band, y, x) to DN^2.
+    usable : (band, y, x) pixels that count. Returns the image and its band signals.
+    """
+
+    def rendered(samples: int, report: Progress | None) -> tuple[RenderedImage, xr.Dataset]:
+        image = render_final_gather(
+            scene, camera, WAVELENGTH_NM, samples, _BATCHES, seed=seed, max_bounces=max_bounces, progress=report
+        )
+        return image, render_bands(image, responses)
+
+    image, bands = rendered(_PILOT_SAMPLES, None)
+    ratio = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
+    wanted = _PILOT_SAMPLES * (ratio / noise) ** (1 / _CONVERGENCE)
+    samples = int(np.clip(2 ** np.ceil(np.log2(wanted)), _FEWEST, _MOST))
+    if samples == _PILOT_SAMPLES:
+        return image, bands
+    return rendered(samples, progress)
