@@ -1,4 +1,4 @@
-"""What the rays of a picture cost alone: the path tracer's own segments, traced again with nothing around them."""
+"""What the rays of a picture cost alone: the path tracer's own segments traced again, with nothing around."""
 
 from __future__ import annotations
 

@@ -126,7 +126,8 @@ def _write_exr(path: Path, cube: xr.Dataset) -> None:
 def _read_exr(path: Path) -> xr.Dataset:
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            header, channels = dict(file.header()), file.channels()
+            # The file empties its header and channels when it is closed.
+            header, channels = dict(file.header()), dict(file.channels())
             planes = {
                 _nanometres(match): np.array(channels[name].pixels, np.float32)
                 for name in channels

@@ -2,12 +2,15 @@
 
 Per sample: a camera ray, direct light at its hit, one gathering ray, direct light where that lands.
 Once and twice reflected light is thus exact; only light reflected three times or more is read from the
-patches. All wavelengths come along: radiance is a sum of products of paint spectra and a short basis.
+patches. A gathering ray that lands nearby, in a corner, would see the patches' size: from there one more ray
+goes on, with direct light at its end, and the patches are read there.
+All wavelengths come along: radiance is a sum of products of paint spectra and a short basis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -20,14 +23,96 @@ from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light
 from .patches import Patches, build_patches, patch_of
 from .primary import facet_coverage
-from .radiosity import indirect_basis, trace_exchange
+from .radiosity import TOLERANCE, Exchange, indirect_basis, trace_exchange
 from .sampling import SobolPoints, cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
 
-__all__ = ["render_final_gather"]
+__all__ = ["LightField", "gather", "render_final_gather", "solve_light"]
 
-#: Default patch size as a part of the scene's diagonal: about 48 mm in the published box.
-PATCHES_PER_DIAGONAL = 20
+#: Default patch size as a part of the scene's diagonal: about 40 mm in the published box.
+PATCHES_PER_DIAGONAL = 24
+
+#: A gathering ray that lands within so many patches' edges goes on once more.
+NEAR_PATCHES = 2.0
+
+#: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
+_LANES = 2**15
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """The camera-independent part: the scene's radiosity solution, ready to be gathered from any camera.
+
+    table : (1 + material, patch, k), see ``_lookup_table``. spectra : (n, w) of the picture's accumulators.
+    near : mm, see NEAR_PATCHES.
+    """
+
+    tracer: Tracer
+    lamp: LampSampler
+    patches: Patches
+    exchange: Exchange
+    table: np.ndarray
+    spectra: np.ndarray
+    wavelength_nm: np.ndarray
+    near: float
+    max_bounces: int | None
+
+
+def solve_light(
+    scene: Scene,
+    wavelength_nm: np.ndarray,
+    max_bounces: int | None = None,
+    patch_edge_mm: float | None = None,
+    patch_samples: int = 1024,
+    seed: int = 0,
+) -> LightField:
+    """Solve the scene's interreflection. Parameters as in ``render_final_gather``."""
+    tracer = build_tracer(scene)
+    lamp = build_lamp_sampler(tracer)
+    extent = tracer.vertices.reshape(-1, 3)
+    diagonal = float(np.linalg.norm(extent.max(axis=0) - extent.min(axis=0)))
+    edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
+    patches = build_patches(tracer, edge)
+    reflectances = np.array([m.reflectance.at(wavelength_nm) for m in scene.materials.values()])
+    exchange = trace_exchange(tracer, lamp, patches, patch_samples, seed=seed ^ 0x5EED)
+    cut = None if max_bounces is None else max(max_bounces - 1, 1)
+    coefficients, indirect = indirect_basis(exchange, patches.material, reflectances, cut)
+    table, indirect = _lookup_table(coefficients, indirect, reflectances)
+    return LightField(
+        tracer, lamp, patches, exchange, table,
+        spectra=_basis_spectra(scene, wavelength_nm, reflectances, indirect),
+        wavelength_nm=np.asarray(wavelength_nm, float),
+        # going on once more adds a reflection, which a picture cut after so many must not have
+        near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
+        max_bounces=max_bounces,
+    )  # fmt: skip
+
+
+def gather(
+    light: LightField, camera: Camera, samples: int = 256, batches: int = 4, seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> RenderedImage:  # fmt: skip
+    """The picture of a solved scene through a camera. Parameters as in ``render_final_gather``."""
+    table = mi.Float(light.table.ravel())
+    rows = max(1, min(camera.height_px, _LANES // camera.width_px))
+    starts = range(0, camera.height_px, rows)
+    images = []
+    for batch in range(batches):
+        strips = []
+        for start in starts:
+            height = min(rows, camera.height_px - start)
+            strips.append(_strip(light, table, camera, start, height, samples, seed + 7919 * (batch + 1)))
+            if progress:
+                progress((batch + (start + height) / camera.height_px) / batches)
+        images.append(np.concatenate(strips))
+    return RenderedImage(
+        coefficients=np.stack(images),
+        spectra=light.spectra,
+        wavelength_nm=light.wavelength_nm,
+        coverage=facet_coverage(light.tracer, camera),
+        facet_surface=light.tracer.facet_surface,
+        surface_names=tuple(s.name for s in light.tracer.scene.surfaces),
+    )
 
 
 def render_final_gather(
@@ -46,40 +131,25 @@ def render_final_gather(
 
     wavelength_nm : (w,) where paints and lamp are evaluated. samples : per pixel and batch. batches :
     independent randomisations, whose scatter gives the standard error. max_bounces : reflections between
-    lamp and camera (0 the lamp alone, 1 direct light; None for all). Repeatable by ``seed``.
+    lamp and camera (0 the lamp alone, 1 direct light; None for all). patch_edge_mm, patch_samples : size of
+    the radiosity patches and rays from each. Repeatable by ``seed``.
     """
-    tracer = build_tracer(scene)
-    lamp = build_lamp_sampler(tracer)
-    extent = tracer.vertices.reshape(-1, 3)
-    diagonal = float(np.linalg.norm(extent.max(axis=0) - extent.min(axis=0)))
-    patches = build_patches(tracer, patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL)
-    reflectances = np.array([m.reflectance.at(wavelength_nm) for m in scene.materials.values()])
-    exchange = trace_exchange(tracer, lamp, patches, patch_samples, seed=seed ^ 0x5EED)
-    cut = None if max_bounces is None else max(max_bounces - 1, 1)
-    coefficients, spectra = indirect_basis(exchange, patches, reflectances, cut)
-    images = []
-    for batch in range(batches):
-        images.append(
-            _gather(
-                tracer,
-                lamp,
-                patches,
-                coefficients,
-                camera,
-                samples,
-                seed + 7919 * (batch + 1),
-                max_bounces,
-                progress and (lambda part, b=batch: progress((b + part) / batches)),
-            )
-        )
-    return RenderedImage(
-        coefficients=np.stack(images),
-        spectra=_basis_spectra(scene, wavelength_nm, reflectances, spectra),
-        wavelength_nm=np.asarray(wavelength_nm, float),
-        coverage=facet_coverage(tracer, camera),
-        facet_surface=tracer.facet_surface,
-        surface_names=tuple(s.name for s in scene.surfaces),
-    )
+    light = solve_light(scene, wavelength_nm, max_bounces, patch_edge_mm, patch_samples, seed)
+    return gather(light, camera, samples, batches, seed, progress)
+
+
+def _lookup_table(coefficients: np.ndarray, spectra: np.ndarray, reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One basis for what is read from patches directly and after one more reflection.
+
+    Returns (1 + material, patch, k) coefficients, first those of the patches' own light, then those of it times
+    each paint's reflectance, and the spectra (k, w).
+    """
+    rows = np.concatenate([spectra, *(rho * spectra for rho in reflectances)])
+    weight = np.tile(np.abs(coefficients).max(axis=0), 1 + len(reflectances))
+    _, singular, basis = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
+    basis = basis[singular > TOLERANCE * singular[0]]
+    parts = [coefficients @ (spectra @ basis.T), *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances)]
+    return np.stack(parts).astype(np.float32), basis
 
 
 def _basis_spectra(
@@ -91,44 +161,28 @@ def _basis_spectra(
     for first in reflectances:
         rows.append(lamp * first)
         rows += [lamp * first * second for second in reflectances]
+        rows += [lamp * first * second * third for second in reflectances for third in reflectances]
         rows += [lamp * first * k for k in indirect]
     return np.array(rows)
 
 
-def _gather(
-    tracer: Tracer, lamp: LampSampler, patches: Patches, table: np.ndarray, camera: Camera,
-    samples: int, seed: int, max_bounces: int | None, progress: Callable[[float], None] | None,
-) -> np.ndarray:  # fmt: skip
-    """(y, x, n) accumulators of one randomisation, in strips of rows so that a bar can move."""
-    rows = max(1, min(camera.height_px, 2**15 // camera.width_px))
-    strips = []
-    rank = table.shape[1]
-    packed = mi.Float(table.astype(np.float32).ravel())
-    for start in range(0, camera.height_px, rows):
-        height = min(rows, camera.height_px - start)
-        strips.append(
-            _strip(tracer, lamp, patches, packed, rank, camera, start, height, samples, seed, max_bounces)
-        )
-        if progress:
-            progress((start + height) / camera.height_px)
-    return np.concatenate(strips)
-
-
 def _strip(
-    tracer: Tracer, lamp: LampSampler, patches: Patches, packed: mi.Float, rank: int, camera: Camera,
-    start: int, height: int, samples: int, seed: int, max_bounces: int | None,
-) -> np.ndarray:  # fmt: skip
+    light: LightField, table: mi.Float, camera: Camera, start: int, height: int, samples: int, seed: int
+) -> np.ndarray:
     """(height, x, n) accumulators of a strip of rows: one lane per pixel, one symbolic loop over samples."""
+    tracer, lamp, patches = light.tracer, light.lamp, light.patches
+    rank, max_bounces = light.table.shape[2], light.max_bounces
     count = height * camera.width_px
     local = dr.arange(mi.UInt32, count)
     lane = local + dr.opaque(mi.UInt32, start * camera.width_px)
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
-    points = SobolPoints(8, samples, lane, seed)
+    points = SobolPoints(12, samples, lane, seed)
     paints = len(tracer.material_names)
     n_surfaces = len(tracer.scene.surfaces)
     second = max_bounces is None or max_bounces >= 2
     third = max_bounces is None or max_bounces >= 3
-    per_paint = 1 + paints + rank
+    per_paint = 1 + paints + paints**2 + rank
+    reach = dr.opaque(mi.Float, light.near)
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         ray = camera_ray(camera, column + points.point(i, 4) - 0.5, row + points.point(i, 5) - 0.5)
@@ -149,13 +203,28 @@ def _strip(
                 dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.valid) < n_surfaces
             )
             paint = dr.gather(mi.UInt32, tracer.packed_material, far.triangle, lit)
-            light = direct_light(
+            arriving = direct_light(
                 tracer, lamp, far.position, far.normal, points.point(i, 2), points.point(i, 3), lit
             )
-            values += [dr.select(lit & (paint == m), light, 0) for m in range(paints)]
+            values += [dr.select(lit & (paint == m), arriving, 0) for m in range(paints)]
             if third:
-                patch = patch_of(patches, far.triangle, far.uv, lit)
-                values += [dr.gather(mi.Float, packed, patch * rank + k, lit) for k in range(rank)]
+                close = lit & (far.distance < reach)
+                onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
+                last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
+                at_last = last.front & (dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces)
+                last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
+                arriving = direct_light(
+                    tracer, lamp, last.position, last.normal, points.point(i, 10), points.point(i, 11), at_last
+                )
+                values += [
+                    dr.select(at_last & (paint == m) & (last_paint == n), arriving, 0) for m in range(paints) for n in range(paints)
+                ]
+                read = (lit & ~close) | at_last
+                triangle = dr.select(close, last.triangle, far.triangle)
+                uv = mi.Point2f(dr.select(close, last.uv.x, far.uv.x), dr.select(close, last.uv.y, far.uv.y))
+                patch = patch_of(patches, triangle, uv, read)
+                entry = (patch + dr.select(close, (paint + 1) * len(patches), 0)) * rank
+                values += [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
         new = [sums[0] + dr.select(on_lamp, mi.Float(1), mi.Float(0))]
         for m in range(paints):
             here = shaded & (material == m)

@@ -14,12 +14,16 @@ from . import variant as _variant  # noqa: F401  (activates a variant)
 
 __all__ = ["PathPoints", "VertexPoints"]
 
-#: Columns of the Sobol' table. The lowest go where stratification helps most: the direction of the first
-#: bounce with the lamp point seen from there, then pixel and lamp point of the first vertex.
-_FIRST = {"direction_u": 0, "direction_v": 1, "light_u": 6, "light_v": 7, "roulette": 10}
-_LATER = {"direction_u": 8, "direction_v": 9, "light_u": 2, "light_v": 3, "roulette": 10}
-_PIXEL = (4, 5)
-_COLUMNS = 11
+#: So many vertices share one joint point set. Its lowest columns, the best ones, go where stratification
+#: helps most: to the directions, two columns a vertex. Lamp points come last: where the lamp is seen whole,
+#: their contribution is analytic.
+_JOINT_VERTICES = 3
+_PIXEL = 2 * _JOINT_VERTICES
+_LIGHT = _PIXEL + 2
+_ROULETTE = _LIGHT + 2 * _JOINT_VERTICES
+_COLUMNS = _ROULETTE + 1
+#: Columns of the vertices beyond, each with an order of its own.
+_PADDED_DIRECTION, _PADDED_LIGHT, _PADDED_ROULETTE = 0, 2, 4
 
 
 @lru_cache(maxsize=8)
@@ -44,10 +48,10 @@ class VertexPoints:
 class PathPoints:
     """Numbers for paths of any length, ``count`` paths per lane, other numbers for every lane and seed.
 
-    The first two vertices use one 11-dimensional point set jointly. Each later vertex takes its points in an
-    order of its own and scrambles them afresh (padding; Kollig and Keller 2002), so no path is cut short and
-    each path alone is uniformly distributed. Scrambling by hashing after Laine and Karras (2011), constants
-    of Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
+    The first vertices use one point set jointly. Each later vertex takes its points in an order of its own
+    and scrambles them afresh (padding; Kollig and Keller 2002), so no path is cut short and each path alone
+    is uniformly distributed. Scrambling by hashing after Laine and Karras (2011), constants of Burley,
+    "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
     """
 
     def __init__(self, count: int, lane: mi.UInt32, seed: int) -> None:
@@ -58,28 +62,29 @@ class PathPoints:
 
     def pixel(self, index: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Where in its pixel path ``index`` begins."""
-        u, v = (self._number(index * _COLUMNS + c, _mixed(self._lane_seed + _stride(c))) for c in _PIXEL)
+        seed = self._lane_seed
+        u, v = (self._number(index * _COLUMNS + c, _seed_of(seed, c)) for c in (_PIXEL, _PIXEL + 1))
         return u, v
 
     def at_vertex(self, index: mi.UInt32, depth: mi.UInt32) -> VertexPoints:
         """Numbers of vertex ``depth`` (0 is what the camera sees) of path ``index``."""
-        vertex_seed = _mixed(self._lane_seed ^ (depth * 0x85EBCA6B))
-        order = dr.select(depth < 2, index, _permuted(index, vertex_seed) & self._mask)
-        base = order * _COLUMNS
-        numbers = {}
-        for name, column in _FIRST.items():
-            where = base + dr.select(depth == 0, mi.UInt32(column), mi.UInt32(_LATER[name]))
-            numbers[name] = self._number(where, _mixed(vertex_seed + _stride(column)))
-        return VertexPoints(**numbers)
+        seed = _mixed(self._lane_seed ^ ((depth + 1) * 0x85EBCA6B))
+        joint = depth < _JOINT_VERTICES
+        base = _COLUMNS * dr.select(joint, index, _permuted(index, seed) & self._mask)
+        direction = base + dr.select(joint, 2 * depth, _PADDED_DIRECTION)
+        light = base + dr.select(joint, _LIGHT + 2 * depth, _PADDED_LIGHT)
+        roulette = base + dr.select(joint, mi.UInt32(_ROULETTE), _PADDED_ROULETTE)
+        where = (direction, direction + 1, light, light + 1, roulette)
+        return VertexPoints(*(self._number(w, _seed_of(seed, c)) for c, w in enumerate(where)))
 
     def _number(self, where: mi.UInt32, seed: mi.UInt32) -> mi.Float:
         bits = dr.brev(_permuted(dr.gather(mi.UInt32, self._table, where), seed))
         return mi.Float(bits >> 8) * (1.0 / 16777216.0)
 
 
-def _stride(column: int) -> int:
-    """Keeps the seeds of columns apart (golden ratio)."""
-    return 0x9E3779B9 * (column + 1) & 0xFFFFFFFF
+def _seed_of(seed: mi.UInt32, column: int) -> mi.UInt32:
+    """A seed of its own for each column. Cheaper hashes leave pairs of columns dependent."""
+    return _mixed(seed + (0x9E3779B9 * (column + 1) & 0xFFFFFFFF))
 
 
 def _mixed(x: mi.UInt32) -> mi.UInt32:

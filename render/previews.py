@@ -18,6 +18,8 @@ __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white"]
 
 # Weight of the white patch in the colour fit, so that white comes out white.
 _WHITE_WEIGHT = 1e3
+# Reflectance at which noise is weighed against colour.
+_GREY = 0.2
 #: Part of full scale at which a count becomes white: where auto_exposure puts the brightest surfaces.
 _WHITE_LEVEL = 0.8
 
@@ -88,7 +90,7 @@ def raw_to_srgb(
     """Picture (y, x, 3) of a raw frame (y, x) behind a 2 x 2 mosaic of R, G and B; grey without mosaic.
 
     Dark level off, F undone, white balance for the illuminant ``white``, bilinear demosaicing (OpenCV), a
-    colour matrix by least squares over the ColorChecker under that illuminant, sRGB.
+    colour matrix of least mean square error over the ColorChecker under that illuminant, noise counted, sRGB.
 
     Raises InputError for a mosaic of another kind.
     """
@@ -98,8 +100,8 @@ def raw_to_srgb(
     linear = (detector.linearise(counts) - dark) / span
     if camera.pattern is None:
         return _encoded(np.repeat(linear[..., None], 3, axis=-1))
-    name = "".join(camera.pattern)
-    code = getattr(cv2, f"COLOR_Bayer{name}2RGB", None)
+    is_square = [len(row) for row in camera.pattern] == [2, 2]
+    code = getattr(cv2, f"COLOR_Bayer{''.join(camera.pattern)}2RGB", None) if is_square else None
     if code is None or set(camera.channels) != set("RGB"):
         raise InputError(
             f"camera {camera.name}: mosaic.pattern",
@@ -107,12 +109,18 @@ def raw_to_srgb(
             "2 x 2 letters R, G, B (Bayer)",
         )
     demosaiced = cv2.cvtColor(np.rint(np.clip(linear, 0, 1) * 65535).astype(np.uint16), code) / 65535.0
-    matrix, balance = _colour_matrix(camera, white)
+    matrix, balance = _colour_matrix(camera, exposure_s, span, white)
     return _encoded(np.clip(demosaiced * balance, 0, 1) @ matrix.T)
 
 
-def _colour_matrix(camera: SensorCamera, white: Spectrum) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3, 3) from balanced camera values to linear sRGB, and the (3,) balance that makes white (1, 1, 1)."""
+def _colour_matrix(
+    camera: SensorCamera, exposure_s: float, span_dn: float, white: Spectrum
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, 3) from balanced camera values to linear sRGB, and the (3,) balance that makes white (1, 1, 1).
+
+    The noise of a mid-grey enters as the variance that the matrix would pass on, so that a weak channel is
+    not amplified beyond its worth. span_dn : counts above dark of white in the strongest channel.
+    """
     from colour import SDS_COLOURCHECKERS
 
     chart = SDS_COLOURCHECKERS["BabelColor Average"].values()
@@ -123,6 +131,12 @@ def _colour_matrix(camera: SensorCamera, white: Spectrum) -> tuple[NDArray[np.fl
     response = stimuli @ sensitivity.T
     xyz = stimuli @ colour_matching_functions().T
     target = _adapted(xyz / xyz[-1, 1], xyz[-1])
+    balance = response[-1].max() / response[-1]
+    level = span_dn / balance
+    detector = camera.detector
+    variance = detector.dark(exposure_s)[1] ** 2 + 1 / 12 + _GREY * level / detector.gain_e_per_dn
+    noise = np.diag(np.sqrt(len(reflectance) * variance) / level)
     weight = np.append(np.ones(len(reflectance)), _WHITE_WEIGHT)[:, None]
-    matrix = np.linalg.lstsq(weight * response / response[-1], weight * target, rcond=None)[0].T
-    return matrix, response[-1].max() / response[-1]
+    inputs = np.vstack([weight * response / response[-1], noise])
+    matrix = np.linalg.lstsq(inputs, np.vstack([weight * target, np.zeros((3, 3))]), rcond=None)[0].T
+    return matrix, balance

@@ -22,6 +22,13 @@ from .tracer import RAY_OFFSET_MM, Tracer, intersect
 __all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
 
 
+#: Relative accuracy of the radiosity solution; its light is about a quarter of a picture's.
+TOLERANCE = 1e-5
+
+_SNAPSHOTS = 7
+_MOST_BOUNCES = 12
+
+
 @dataclass(frozen=True, eq=False)
 class Exchange:
     """What patches see. direct : (p,) e above. form_factors : (p, p) F. escape : (p,) fraction that leaves the box."""
@@ -104,58 +111,71 @@ def solve(
 
 
 def indirect_basis(
-    exchange: Exchange,
-    patches: Patches,
-    reflectances: NDArray,
-    max_reflections: int | None = None,
-    tolerance: float = 3e-6,
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    exchange: Exchange, material: NDArray, reflectances: NDArray, max_reflections: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The patches' indirectly lit radiance rho F b at all wavelengths, as a short sum of products.
 
-    reflectances : (material, w). Returns coefficients (p, k) and spectra (k, w) with
-    coefficients @ spectra = b - rho e within ``tolerance`` of its largest value.
+    material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra (k, w)
+    with coefficients @ spectra = rho F b within about TOLERANCE of its largest value.
 
-    b is solved at a few wavelengths only, chosen by greed: at all others it is found in the space that
-    these span (a reduced basis), and the wavelength whose equation is left worst is solved next.
+    Light after many reflections looks the same at all wavelengths, so b is sought in the space of the first
+    few bounces at a few wavelengths (a reduced basis, by Galerkin), which grows until the equation
+    b = rho (e + F b) holds at every wavelength.
     """
-    wavelengths = reflectances.shape[1]
-    rho = reflectances[patches.material]
-    direct = exchange.direct.astype(np.float64)
-    transported = np.empty((len(patches), 0))
-    space = np.empty((len(patches), 0))
-    b = np.zeros((len(patches), wavelengths))
-    chosen: list[int] = []
-    worst = int(np.argmax(reflectances.sum(axis=0)))
-    for _ in range(min(24, wavelengths)):
-        chosen.append(worst)
-        snapshot = solve(exchange, rho[:, [worst]], max_reflections=max_reflections)
-        fresh = snapshot - space @ (space.T @ snapshot)
-        fresh -= space @ (space.T @ fresh)
-        norm = np.linalg.norm(fresh)
-        if norm < 1e-6 * np.linalg.norm(snapshot):
-            break
-        space = np.hstack([space, fresh / norm])
-        transported = np.hstack([transported, exchange.form_factors @ (fresh / norm)])
-        b, residual = _in_space(space, transported, rho, direct)
-        worst = int(np.argmax(residual))
-        if residual[worst] < tolerance or worst in chosen:
-            break
-    indirect = rho * (transported @ (space.T @ b))
-    u, s, vt = np.linalg.svd(indirect, full_matrices=False)
-    rank = max(1, int(np.sum(s > tolerance * s[0])))
-    return (u[:, :rank] * s[:rank]).astype(np.float32), vt[:rank]
+    if max_reflections is None:
+        shapes, amplitudes = _reduced_solution(exchange, material, reflectances)
+    else:
+        rho = reflectances[material]
+        b = solve(exchange, rho, max_reflections=max_reflections)
+        shapes, amplitudes = b / np.maximum(rho, 1e-12) - exchange.direct[:, None], np.eye(b.shape[1])
+    factors, spectra = [], []
+    for paint, reflectance in enumerate(reflectances):
+        q, r = np.linalg.qr(shapes[material == paint])
+        factors.append(q)
+        spectra.append((r @ amplitudes) * reflectance)
+    left, singular, right = np.linalg.svd(np.concatenate(spectra), full_matrices=False)
+    rank = max(1, int(np.sum(singular > TOLERANCE * singular[0])))
+    mixed = np.split(left[:, :rank] * singular[:rank], np.cumsum([len(x) for x in spectra])[:-1])
+    coefficients = np.empty((len(material), rank))
+    for paint, (q, mix) in enumerate(zip(factors, mixed, strict=True)):
+        coefficients[material == paint] = q @ mix
+    return coefficients, right[:rank]
 
 
-def _in_space(space: NDArray, transported: NDArray, rho: NDArray, direct: NDArray) -> tuple[NDArray, NDArray]:
-    """Galerkin solution of b = rho (e + F b) in the span of ``space``, and its relative residual per wavelength."""
-    b = np.empty_like(rho)
-    residual = np.empty(rho.shape[1])
-    for w in range(rho.shape[1]):
-        source = rho[:, w] * direct
-        operator = np.eye(space.shape[1]) - space.T @ (rho[:, w, None] * transported)
-        y = np.linalg.solve(operator, space.T @ source)
-        b[:, w] = space @ y
-        residual[w] = np.linalg.norm(b[:, w] - source - rho[:, w] * (transported @ y)) / np.linalg.norm(
-            b[:, w]
-        )
-    return b, residual
+def _reduced_solution(exchange: Exchange, material: NDArray, reflectances: NDArray) -> tuple[NDArray, NDArray]:
+    """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
+    rho = reflectances[material]
+    chosen = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
+    direct = exchange.direct[:, None]
+    bounce = (rho[:, chosen] * direct).astype(np.float32)
+    bounces = [bounce]
+    for _ in range(_MOST_BOUNCES):
+        bounce = (rho[:, chosen] * (exchange.form_factors @ bounce)).astype(np.float32)
+        bounces.append(bounce)
+        if len(bounces) % 4:
+            continue
+        columns = np.hstack(bounces).astype(np.float64)
+        singular, vectors = np.linalg.eigh(columns.T @ columns)
+        left, singular = columns @ vectors, np.sqrt(np.maximum(singular, 0))
+        space = np.linalg.qr(left[:, singular > 1e-6 * singular[-1]])[0]
+        transported = exchange.form_factors @ space.astype(np.float32)
+        amplitudes, residual = _galerkin(space, transported.astype(np.float64), material, reflectances, direct)
+        if residual < TOLERANCE:
+            break
+    return transported, amplitudes
+
+
+def _galerkin(
+    space: NDArray, transported: NDArray, material: NDArray, reflectances: NDArray, direct: NDArray
+) -> tuple[NDArray, float]:
+    """Amplitudes (n, w) of b = rho (e + F b) in the span of ``space``, and the largest relative residual."""
+    masks = [material == m for m in range(len(reflectances))]
+    operators = np.stack([space[mask].T @ transported[mask] for mask in masks])
+    sources = np.stack([space[mask].T @ direct[mask, 0] for mask in masks])
+    system = np.eye(space.shape[1]) - np.einsum("mw,mij->wij", reflectances, operators)
+    amplitudes = np.linalg.solve(system, (reflectances.T @ sources)[..., None])[..., 0].T
+    check = np.unique(np.linspace(0, reflectances.shape[1] - 1, 24).astype(int))
+    rho = reflectances[material][:, check]
+    b = space @ amplitudes[:, check]
+    residual = b - rho * (direct + transported @ amplitudes[:, check])
+    return amplitudes, float(np.max(np.linalg.norm(residual, axis=0) / np.linalg.norm(b, axis=0)))

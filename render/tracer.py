@@ -60,6 +60,7 @@ class Hit:
     front: mi.Bool
     triangle: mi.UInt32
     uv: mi.Point2f
+    distance: mi.Float
     position: mi.Point3f
     normal: mi.Vector3f
 
@@ -119,6 +120,7 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
         front=valid & (dr.dot(normal, ray.d) < 0),
         triangle=found.prim_index,
         uv=found.prim_uv,
+        distance=found.t,
         position=ray(found.t),
         normal=normal,
     )

@@ -83,7 +83,7 @@ def calibration(folder):
 
 
 def test_signals_differ_from_the_truth_by_their_stated_noise_only(calibration, image):
-    """Chi-square per degree of freedom is 1; its error has two parts, chance and the gain's own uncertainty."""
+    """Chi-square per degree of freedom is 1; its error has two parts, chance and the gain's uncertainty."""
     capture = calibration.capture
     rates = dict(zip(band_filters(), expected_signals(image, unit_responses(SETTINGS, SIZE)), strict=True))
     truth = np.stack([rates[band.id] * band.exposure_s for band in capture.manifest.band])
@@ -216,7 +216,7 @@ def test_the_exposure_is_the_longest_mark_within_the_level(rate, seconds):
 
 
 def test_hooks_reach_their_place_in_the_camera(scene, image, tmp_path):
-    """An open shutter lets more light and dark charge in; glare of the field is light; an offset is counts."""
+    """An open shutter lets more light and dark charge in; an offset is counts."""
     responses = unit_responses(SETTINGS, SIZE)
     signals, field = expected_signals(image, responses), field_signals(responses, (SIZE, SIZE))
     hooks = {

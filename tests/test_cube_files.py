@@ -58,8 +58,8 @@ def test_the_exr_names_its_channels_as_the_layout_says(cube, tmp_path):
 
 
 def test_channels_of_other_programs_are_read_in_any_unit_of_length(tmp_path):
-    planes = {name: np.full((2, 3), value, np.float32) for name, value in
-              (("S0.6e-7m", 3.0), ("S0.0,5um", 2.0), ("S0.400nm", 1.0), ("T.400nm", 9.0), ("Z", 9.0))}  # fmt: skip
+    values = {"S0.6e-7m": 3.0, "S0.0,5um": 2.0, "S0.400nm": 1.0, "T.400nm": 9.0, "Z": 9.0}
+    planes = {name: np.full((2, 3), value, np.float32) for name, value in values.items()}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, planes) as file:
         file.write(str(tmp_path / "other.exr"))

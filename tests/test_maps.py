@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.files import replacing
+from cboxlab.scenes.files import replacing
 from cboxlab.validate.maps import read_map, write_map, write_maps
 from cboxlab.validate.metrics import PathStep, metrics, write_metrics
 from fake_box import BANDS, SURFACES, FakeBox, fake_run

@@ -300,9 +300,9 @@ def test_a_white_field_develops_neutral_and_a_red_one_red():
 
 
 def test_pictures_need_a_bayer_mosaic():
-    camera = dataclasses.replace(load_camera("dcs200"), pattern=("RGB",))
+    camera = dataclasses.replace(load_camera("dcs200"), pattern=("RGGB",))
     with pytest.raises(InputError, match="Bayer"):
-        raw_to_srgb(np.zeros((6, 6), np.uint16), camera, 1.0, Spectrum(np.array([550.0]), np.ones(1)))
+        raw_to_srgb(np.zeros((8, 8), np.uint16), camera, 1.0, Spectrum(np.array([550.0]), np.ones(1)))
 
 
 def test_the_lamps_own_light_is_neutral_in_the_picture_of_a_cube():

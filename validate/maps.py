@@ -14,7 +14,7 @@ from PIL import Image
 
 from .colour_difference import srgb_preview
 from .compare import Comparison
-from .files import replacing
+from cboxlab.scenes.files import replacing
 
 __all__ = ["read_map", "write_map", "write_maps"]
 

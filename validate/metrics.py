@@ -14,7 +14,7 @@ from cboxlab.scenes.camera import Camera
 
 from .colour_difference import DifferenceStatistics
 from .compare import ChiSquare, Comparison, RelativeDifference
-from .files import replacing
+from cboxlab.scenes.files import replacing
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 

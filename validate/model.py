@@ -12,7 +12,7 @@ from cboxlab.scenes.faults import faults_of_validation, combined
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .effects import AppliedEffect, apply_checked
-from .files import replacing
+from cboxlab.scenes.files import replacing
 
 __all__ = ["Model", "RenderSettings", "load_model", "write_model"]
 

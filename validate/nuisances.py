@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 __all__ = ["NuisanceFit", "camera_jacobian", "fit_lamp_scale", "fit_nuisances"]
 
-#: Steps of the camera's derivatives, in px of mean motion: many of a pixel's samples, little of the pixel.
-_STEP_PX = 0.1
+#: Steps of the camera's derivatives, in px of mean motion. Sampling noise in the derivatives falls with the step
+#: and would slow the search in weakly determined directions; where the fit ends does not depend on it.
+_STEP_PX = 0.3
 
-_LARGEST_ROUNDS = 5
+_LARGEST_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def fit_nuisances(
     design = np.empty((11, int(used.sum())))
     rounds = 0
     for rounds in range(1, _LARGEST_ROUNDS + 1):
-        if rounds <= 2:
+        if rounds in (1, 4):
             design[:10] = camera_jacobian(warp, camera)[:, used]
         scaled = design * scale
         scaled[10] = current[used]

@@ -11,9 +11,10 @@ import numpy as np
 from cboxlab.calibration.calibrate import Calibration, calibrate
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
 from cboxlab.render.bands import render_bands
+from cboxlab.render.final_gather import solve_light
 from cboxlab.render.image import RenderedImage
-from cboxlab.render.tracer import build_tracer
 from cboxlab.render.warp import build_warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
@@ -106,22 +107,22 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     calibration, settings = prepared.calibration, model.render
     responses = calibration.responses
     assert responses is not None
+    light = solve_light(prepared.scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
     report(0.05)
 
     def rendered(camera: Camera, noise: float, first: float, last: float):
         return render_to_noise(
-            prepared.scene, camera, responses, calibration.predicted_variance, prepared.usable, noise,
-            settings.max_bounces, settings.seed, lambda part: report(first + (last - first) * part),
+            light, camera, responses, calibration.predicted_variance, prepared.usable, noise,
+            settings.seed, lambda part: report(first + (last - first) * part),
         )  # fmt: skip
 
-    tracer = build_tracer(prepared.scene)
     camera = prepared.calibrated_camera
     for draft in range(_DRAFTS):
         image, bands = rendered(camera, _DRAFT_NOISE * settings.noise, 0.05 + 0.12 * draft, 0.1 + 0.12 * draft)
         signal = bands.signal.values
         used = prepared.usable & (bands.mask.values == 0)
         variance = calibration.predicted_variance(signal) + bands.variance.values
-        warp = build_warp(tracer, camera, image, signal)
+        warp = build_warp(light.tracer, camera, image, signal)
         fit = fit_nuisances(
             prepared.measured, variance, used, signal, warp, prepared.calibrated_camera, prepared.lamp_sigma
         )

@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, BandResponse
+from cboxlab.calibration.sensor_equation import BandResponse
 from cboxlab.render.bands import render_bands
-from cboxlab.render.final_gather import render_final_gather
+from cboxlab.render.final_gather import LightField, gather
 from cboxlab.render.image import RenderedImage
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
 __all__ = ["Progress", "noise_ratio", "render_to_noise"]
@@ -20,7 +19,7 @@ Progress = Callable[[float], None]
 
 _BATCHES = 8
 _PILOT_SAMPLES = 64
-_FEWEST, _MOST = 64, 8192
+_MOST_SAMPLES = 8192
 
 #: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/engine.md).
 _CONVERGENCE = 0.7
@@ -32,32 +31,31 @@ def noise_ratio(rendered: xr.Dataset, sensor_variance: NDArray, used: NDArray) -
 
 
 def render_to_noise(
-    scene: Scene,
+    light: LightField,
     camera: Camera,
     responses: tuple[BandResponse, ...],
     sensor_variance: Callable[[NDArray], NDArray],
     usable: NDArray,
     noise: float,
-    max_bounces: int | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[RenderedImage, xr.Dataset]:
-    """Render until the median ratio of the render's to the sensor's standard deviation is ``noise``.
+    """Gather until the median ratio of the render's to the sensor's standard deviation is ``noise``.
 
-    A pilot of few samples tells how many it takes. sensor_variance : from expected signals (band, y, x) to DN^2.
-    usable : (band, y, x) pixels that count. Returns the image and its band signals.
+    A pilot of few samples tells how many it takes. light : solved on WAVELENGTH_NM. sensor_variance : from
+    expected signals (band, y, x) to DN^2. usable : (band, y, x) pixels that count. Returns the image and its
+    band signals.
     """
 
-    def rendered(samples: int, report: Progress | None) -> tuple[RenderedImage, xr.Dataset]:
-        image = render_final_gather(
-            scene, camera, WAVELENGTH_NM, samples, _BATCHES, seed=seed, max_bounces=max_bounces, progress=report
-        )
+    def rendered(samples: int, batches: int, report: Progress | None) -> tuple[RenderedImage, xr.Dataset]:
+        image = gather(light, camera, samples, batches, seed, report)
         return image, render_bands(image, responses)
 
-    image, bands = rendered(_PILOT_SAMPLES, None)
+    image, bands = rendered(_PILOT_SAMPLES, _BATCHES, None)
     ratio = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
-    wanted = _PILOT_SAMPLES * (ratio / noise) ** (1 / _CONVERGENCE)
-    samples = int(np.clip(2 ** np.ceil(np.log2(wanted)), _FEWEST, _MOST))
-    if samples == _PILOT_SAMPLES:
+    if ratio <= noise:
         return image, bands
-    return rendered(samples, progress)
+    wanted = _PILOT_SAMPLES * (ratio / noise) ** (1 / _CONVERGENCE)
+    samples = int(np.clip(2 ** np.floor(np.log2(wanted)), _PILOT_SAMPLES, _MOST_SAMPLES))
+    expected = ratio * (_PILOT_SAMPLES / samples) ** _CONVERGENCE
+    return rendered(samples, int(np.ceil(_BATCHES * max(1.0, expected / noise) ** 2)), progress)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .blocks import ReportSection, Table
 from .colour_difference import srgb_preview
 from .compare import Comparison
-from .files import replacing
+from cboxlab.scenes.files import replacing
 from .metrics import Run
 from .picture_sections import maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow, diverging_scale, map_row, picture_row

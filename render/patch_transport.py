@@ -1,0 +1,134 @@
+"""Fast changes of a picture: the scene's light exchange as matrices, at a few wavelengths.
+
+What an effect changes is small against the picture, so it may be computed more coarsely: surfaces as
+patches of one radiance each. Everything is relative to the lamp's radiance. Patches: b = rho (e + F b).
+Pixels: L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f that a pixel consists of, one for each flat
+face it sees; c_f is the part covered, e_f the direct irradiance over pi, G_fj the part of f's hemisphere
+that patch j fills. All rays are traced once; an effect then costs a few matrix products, and differences
+between effects carry no new noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+
+from .final_gather import LightField
+from .lamp import direct_light
+from .patches import patch_of
+from .primary import facet_coverage
+from .radiosity import solve
+from .sampling import SobolPoints, cosine_hemisphere
+from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect
+
+__all__ = ["PatchTransport", "build_patch_transport"]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchTransport:
+    """Exchange between lamp, patches, surroundings and pixels.
+
+    pixel, face : (f,) of each fragment. coverage : (f,). position : (f, 3) mm, where the pixel's centre meets
+    the face's plane. direct : (f,) e_f. gather : (f, p) G. escape : (f,) part of the hemisphere that leaves the box.
+    """
+
+    light: LightField
+    camera: Camera
+    pixel: NDArray[np.int64]
+    face: NDArray[np.int64]
+    coverage: NDArray[np.float64]
+    position: NDArray[np.float64]
+    direct: NDArray[np.float32]
+    gather: NDArray[np.float32]
+    escape: NDArray[np.float32]
+
+    @property
+    def material(self) -> NDArray[np.int64]:
+        """(f,) index of each fragment's paint."""
+        tracer = self.light.tracer
+        first = np.array([np.argmax(tracer.facet == f) for f in range(len(tracer.facet_surface))])
+        return tracer.material[first][self.face]
+
+    @property
+    def surface(self) -> NDArray[np.int64]:
+        """(f,) index of each fragment's surface."""
+        return self.light.tracer.facet_surface[self.face]
+
+    def solve(self, reflectance: NDArray, source: NDArray | None = None) -> NDArray[np.float64]:
+        """Patch radiance (p, w) for reflectances (p, w), see ``radiosity.solve``."""
+        return solve(self.light.exchange, reflectance, source)
+
+    def pixels(self, values: NDArray) -> NDArray[np.float64]:
+        """Fragments' radiance (f, w) to pictures (w, y, x)."""
+        height, width = self.camera.height_px, self.camera.width_px
+        weighted = self.coverage[:, None] * values
+        flat = [np.bincount(self.pixel, column, minlength=height * width) for column in weighted.T]
+        return np.stack(flat).reshape(-1, height, width)
+
+
+def build_patch_transport(light: LightField, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
+    """Trace one camera ray and one gathering ray per sample and record what they meet."""
+    tracer, patches = light.tracer, light.patches
+    coverage = facet_coverage(tracer, camera)[..., :-1].reshape(-1, len(tracer.facet_surface) - 1)
+    pixel, face = np.nonzero(coverage > 0)
+    fragments = len(pixel)
+    index = np.full(coverage.shape[0] * (coverage.shape[1] + 1), fragments, np.uint32)
+    index[pixel * (coverage.shape[1] + 1) + face] = np.arange(fragments)
+    lookup = mi.UInt32(index)
+    count, faces = coverage.shape[0], coverage.shape[1] + 1
+    lane = dr.arange(mi.UInt32, count)
+    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    points = SobolPoints(6, samples, lane, seed)
+    surfaces = len(tracer.scene.surfaces)
+    matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
+    direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
+
+    def body(i: mi.UInt32) -> tuple[mi.UInt32]:
+        hit = intersect(tracer, camera_ray(camera, column + points.point(i, 2) - 0.5, row + points.point(i, 3) - 0.5))
+        shaded = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
+        facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, shaded)
+        fragment = dr.gather(mi.UInt32, lookup, lane * faces + facet, shaded)
+        arriving = direct_light(tracer, light.lamp, hit.position, hit.normal, points.point(i, 4), points.point(i, 5), shaded)
+        direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
+        far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
+        lit = far.front & (dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < surfaces)
+        patch = patch_of(patches, far.triangle, far.uv, lit)
+        dr.scatter_add(direct, arriving, fragment, shaded)
+        dr.scatter_add(seen, mi.Float(1), fragment, shaded)
+        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
+        dr.scatter_add(matrix, mi.Float(1), fragment * len(patches) + patch, lit)
+        return (i + 1,)
+
+    total = dr.opaque(mi.UInt32, samples)
+    dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
+    dr.eval(direct, escaped, seen, matrix)
+    scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
+    return PatchTransport(
+        light, camera, pixel, face,
+        coverage=coverage[pixel, face].astype(float),
+        position=_positions(tracer, camera, pixel, face),
+        direct=np.array(direct)[:-1] * scale,
+        gather=np.array(matrix).reshape(fragments + 1, len(patches))[:-1] * scale[:, None],
+        escape=np.array(escaped)[:-1] * scale,
+    )  # fmt: skip
+
+
+def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:
+    """(f, 3) where the ray through each pixel's centre meets the plane of the face, kept to the face's extent."""
+    row, column = np.divmod(pixel, camera.width_px)
+    direction = camera.directions(column.astype(float), row.astype(float))
+    positions = np.empty((len(pixel), 3))
+    for f in np.unique(face):
+        own, triangles = face == f, tracer.facet == f
+        corner, normal = tracer.vertices[triangles][0, 0], tracer.normals[triangles][0]
+        slope = direction[own] @ normal
+        distance = ((corner - camera.position_mm) @ normal) / np.where(np.abs(slope) < 1e-9, 1e-9, slope)
+        extent = tracer.vertices[triangles].reshape(-1, 3)
+        points = camera.position_mm + distance[:, None] * direction[own]
+        positions[own] = np.clip(points, extent.min(axis=0), extent.max(axis=0))
+    return positions

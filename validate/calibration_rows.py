@@ -1,0 +1,84 @@
+"""A calibration as rows of a table for the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from cboxlab.calibration.calibrate import Calibration
+from cboxlab.calibration.geometry import CameraFit
+from cboxlab.calibration.patch_colour import patch_xyz
+from cboxlab.calibration.patches import PatchTable
+from cboxlab.scenes.camera import Camera
+
+__all__ = ["calibration_rows", "patch_rows"]
+
+Row = tuple[str, str, str, str]
+
+_CAMERA_ROWS = (
+    ("camera x", "mm"), ("camera y", "mm"), ("camera z", "mm"),
+    ("camera turn about x", "deg"), ("camera turn about y", "deg"), ("camera turn about z", "deg"),
+    ("focal length", "px"), ("principal point u", "px"), ("principal point v", "px"), ("distortion k1", "1"),
+)  # fmt: skip
+
+
+def _row(name: str, value: float | None, sigma: float | None, unit: str) -> Row:
+    """As many digits behind the point as the sigma's second digit needs."""
+    if value is None or not np.isfinite(value):
+        return name, "–", "", unit
+    if sigma is None or not np.isfinite(sigma) or sigma <= 0:
+        return name, f"{value:.6g}", "", unit
+    digits = 1 - int(np.floor(np.log10(sigma)))
+    if digits > 8:
+        return name, f"{value:.6g}", f"{sigma:.2g}", unit
+    return name, f"{value:.{max(digits, 0)}f}", f"{sigma:.{max(digits, 0)}f}", unit
+
+
+def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
+    covariance = camera.covariance
+    sigmas = np.full(10, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+    rows = [
+        _row(name, value, sigma, unit)
+        for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
+    ]
+    points = f"{int(fit.kept.sum())} of {len(fit.kept)} points"
+    rows.append((f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px"))
+    return rows
+
+
+def calibration_rows(calibration: Calibration) -> list[Row]:
+    """(what, value, one sigma, unit) of everything that the capture gave, a dash for what it lacks."""
+    rows = []
+    if calibration.camera is not None and calibration.camera_fit is not None:
+        rows += _camera(calibration.camera, calibration.camera_fit)
+    if calibration.target_fit is not None:
+        target = calibration.target_fit
+        rows.append(("reprojection rms on targets", f"{target.reprojection_rms_px:.3f}", "", "px"))
+    noise, scale, linearity = calibration.noise, calibration.radiometry, calibration.linearity
+    rows.append(_row("gain", noise.gain_e_per_dn, noise.gain_sigma, "e-/DN"))
+    rows.append(_row("read noise", noise.read_noise_e, noise.read_noise_sigma, "e-"))
+    if scale.constant is not None and scale.nominal is not None:
+        sigma = None if scale.sigma is None else scale.sigma / scale.nominal
+        rows.append(_row("C over its nominal value", scale.constant / scale.nominal, sigma, "1"))
+    else:
+        rows.append(("C", "–" if scale.constant is None else f"{scale.constant:.5g}", "", "mm² m² DN/e-"))
+    if scale.by_band:
+        rows.append(("C alike in all bands: probability", f"{scale.probability:.3f}", "", "1"))
+    if linearity is not None:
+        rows.append(_row("black level", linearity.black_level_dn, linearity.black_level_sigma, "DN"))
+        rows.append(_row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s"))
+        worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
+        if worst is not None:
+            rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
+    if calibration.weights is not None:
+        curves = zip("XYZ", calibration.weights.residual_rms, calibration.weights.noise_gain, strict=True)
+        for axis, residual, gain in curves:
+            rows.append((f"filter weights of {axis}: curve's rms error, noise gain", f"{residual:.3g}", f"{gain:.2f}", "1"))
+    return rows
+
+
+def patch_rows(patches: PatchTable) -> list[tuple[str, ...]]:
+    """(label, X, Y, Z, sigma of Y) of every measured patch, the white patch at Y = 100."""
+    values, sigmas = patch_xyz(patches)
+    return [
+        (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}")
+        for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True)
+    ]

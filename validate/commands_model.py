@@ -1,0 +1,77 @@
+"""Commands on models: add an effect, show the catalogue."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import suggestion
+from rich.table import Table
+
+from .console import console, say
+
+__all__ = ["add", "effects"]
+
+
+def add(
+    model: Annotated[Path, typer.Argument(help="Model file (TOML); made where it is missing.", show_default=False)],
+    effect: Annotated[str, typer.Argument(help="Identifier, see `cbox effects`.", show_default=False)],
+    values: Annotated[list[str] | None, typer.Argument(help="key=value ...", show_default=False)] = None,
+) -> None:
+    """A model with one more effect; parameters left out take their default or null value."""
+    from .effects import apply_checked
+    from .model import Model, load_model, write_model
+
+    given = dict(_pair(text) for text in values or ())
+    applied = apply_checked(effect, given, "cbox add")
+    if model.suffix != ".toml":
+        raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
+    current = load_model(model) if model.exists() else Model(name=model.stem)
+    if current.scene.endswith(".toml"):
+        current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
+    write_model(model, current.with_effect(applied))
+    shown = ", ".join(f"{key} = {value}" for key, value in applied.values.items())
+    say(f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in current.with_effect(applied).effects)}")
+
+
+def _pair(text: str) -> tuple[str, str | float]:
+    key, separator, value = text.partition("=")
+    if not separator or not key or not value:
+        raise InputError("cbox add", repr(text), "key=value, such as fraction=0.02")
+    try:
+        return key, float(value)
+    except ValueError:
+        return key, value
+
+
+def effects(identifier: Annotated[str | None, typer.Argument(help="One effect, in full.")] = None) -> None:
+    """The catalogue of physical effects a model may lack."""
+    from .effects import catalogue
+
+    known = catalogue()
+    if identifier is None:
+        table = Table("effect", "acts on", "parameters", "what happens")
+        for effect in known.values():
+            table.add_row(effect.id, effect.stage, ", ".join(p.name for p in effect.parameters), effect.summary)
+        console.print(table)
+        return
+    if identifier not in known:
+        expected = f"one of {', '.join(known)}"
+        raise InputError("cbox effects", repr(identifier), expected, suggestion(identifier, known))
+    effect = known[identifier]
+    console.print(f"[bold]{effect.id}[/] (acts on: {effect.stage})")
+    say(f"{effect.summary}\n")
+    table = Table("parameter", "unit", "null value", "from", "to", "choices")
+    for p in effect.parameters:
+        numbers = ("", "", "", "")
+        if not p.choices:
+            numbers = (p.unit, "–" if p.null is None else f"{p.null:g}", f"{p.low:g}", f"{p.high:g}")
+        table.add_row(p.name, *numbers, ", ".join(p.choices))
+    console.print(table)
+    say(f"To confirm or rule out: {effect.confirm}")
+    for source in effect.sources:
+        say(f"Source: {source}")

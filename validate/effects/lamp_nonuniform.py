@@ -1,0 +1,28 @@
+"""Lamp nonuniform: the lamp's radiance falls from its centre to its edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cboxlab.scenes.scene import Scene
+
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _apply(scene: Scene, edge_ratio: float) -> Scene:
+    """A lamp that falls off already gets the product, so that a ratio of 1 changes nothing."""
+    return replace(scene, lamp=replace(scene.lamp, edge_ratio=scene.lamp.edge_ratio * edge_ratio))
+
+
+EFFECT = Effect(
+    id="lamp-nonuniform",
+    stage="scene",
+    summary="The lamp's radiance falls to its edge as e + (1 - e)(1 - X^2)(1 - Z^2), X and Z from -1 to 1 "
+    "across the lamp, mean kept.",
+    parameters=(Parameter("edge_ratio", "1", null=1.0, low=0.0, high=1.0, step=0.05),),
+    apply=_apply,
+    confirm="Photograph the lamp itself at an exposure that does not saturate, or scan it with a spot "
+    "radiometer. Otherwise only the shape of penumbrae and the ceiling's surroundings tell.",
+)

@@ -1,0 +1,25 @@
+"""Lamp power: the lamp is brighter or dimmer than its table, at all wavelengths alike."""
+
+from __future__ import annotations
+
+from cboxlab.scenes.scene import Scene
+
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _apply(scene: Scene, scale: float) -> Scene:
+    return scene.with_lamp(scene.lamp.radiance.scaled(scale))
+
+
+EFFECT = Effect(
+    id="lamp-power",
+    stage="scene",
+    summary="The lamp is brighter or dimmer than its table: radiance times scale, at all wavelengths alike.",
+    parameters=(Parameter("scale", "1", null=1.0, low=0.05, high=20.0, step=1e-2),),
+    apply=_apply,
+    confirm="Measure the lamp again with the spectroradiometer, warm and at the voltage of the capture, and "
+    "compare the radiometer's own scale with the reference source. It shows only beyond the lamp's stated "
+    "uncertainty.",
+)

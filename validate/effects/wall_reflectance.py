@@ -1,0 +1,40 @@
+"""Wall reflectance: one paint reflects more or less than its table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.spectra import Spectrum
+
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _apply(scene: Scene, material: str, scale: float) -> Scene:
+    """No paint returns more light than it gets: 1 is the limit. Raises InputError for an unknown paint."""
+    if material not in scene.materials:
+        found = f"'{material}', which the scene '{scene.name}' has not"
+        raise InputError("effect wall-reflectance: material", found, f"one of {', '.join(scene.materials)}")
+    paint = scene.materials[material]
+    table = paint.reflectance
+    scaled = Spectrum(table.wavelength_nm, np.minimum(table.values * scale, 1.0), table.outside)
+    return replace(scene, materials={**scene.materials, material: replace(paint, reflectance=scaled)})
+
+
+EFFECT = Effect(
+    id="wall-reflectance",
+    stage="scene",
+    summary="One paint reflects more or less than its table: the table times scale, at most 1.",
+    parameters=(
+        Parameter("material", choices=("white", "red", "green")),
+        Parameter("scale", "1", null=1.0, low=0.5, high=1.5, step=1e-2),
+    ),
+    apply=_apply,
+    confirm="Measure a fresh sample of the paint beside the wall's own, with a spectrophotometer of the "
+    "table's geometry. In the picture all surfaces of the paint change, and what they light changes with "
+    "them.",
+)
