@@ -35,6 +35,7 @@ class PatchTransport:
 
     pixel, face : (f,) of each fragment. coverage : (f,). position : (f, 3) mm, where the pixel's centre meets
     the face's plane. direct : (f,) e_f. gather : (f, p) G. escape : (f,) part of the hemisphere that leaves the box.
+    covered : (y, x) part of each pixel that sees anything, the lamp included.
     """
 
     light: LightField
@@ -46,6 +47,7 @@ class PatchTransport:
     direct: NDArray[np.float32]
     gather: NDArray[np.float32]
     escape: NDArray[np.float32]
+    covered: NDArray[np.float64]
 
     @property
     def material(self) -> NDArray[np.int64]:
@@ -74,7 +76,8 @@ class PatchTransport:
 def build_patch_transport(light: LightField, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
     """Trace one camera ray and one gathering ray per sample and record what they meet."""
     tracer, patches = light.tracer, light.patches
-    coverage = facet_coverage(tracer, camera)[..., :-1].reshape(-1, len(tracer.facet_surface) - 1)
+    everything = facet_coverage(tracer, camera)
+    coverage = everything[..., :-1].reshape(-1, len(tracer.facet_surface) - 1)
     pixel, face = np.nonzero(coverage > 0)
     fragments = len(pixel)
     index = np.full(coverage.shape[0] * (coverage.shape[1] + 1), fragments, np.uint32)
@@ -115,6 +118,7 @@ def build_patch_transport(light: LightField, camera: Camera, samples: int = 256,
         direct=np.array(direct)[:-1] * scale,
         gather=np.array(matrix).reshape(fragments + 1, len(patches))[:-1] * scale[:, None],
         escape=np.array(escaped)[:-1] * scale,
+        covered=everything.sum(axis=-1).astype(float),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ without the effect in the prediction it must lie 20 sigma away, so that the test
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,7 +95,7 @@ class AffectedCapture(FakeCapture):
         return super()._frames(stem, signal, late, repeats)
 
     def counts(self, signal: np.ndarray, exposure_s: float) -> np.ndarray:
-        electrons = self.rng.poisson(GAIN * (signal + self.rate * exposure_s))
+        electrons: np.ndarray = self.rng.poisson(GAIN * (signal + self.rate * exposure_s))
         electrons = electrons + READ_NOISE * self.rng.standard_normal(signal.shape)
         dn = electrons / GAIN + self.bias + self.added
         return np.clip(np.rint(dn * (1 + self.bend * dn / 4095)), 0, 2**DEPTH - 1).astype(np.uint16)
@@ -110,7 +111,7 @@ def chi2(folder, fake: FakeCapture, effects) -> float:
     return float(np.mean(residual[used] ** 2))
 
 
-CASES = {
+CASES: dict[str, tuple[dict[str, Any], dict[str, float]]] = {
     "filter-leak": ({"leak": 0.02}, {"fraction": 0.02}),
     "filter-shift": ({"index": 1.5}, {"effective_index": 1.5}),
     "dark-offset": ({"offset_dn": 8.0}, {"dn": 8.0}),

@@ -1,7 +1,7 @@
 """Two pictures of several planes against each other: spectral cubes, maps, or the band images of captures.
 
-Row by row the relative difference (A - B) / B, and, where both sides state a standard deviation (or one does and
-the other is exact by its own account), the sum of squared residuals over their variance.
+Plane by plane the relative difference (A - B) / B and, where a side states standard errors, the mean of squared
+residuals over their variance. A side that states none is then taken as exact, and a note says so.
 """
 
 from __future__ import annotations

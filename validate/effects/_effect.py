@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 __all__ = ["AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage"]
 
 #: Where an effect acts, in the order of the chain from lamp to counts, and what its function changes:
-#: scene: Scene. settings: RenderSettings. transport: the radiance, through ``render.transport``.
+#: scene: Scene. settings: RenderSettings. transport: PatchLight.
 #: camera: Camera. filter: BandCurves. optics: Light. counts: Counts.
 Stage = Literal["scene", "settings", "transport", "camera", "filter", "optics", "counts"]
 

@@ -1,0 +1,80 @@
+"""A picture under changed surfaces and surroundings, from the patches' exchange; see ``patch_transport``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .patch_transport import PatchTransport
+
+__all__ = ["PatchLight", "patch_light"]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchLight:
+    """What lights the picture, band by band, everything over the lamp's own radiance in that band.
+
+    wavelength_nm : (w,) at which each band's paints are evaluated. weights : (w, n) of the bands on grid_nm (n,);
+    lamp : (n,) its radiance there. patch_reflectance : (p, w), fragment_reflectance : (f, w).
+    patch_emission, fragment_emission : (p, w), (f, w) radiance sent out besides reflection.
+    surround : (w,) radiance of what the opening shows. added : (w, y, x) radiance that none of this describes.
+    """
+
+    transport: PatchTransport
+    wavelength_nm: NDArray[np.float64]
+    grid_nm: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    lamp: NDArray[np.float64]
+    patch_reflectance: NDArray[np.float64]
+    fragment_reflectance: NDArray[np.float64]
+    patch_emission: NDArray[np.float64]
+    fragment_emission: NDArray[np.float64]
+    surround: NDArray[np.float64]
+    added: NDArray[np.float64]
+    samples: int = 256
+
+    def change(self, **values: NDArray) -> PatchLight:
+        """A copy with other arrays."""
+        return replace(self, **values)
+
+    def over_lamp(self, spectrum: NDArray) -> NDArray[np.float64]:
+        """(w,) signal of a radiance spectrum (n,) over that of the lamp, band by band."""
+        return (self.weights @ spectrum) / (self.weights @ self.lamp)
+
+    def patch_radiance(self) -> NDArray[np.float64]:
+        """(p, w) radiance that the patches send out."""
+        exchange = self.transport.light.exchange
+        first = exchange.direct[:, None] + np.outer(exchange.escape, self.surround)
+        emitted = exchange.form_factors @ self.patch_emission.astype(np.float32)
+        return self.transport.solve(self.patch_reflectance, first + emitted) + self.patch_emission
+
+    def picture(self) -> NDArray[np.float64]:
+        """(w, y, x) radiance over the lamp's."""
+        t = self.transport
+        arriving = t.direct[:, None] + t.gather @ self.patch_radiance().astype(np.float32)
+        arriving = arriving + np.outer(t.escape, self.surround)
+        picture = t.pixels(self.fragment_reflectance * arriving + self.fragment_emission)
+        covered = t.covered
+        return picture + self.surround[:, None, None] * (1 - covered) + self.added
+
+
+def patch_light(
+    transport: PatchTransport, wavelength_nm: NDArray, grid_nm: NDArray, weights: NDArray, lamp: NDArray, samples: int = 256
+) -> PatchLight:
+    """The scene as it is: its paints, no other light."""
+    tracer = transport.light.tracer
+    table = np.array([m.reflectance.at(wavelength_nm) for m in tracer.scene.materials.values()])
+    patches, fragments, bands = len(transport.light.patches), len(transport.pixel), len(wavelength_nm)
+    shape = (bands, transport.camera.height_px, transport.camera.width_px)
+    return PatchLight(
+        transport, wavelength_nm, grid_nm, weights, lamp,
+        patch_reflectance=table[transport.light.patches.material],
+        fragment_reflectance=table[transport.material],
+        patch_emission=np.zeros((patches, bands)),
+        fragment_emission=np.zeros((fragments, bands)),
+        surround=np.zeros(bands),
+        added=np.zeros(shape),
+        samples=samples,
+    )  # fmt: skip

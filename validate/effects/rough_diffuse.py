@@ -1,0 +1,67 @@
+"""Rough-diffuse: one paint is rough, Oren and Nayar's reflection instead of Lambert's."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from cboxlab.render.brdf_change import changed_reflection
+from cboxlab.render.patch_light import PatchLight
+
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+@lru_cache(maxsize=1)
+def _mean_of_lobe() -> float:
+    """Mean over both cosine-weighted hemispheres of max(0, cos phi) sin(larger) tan(smaller angle)."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    angle, weight = (nodes + 1) * np.pi / 4, weights * np.pi / 4
+    a, b = np.meshgrid(angle, angle)
+    lobe = np.sin(np.maximum(a, b)) * np.tan(np.minimum(a, b))
+    cosine_weight = 2 * np.sin(angle) * np.cos(angle) * weight
+    return float(cosine_weight @ lobe @ cosine_weight) / np.pi
+
+
+def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
+    if sigma_rad == 0:
+        return light
+    transport = light.transport
+    materials = transport.light.tracer.scene.materials
+    paint = list(materials).index(material)
+    square = sigma_rad**2
+    a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
+    rough = (transport.light.patches.material == paint)[:, None]
+    albedo = a + b * _mean_of_lobe()
+    changed = light.change(patch_reflectance=np.where(rough, light.patch_reflectance * albedo, light.patch_reflectance))
+
+    def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
+        sine_in, sine_out = dr.safe_sqrt(1 - incoming.z * incoming.z), dr.safe_sqrt(1 - outgoing.z * outgoing.z)
+        across = incoming.x * outgoing.x + incoming.y * outgoing.y
+        # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
+        lobe = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
+        return a + b * dr.select((sine_in > 0) & (sine_out > 0), lobe, 0)
+
+    rho = materials[material].reflectance.at(light.wavelength_nm)
+    added = changed_reflection(
+        transport.light, transport.camera, changed.patch_radiance(), rho, paint, base, None, light.samples
+    )
+    return changed.change(added=changed.added + added)
+
+
+EFFECT = Effect(
+    id="rough-diffuse",
+    stage="transport",
+    summary="Oren and Nayar's qualitative model (A, B from sigma in radians), without the interreflection term.",
+    parameters=(
+        Parameter("material", choices=("white", "red", "green")),
+        Parameter("sigma_rad", "rad", null=0.0, low=0.0, high=1.2, step=0.1),
+    ),
+    apply=_apply,
+    confirm="Measure the paint's reflection at two angles under one lamp: Lambert's radiance is the same, a rough paint's grows towards "
+    "the lamp's own direction.",
+    sources=("Oren and Nayar, 'Generalization of Lambert's reflectance model', SIGGRAPH 1994",),
+)
