@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
 from .patch_transport import PatchTransport
+from .radiosity import solve
 
 __all__ = ["PatchLight", "patch_light"]
 
@@ -20,9 +22,11 @@ class PatchLight:
     lamp : (n,) its radiance there. patch_reflectance : (p, w), fragment_reflectance : (f, w).
     patch_emission, fragment_emission : (p, w), (f, w) radiance sent out besides reflection.
     surround : (w,) radiance of what the opening shows. added : (w, y, x) radiance that none of this describes.
+    max_bounces : reflections between lamp and camera, None for all. samples : of what still has to be traced.
     """
 
     transport: PatchTransport
+    scene: Scene
     wavelength_nm: NDArray[np.float64]
     grid_nm: NDArray[np.float64]
     weights: NDArray[np.float64]
@@ -33,7 +37,8 @@ class PatchLight:
     fragment_emission: NDArray[np.float64]
     surround: NDArray[np.float64]
     added: NDArray[np.float64]
-    samples: int = 256
+    max_bounces: int | None
+    samples: int
 
     def change(self, **values: NDArray) -> PatchLight:
         """A copy with other arrays."""
@@ -48,33 +53,38 @@ class PatchLight:
         exchange = self.transport.light.exchange
         first = exchange.direct[:, None] + np.outer(exchange.escape, self.surround)
         emitted = exchange.form_factors @ self.patch_emission.astype(np.float32)
-        return self.transport.solve(self.patch_reflectance, first + emitted) + self.patch_emission
+        cut = None if self.max_bounces is None else self.max_bounces - 1
+        if cut is not None and cut < 1:
+            return self.patch_emission
+        return solve(exchange, self.patch_reflectance, first + emitted, cut) + self.patch_emission
 
     def picture(self) -> NDArray[np.float64]:
         """(w, y, x) radiance over the lamp's."""
         t = self.transport
+        if self.max_bounces == 0:
+            return np.broadcast_to(t.lamp_covered, self.added.shape).astype(float)
         arriving = t.direct[:, None] + t.gather @ self.patch_radiance().astype(np.float32)
         arriving = arriving + np.outer(t.escape, self.surround)
         picture = t.pixels(self.fragment_reflectance * arriving + self.fragment_emission)
-        covered = t.covered
-        return picture + self.surround[:, None, None] * (1 - covered) + self.added
+        return picture + t.lamp_covered + self.surround[:, None, None] * (1 - t.covered) + self.added
 
 
 def patch_light(
-    transport: PatchTransport, wavelength_nm: NDArray, grid_nm: NDArray, weights: NDArray, lamp: NDArray, samples: int = 256
-) -> PatchLight:
-    """The scene as it is: its paints, no other light."""
-    tracer = transport.light.tracer
-    table = np.array([m.reflectance.at(wavelength_nm) for m in tracer.scene.materials.values()])
+    transport: PatchTransport, scene: Scene, wavelength_nm: NDArray, grid_nm: NDArray, weights: NDArray, lamp: NDArray,
+    max_bounces: int | None = None, samples: int = 256,
+) -> PatchLight:  # fmt: skip
+    """The scene as it is, its paints and no other light; its geometry is that of ``transport``."""
+    table = np.array([m.reflectance.at(wavelength_nm) for m in scene.materials.values()])
     patches, fragments, bands = len(transport.light.patches), len(transport.pixel), len(wavelength_nm)
     shape = (bands, transport.camera.height_px, transport.camera.width_px)
     return PatchLight(
-        transport, wavelength_nm, grid_nm, weights, lamp,
+        transport, scene, wavelength_nm, grid_nm, weights, lamp,
         patch_reflectance=table[transport.light.patches.material],
         fragment_reflectance=table[transport.material],
         patch_emission=np.zeros((patches, bands)),
         fragment_emission=np.zeros((fragments, bands)),
         surround=np.zeros(bands),
         added=np.zeros(shape),
+        max_bounces=max_bounces,
         samples=samples,
     )  # fmt: skip

@@ -22,7 +22,6 @@ from .final_gather import LightField
 from .lamp import direct_light
 from .patches import patch_of
 from .primary import facet_coverage
-from .radiosity import solve
 from .sampling import SobolPoints, cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect
 
@@ -35,7 +34,7 @@ class PatchTransport:
 
     pixel, face : (f,) of each fragment. coverage : (f,). position : (f, 3) mm, where the pixel's centre meets
     the face's plane. direct : (f,) e_f. gather : (f, p) G. escape : (f,) part of the hemisphere that leaves the box.
-    covered : (y, x) part of each pixel that sees anything, the lamp included.
+    covered : (y, x) part of each pixel that sees anything; lamp_covered : that sees the lamp.
     """
 
     light: LightField
@@ -48,6 +47,7 @@ class PatchTransport:
     gather: NDArray[np.float32]
     escape: NDArray[np.float32]
     covered: NDArray[np.float64]
+    lamp_covered: NDArray[np.float64]
 
     @property
     def material(self) -> NDArray[np.int64]:
@@ -60,10 +60,6 @@ class PatchTransport:
     def surface(self) -> NDArray[np.int64]:
         """(f,) index of each fragment's surface."""
         return self.light.tracer.facet_surface[self.face]
-
-    def solve(self, reflectance: NDArray, source: NDArray | None = None) -> NDArray[np.float64]:
-        """Patch radiance (p, w) for reflectances (p, w), see ``radiosity.solve``."""
-        return solve(self.light.exchange, reflectance, source)
 
     def pixels(self, values: NDArray) -> NDArray[np.float64]:
         """Fragments' radiance (f, w) to pictures (w, y, x)."""
@@ -119,6 +115,7 @@ def build_patch_transport(light: LightField, camera: Camera, samples: int = 256,
         gather=np.array(matrix).reshape(fragments + 1, len(patches))[:-1] * scale[:, None],
         escape=np.array(escaped)[:-1] * scale,
         covered=everything.sum(axis=-1).astype(float),
+        lamp_covered=everything[..., -1].astype(float),
     )  # fmt: skip
 
 

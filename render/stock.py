@@ -23,7 +23,7 @@ from .tracer import _facets
 
 __all__ = ["render_stock", "scene_dict", "sensor_dict"]
 
-#: Fine pixels per pixel and axis: for images through a lens with distortion, and for what a pixel covers.
+#: Film pixels per pixel and axis: of images through a lens with distortion, and of what a pixel covers.
 DISTORTED_OVERSAMPLING = 4
 COVERAGE_OVERSAMPLING = 8
 
@@ -73,7 +73,7 @@ def render_stock(
                 values[batch][:, group] = (matrix @ fine)[:, : len(group)]
                 if progress:
                     progress((done + (batch + 1) / batches) / len(groups))
-    coverage, facet_surface = _coverage(scene, camera)
+    coverage, facet_surface = _coverage(scene, camera, film)
     return RenderedImage(
         coefficients=values.reshape(batches, camera.height_px, camera.width_px, -1),
         spectra=np.diag(scene.lamp.radiance.at(wavelengths)),
@@ -148,10 +148,11 @@ def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:
     return mesh
 
 
-def _coverage(scene: Scene, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+def _coverage(scene: Scene, camera: Camera, film: Film) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """(y, x, f) part of each pixel that each flat face covers, the lamp's last; the faces' surfaces.
 
-    One ray in each of 8 x 8 fine pixels tells which triangle it meets.
+    One ray in each of 8 x 8 parts of a pixel tells which triangle it meets. The parts are put together like
+    the image's ``film``, so a pixel that a film pixel on an edge touches is no pure one.
     """
     surfaces = (*scene.surfaces, scene.lamp.surface)
     corners = np.concatenate([s.vertices_mm[s.faces] for s in surfaces])
@@ -160,16 +161,18 @@ def _coverage(scene: Scene, camera: Camera) -> tuple[NDArray[np.float32], NDArra
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     facet, facet_surface = _facets(normals, owner)
     facet[np.sum((camera.position_mm - corners[:, 0]) * normals, axis=1) <= 0] = -1  # only backs are seen
-    film = film_for(camera, COVERAGE_OVERSAMPLING)
+    parts = COVERAGE_OVERSAMPLING // round(film.scale / camera.focal_length_px)
+    fine = Film(film.low, film.scale * parts, film.size * parts)
     everything = Surface("all", "", corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
     with mi.scoped_set_variant("scalar_rgb"):
         loaded = mi.load_dict({"type": "scene", "mesh": _mesh(everything, {})})
         integrator = mi.load_dict({"type": "aov", "aovs": "distance:depth,triangle:prim_index"})
-        sensor = mi.load_dict(sensor_dict(film, camera, {"pixel_format": "luminance"}))
+        sensor = mi.load_dict(sensor_dict(fine, camera, {"pixel_format": "luminance"}))
         picture = np.array(mi.render(loaded, sensor=sensor, integrator=integrator, spp=1))
-    distance, triangle = picture.reshape(film.pixels, -1)[:, -2:].T
+    distance, triangle = picture.reshape(fine.pixels, -1)[:, -2:].T
     seen = np.where(distance > 0, facet[np.rint(triangle).astype(int)], -1)
+    seen = seen.reshape(film.size[1], parts, film.size[0], parts)
     matrix = resampling(film, camera)
-    shares = [matrix @ (seen == face).astype(float) for face in range(len(facet_surface))]
+    shares = [matrix @ (seen == face).mean(axis=(1, 3)).ravel() for face in range(len(facet_surface))]
     coverage = np.stack(shares, axis=-1).astype(np.float32)
     return coverage.reshape(camera.height_px, camera.width_px, -1), facet_surface

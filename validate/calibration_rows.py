@@ -68,10 +68,13 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
-    if calibration.weights is not None:
-        curves = zip("XYZ", calibration.weights.residual_rms, calibration.weights.noise_gain, strict=True)
-        for axis, residual, gain in curves:
-            rows.append((f"filter weights of {axis}: curve's rms error, noise gain", f"{residual:.3g}", f"{gain:.2f}", "1"))
+    weights = calibration.weights
+    if weights is not None:
+        error = weights.residual_rms / np.sqrt(np.mean(weights.target**2, axis=1))
+        rows += [
+            (f"filter weights of {axis}: rms error of the curve", f"{100 * error[i]:.1f}", "", "%")
+            for i, axis in enumerate("XYZ")
+        ]
     return rows
 
 

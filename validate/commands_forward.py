@@ -50,7 +50,7 @@ def render(
     from cboxlab.render.integrators import render as run
     from cboxlab.scenes.cornell_box import cornell_camera
 
-    from .forward import BATCHES, model_cube_inputs, render_to_precision
+    from .forward import BATCHES, labelled_cube, model_cube_inputs, render_to_precision
 
     if out.suffix.lower() not in WRITABLE:
         raise InputError(out, f"the ending '{out.suffix}'", f"one of {', '.join(WRITABLE)}")
@@ -66,7 +66,7 @@ def render(
             image = render_to_precision(scene, view, grid, error, bounces, number, report)
         else:
             image = run(scene, view, grid, samples, BATCHES, number, bounces, report)
-    write_cube(out, image.cube())
+    write_cube(out, labelled_cube(image))
     behind = [e.id for e in chosen.effects if e.effect.stage in ("filter", "optics", "counts")]
     if behind:
         say(f"• Not in a cube, since they act behind the scene: {', '.join(behind)}")
@@ -96,13 +96,9 @@ def simulate(
 ) -> None:
     """Raw sensor output from any spectral cube."""
     from cboxlab.render.cube_files import read_cube
-    from cboxlab.render.previews import raw_to_srgb, scene_white
-    from cboxlab.render.raw_files import write_raw
-    from cboxlab.render.sensor import auto_exposure
-    from cboxlab.render.sensor import simulate as run
     from cboxlab.render.sensor_cameras import load_camera
 
-    from .maps import write_png
+    from .raw_shots import shoot, write_preview, write_shot
 
     for path, endings in ((out, (".tif", ".tiff")), (preview, (".png",))):
         if path is not None and path.suffix.lower() not in endings:
@@ -110,13 +106,12 @@ def simulate(
         if path is not None:
             require_folder(path.parent)
     sensor = load_camera(camera)
-    data = read_cube(cube)
-    seconds = auto_exposure(data, sensor, channel) if exposure == "auto" else positive_number(exposure, "--exposure")
-    counts = run(data, sensor, seconds, seed, channel)
-    write_raw(out, counts, {"camera": sensor.name, "exposure_s": seconds, "seed": seed, "cube": cube.name})
-    say(f"Raw frame: {out} ({sensor.name}, {seconds:.4g} s, {counts.min()} to {counts.max()} DN)")
+    seconds = None if exposure == "auto" else positive_number(exposure, "--exposure")
+    shot = shoot(read_cube(cube), sensor, seconds, seed, channel)
+    write_shot(out, shot)
+    say(f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {shot.counts.min()} to {shot.counts.max()} DN)")
     if preview is not None:
-        write_png(preview, raw_to_srgb(counts, sensor, seconds, scene_white(data)))
+        write_preview(preview, shot)
         say(f"Preview: {preview}")
 
 

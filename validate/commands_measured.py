@@ -12,10 +12,9 @@ from .console import bar, console, data_table, require_compiled, require_folder,
 if TYPE_CHECKING:
     from cboxlab.calibration.calibrate import Calibration
 
-    from .pipeline import Validation
     from .stacks import StackComparison
 
-__all__ = ["calibrate", "compare", "demo", "print_validation", "validate"]
+__all__ = ["calibrate", "compare", "demo", "validate"]
 
 CaptureFolder = Annotated[
     Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
@@ -44,6 +43,7 @@ def validate(
     from .model import Model, load_model
     from .pipeline import validate as run
     from .pipeline import write_validation
+    from .summary import print_validation
 
     require_folder(out)
     chosen = Model() if model is None else load_model(model)
@@ -53,29 +53,6 @@ def validate(
     write_validation(result, out)
     print_validation(result)
     say(f"Report: {out / 'report.html'}")
-
-
-def print_validation(result: Validation) -> None:
-    """The table by surface, the headline figures and the verdict."""
-    from .verdict import verdict
-
-    c = result.comparison
-    table = data_table(
-        f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %",
-        "surface", *c.bands, "ΔE*ab", "χ²/dof",
-    )  # fmt: skip
-    for name, row in c.by_surface.items():
-        table.add_row(
-            name, *(f"{100 * v:+.2f}" for v in row.relative), f"{row.delta_e_ab:.2f}", f"{row.chi2.per_dof:.2f}"
-        )
-    console.print(table)
-    say(
-        f"χ² per degree of freedom {c.chi2.per_dof:.3f} (interiors {c.chi2_interiors.per_dof:.3f}, edges "
-        f"{c.chi2_edges.per_dof:.3f}); mean ΔE*ab {c.delta_e_ab.mean:.2f} (noise alone "
-        f"{c.delta_e_ab_noise.mean:.2f}); render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; "
-        f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
-    )
-    console.print(f"[bold]{verdict(c).headline}[/]")
 
 
 def calibrate(
@@ -134,6 +111,11 @@ def compare(
         say(f"Maps: {out}")
 
 
+def _shown(value: float | None, form: str) -> str:
+    """A dash for what is not known."""
+    return "–" if value is None or value != value else format(value, form)
+
+
 def _print_comparison(comparison: StackComparison) -> None:
     table = data_table(
         f"{comparison.first.source.name} against {comparison.second.source.name}, in {comparison.first.unit}",
@@ -141,9 +123,8 @@ def _print_comparison(comparison: StackComparison) -> None:
     )  # fmt: skip
     for row in comparison.rows:
         table.add_row(
-            row.name, f"{row.mean_first:.4g}", f"{row.mean_second:.4g}", f"{100 * row.relative_mean:+.3f}",
-            f"{100 * row.relative_rms:.3f}", str(row.pixels),
-            "–" if row.chi2_per_pixel is None else f"{row.chi2_per_pixel:.3f}",
+            row.name, f"{row.mean_first:.4g}", f"{row.mean_second:.4g}", _shown(100 * row.relative_mean, "+.3f"),
+            _shown(100 * row.relative_rms, ".3f"), str(row.pixels), _shown(row.chi2_per_pixel, ".3f"),
         )  # fmt: skip
     console.print(table)
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
@@ -151,6 +132,9 @@ def _print_comparison(comparison: StackComparison) -> None:
         worst.add_row(
             pixel.plane, str(pixel.x), str(pixel.y), f"{pixel.first:.4g}", f"{pixel.second:.4g}", f"{pixel.size:+.4g}"
         )
-    console.print(worst)
+    if comparison.residual_over_sigma is not None:
+        say(f"Noise alone gives a χ² per pixel of {comparison.expected_chi2:.2f}.")
+    if comparison.worst:
+        console.print(worst)
     for note in comparison.notes:
         say(f"• {note}")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.integrators import render
 from cboxlab.scenes.camera import Camera
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from .effects import AppliedEffect, Stage
 from .model import Model
 
-__all__ = ["after_stage", "model_cube_inputs", "render_to_precision"]
+__all__ = ["BATCHES", "after_stage", "labelled_cube", "model_cube_inputs", "render_to_precision"]
 
 #: Batches, whose scatter gives the standard error; samples of the trial that tells how many it takes; the most.
-BATCHES = 4
+BATCHES = 8
 PILOT_SAMPLES = 64
 MOST_SAMPLES = 2**15
 
@@ -40,6 +41,13 @@ def model_cube_inputs(model: Model, camera: Camera) -> tuple[Scene, Camera, int 
     settings = after_stage(model.render, model.effects, "settings")
     scene = after_stage(load_scene(model.scene), model.effects, "scene")
     return scene, after_stage(camera, model.effects, "camera"), settings.max_bounces
+
+
+def labelled_cube(image: RenderedImage) -> xr.Dataset:
+    """The image's cube; the attribute ``batches`` of its standard error says how well that is known."""
+    cube = image.cube()
+    cube["standard_error"].attrs["batches"] = len(image.coefficients)
+    return cube
 
 
 def _relative_error(image: RenderedImage) -> float:

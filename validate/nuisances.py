@@ -16,6 +16,11 @@ __all__ = ["NuisanceFit", "camera_jacobian", "fit_lamp_scale", "fit_nuisances"]
 _STEP_PX = 0.3
 
 _LARGEST_ROUNDS = 8
+_DERIVATIVE_ROUNDS = (1, 4)
+_SMALLEST_GAIN = 1.0
+
+#: Residuals beyond so many standard deviations pull no harder: what the model lacks shall not move the camera.
+_HUBER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +57,7 @@ def fit_lamp_scale(
 def fit_nuisances(
     measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp, calibrated: Camera, lamp_sigma: float | None
 ) -> NuisanceFit:
-    """Gauss-Newton on the ten camera parameters and the lamp's scale.
+    """Damped Gauss-Newton on the ten camera parameters and the lamp's scale, robust against what the model lacks.
 
     measured, variance, signal : (band, y, x), signal as rendered through ``warp.camera``. used : mask.
     calibrated : the survey's camera; its covariance is the prior of the ten parameters (none: they stay).
@@ -64,30 +69,46 @@ def fit_nuisances(
     prior = np.zeros((11, 11))
     prior[:10, :10] = np.linalg.inv(calibrated.covariance)
     prior[10, 10] = 0.0 if lamp_sigma is None else lamp_sigma**-2
-    weight = 1 / variance[used]
-    scale, current = fit_lamp_scale(measured, signal, variance, used, lamp_sigma)[0], signal
+    target, inverse = measured[used], 1 / variance[used]
+    scale, current = fit_lamp_scale(measured, signal, variance, used, lamp_sigma)[0], signal[used]
     pixels = pixels_per_unit(warp.tracer, camera)
-    design = np.empty((11, int(used.sum())))
+
+    def cost(there: Camera, factor: float, values: NDArray) -> float:
+        deviation = np.append(calibrated.parameters - there.parameters, 1.0 - factor)
+        z = np.abs(target - factor * values) * np.sqrt(inverse)
+        robust = np.where(z < _HUBER, z**2, 2 * _HUBER * z - _HUBER**2)
+        return float(robust.sum() + deviation @ prior @ deviation)
+
+    design = np.empty((11, len(target)))
+    lowest = cost(camera, scale, current)
     rounds = 0
     for rounds in range(1, _LARGEST_ROUNDS + 1):
-        if rounds in (1, 4):
+        if rounds in _DERIVATIVE_ROUNDS:
             design[:10] = camera_jacobian(warp, camera)[:, used]
         scaled = design * scale
-        scaled[10] = current[used]
+        scaled[10] = current
+        residual = target - scale * current
+        weight = inverse * np.minimum(1.0, _HUBER / np.maximum(np.abs(residual) * np.sqrt(inverse), 1e-9))
         information = (scaled * weight) @ scaled.T + prior
         deviation = np.append(calibrated.parameters - camera.parameters, 1.0 - scale)
-        gradient = (scaled * weight) @ (measured - scale * current)[used] + prior @ deviation
-        step = np.linalg.solve(information, gradient)
-        camera = camera.with_parameters(camera.parameters + step[:10])
-        scale += float(step[10])
-        current = signal + warp_change(warp, camera)
-        if np.max(np.abs(step[:10]) * pixels) < 0.003:
+        step = np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation)
+        for damping in (1.0, 0.5, 0.25, 0.1):
+            there = camera.with_parameters(camera.parameters + damping * step[:10])
+            factor = scale + damping * float(step[10])
+            values = (signal + warp_change(warp, there))[used]
+            reached = cost(there, factor, values)
+            if reached < lowest:
+                break
+        else:
+            break
+        camera, scale, current, gain, lowest = there, factor, values, lowest - reached, reached
+        if gain < _SMALLEST_GAIN or np.max(np.abs(step[:10]) * pixels) < 1e-3:
             break
     covariance = np.linalg.inv(information)
     return NuisanceFit(
         camera=replace(camera, covariance=covariance[:10, :10]),
         lamp_scale=scale,
         lamp_scale_sigma=float(np.sqrt(covariance[10, 10])),
-        signal=scale * current,
+        signal=scale * (signal + warp_change(warp, camera)),
         rounds=rounds,
     )

@@ -31,19 +31,23 @@ WORST_PIXELS = 5
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Planes of one picture. values : (plane, y, x), NaN where unknown. variance : the same shape, or None."""
+    """Planes of one picture. values : (plane, y, x), NaN where unknown. variance : the same shape, or None.
+
+    batches : independent batches whose scatter gave the variance; 0 where it is known better than that.
+    """
 
     source: Path
     names: tuple[str, ...]
     values: NDArray[np.float64]
     variance: NDArray[np.float64] | None
     unit: str
+    batches: int = 0
 
     def chosen(self, names: Sequence[str]) -> Stack:
         """The planes of these names, in their order."""
         index = [self.names.index(name) for name in names]
         variance = None if self.variance is None else self.variance[index]
-        return Stack(self.source, tuple(names), self.values[index], variance, self.unit)
+        return Stack(self.source, tuple(names), self.values[index], variance, self.unit, self.batches)
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class WorstPixel:
 @dataclass(frozen=True, eq=False)
 class StackComparison:
     """Outcome of ``compare_stacks``. first, second : the planes in common. relative : (plane, y, x), NaN where
-    left out. residual_over_sigma : the same shape, None where no variance is known.
+    left out. residual_over_sigma : the same shape, None where no variance is known. expected_chi2 : per pixel, if
+    A and B are the same but for noise.
     """
 
     first: Stack
@@ -87,6 +92,7 @@ class StackComparison:
     worst_measure: str
     relative: NDArray[np.float64]
     residual_over_sigma: NDArray[np.float64] | None
+    expected_chi2: float
     notes: tuple[str, ...]
 
 
@@ -107,12 +113,13 @@ def read_stack(path: Path) -> Stack:
 
 def _cube_stack(path: Path, cube: xr.Dataset) -> Stack:
     order = "wavelength", "y", "x"
-    variance = None
+    variance, batches = None, 0
     if "standard_error" in cube:
         variance = cube["standard_error"].transpose(*order).values.astype(np.float64) ** 2
+        batches = int(cube["standard_error"].attrs.get("batches", 0))
     names = tuple(f"{w:.10g} nm" for w in cube["wavelength"].values)
     values = cube["radiance"].transpose(*order).values.astype(np.float64)
-    return Stack(path, names, values, variance, "W m^-2 sr^-1 nm^-1")
+    return Stack(path, names, values, variance, "W m^-2 sr^-1 nm^-1", batches)
 
 
 def _capture_stack(folder: Path) -> Stack:
@@ -166,7 +173,13 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     rows = tuple(_row(i, a, b, used[i], relative[i], residual) for i in range(len(names)))
     sizes = 100 * relative if residual is None else residual
     measure = "difference, %" if residual is None else "residual / σ"
-    return StackComparison(a, b, rows, _worst(a, b, sizes), measure, relative, residual, tuple(notes))
+    return StackComparison(a, b, rows, _worst(a, b, sizes), measure, relative, residual, _expected_chi2(a, b), tuple(notes))
+
+
+def _expected_chi2(a: Stack, b: Stack) -> float:
+    """The mean of F with 1 and n degrees of freedom, n / (n - 2), for variances from few batches (Welch)."""
+    degrees = sum(stack.batches - 1 for stack in (a, b) if stack.batches > 1)
+    return degrees / (degrees - 2) if degrees > 2 else 1.0
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -219,6 +232,7 @@ def write_comparison(folder: Path, comparison: StackComparison) -> None:
     record = {
         "a": str(a.source), "b": str(b.source), "unit": a.unit,
         "planes": [_finite(asdict(row)) for row in comparison.rows],
+        "expected_chi2_per_pixel": comparison.expected_chi2,
         "worst_pixels": [asdict(pixel) for pixel in comparison.worst], "worst_measure": comparison.worst_measure,
         "notes": list(comparison.notes),
     }  # fmt: skip

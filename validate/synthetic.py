@@ -19,6 +19,7 @@ from cboxlab.render.capture_writer import (
     unit_responses,
     write_photographs,
 )
+from cboxlab.render.image import RenderedImage
 from cboxlab.render.laboratory import CaptureSettings, Frame, FrameHooks
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -35,7 +36,7 @@ from .forward import after_stage, render_to_precision
 from .model import Model
 from .sensing import CURVE_NM, FIELD_ANGLES, field_sine_squared
 
-__all__ = ["SIMULATED_STAGES", "perturbed_camera", "photographed_scene", "write_model_capture"]
+__all__ = ["SIMULATED_STAGES", "perturbed_camera", "photograph_image", "photographed_scene", "write_model_capture"]
 
 #: Stages whose effects a capture can contain; "settings" are the model's own shortcomings, not the box's.
 SIMULATED_STAGES = ("scene", "camera", "filter", "optics", "counts")
@@ -193,23 +194,38 @@ def write_model_capture(
         if effect.effect.stage not in SIMULATED_STAGES:
             raise InputError(
                 f"effect {effect.id}", f"an effect on the model's {effect.effect.stage}",
-                f"effects on {', '.join(SIMULATED_STAGES)}", "A capture is made with all of the light.",
+                f"effects on {', '.join(SIMULATED_STAGES)}",
             )  # fmt: skip
     scene = photographed_scene(model)
     altered = after_stage(scene, model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
     image = render_to_precision(altered, moved, WAVELENGTH_NM, relative_error, None, seed, progress)
-    curves = after_stage(_unit_curves(settings, moved), model.effects, "filter")
+    photograph_image(folder, image, model.effects, scene, camera, settings, seed)
+
+
+def photograph_image(
+    folder: Path,
+    image: RenderedImage,
+    effects: Sequence[AppliedEffect],
+    scene: Scene,
+    camera: Camera,
+    settings: CaptureSettings,
+    seed: int,
+) -> None:
+    """Photograph an image on WAVELENGTH_NM under the effects of filters, optics and counts, in their order.
+
+    image : with the effects of all earlier stages in it. scene, camera : as surveyed, without any effect.
+    Raises InputError: see ``write_photographs``.
+    """
+    moved = after_stage(camera, effects, "camera")
+    curves = after_stage(_unit_curves(settings, moved), effects, "filter")
     sphere = sphere_spectrum().values[None, None]
 
     def project(weights: NDArray[np.float64]) -> NDArray[np.float64]:
         return image.project(weights)[0]
 
-    signals = _through_filters(project, curves, moved)
+    light = Light(_through_filters(project, curves, moved), _effective_wavelengths(project, curves), moved)
+    signals = after_stage(light, effects, "optics").signal
     field = _through_filters(lambda weights: sphere @ weights, curves, moved)
-    light = Light(signals, _effective_wavelengths(project, curves), moved)
-    light = after_stage(light, model.effects, "optics")
-    hooks = _hooks(curves.bands, model.effects, settings)
-    write_photographs(
-        folder, light.signal, field, image.sees_lamp, camera, scene, settings, seed, hooks
-    )
+    hooks = _hooks(curves.bands, effects, settings)
+    write_photographs(folder, signals, field, image.sees_lamp, camera, scene, settings, seed, hooks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.radiosity import solve
 
 from ._effect import Effect, Parameter
 
@@ -16,14 +17,14 @@ _BELL_SIGMA_NM = 24.0
 
 def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) -> PatchLight:
     transport = light.transport
-    scene = transport.light.tracer.scene
+    scene = light.scene
     paint = list(scene.materials).index(material)
     wavelength = np.arange(light.grid_nm[0], _ABSORBED_BELOW_NM + 1e-6, _STEP_NM)
     lamp = np.interp(wavelength, light.grid_nm, light.lamp)
     table = np.array([m.reflectance.at(wavelength) for m in scene.materials.values()])
     patch_paint = transport.light.patches.material
-    b = transport.solve(table[patch_paint])
     exchange = transport.light.exchange
+    b = solve(exchange, table[patch_paint])
     # radiance-like irradiance E / pi; an emitted quantum of wavelength l carries h c / l of energy
     quanta = (1 - table[paint]) * lamp * wavelength * _STEP_NM * np.where(np.isin(wavelength, wavelength[[0, -1]]), 0.5, 1.0)
     arriving_patch = (exchange.direct[:, None] + exchange.form_factors @ b.astype(np.float32)) @ quanta

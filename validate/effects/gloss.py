@@ -19,8 +19,8 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     if specular == 0:
         return light
     transport = light.transport
-    paint = list(transport.light.tracer.scene.materials).index(material)
-    rho = light.transport.light.tracer.scene.materials[material].reflectance.at(light.wavelength_nm)
+    paint = list(light.scene.materials).index(material)
+    rho = light.scene.materials[material].reflectance.at(light.wavelength_nm)
     coated = (transport.light.patches.material == paint)[:, None]
     lost = specular * _DIFFUSE_FRESNEL
     changed = light.change(

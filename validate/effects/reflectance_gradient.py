@@ -14,7 +14,7 @@ _SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-b
 
 def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> PatchLight:
     transport = light.transport
-    scene, patches = transport.light.tracer.scene, transport.light.patches
+    scene, patches = light.scene, transport.light.patches
     index = [s.name for s in scene.surfaces].index(surface)
     along = "xyz".index(axis)
     extent = scene.surfaces[index].vertices_mm[:, along]

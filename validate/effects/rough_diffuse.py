@@ -30,7 +30,7 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     if sigma_rad == 0:
         return light
     transport = light.transport
-    materials = transport.light.tracer.scene.materials
+    materials = light.scene.materials
     paint = list(materials).index(material)
     square = sigma_rad**2
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)

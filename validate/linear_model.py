@@ -1,0 +1,112 @@
+"""Residuals in units of their noise, with camera and lamp projected out: what every hypothesis is judged on.
+
+To first order the measured signals are r = D t + s a + noise, with D the derivatives with respect to the
+eleven nuisances t, whose priors stand as further rows, and s an effect's signature. Minimising over t is a
+projection, so an effect's gain in chi2 is that of the projected signature alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from .nuisances import NuisanceFit
+
+__all__ = ["LinearModel", "build_linear_model", "model_variance", "smooth_excess"]
+
+#: What the base picture itself may be off by: its relative error, and how far its edges may lie aside, px.
+#: Measured against an independent simulator: surface means within 0.15 %, edges within 0.005 px.
+_RELATIVE_ERROR = 0.0015
+_EDGE_ERROR_PX = 0.01
+
+
+def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(band, y, x) DN^2: variance of the base picture's own error, by level and by local contrast."""
+    contrast = maximum_filter(signal, (0, 3, 3)) - minimum_filter(signal, (0, 3, 3))
+    return (_RELATIVE_ERROR * signal) ** 2 + (_EDGE_ERROR_PX * contrast) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """used : (band, y, x). sigma : (n,) DN of the used pixels. basis : (n + 11, 11) orthonormal, of the nuisances.
+
+    residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
+    """
+
+    used: NDArray[np.bool_]
+    sigma: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """Number of used samples."""
+        return len(self.sigma)
+
+    def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What of a whitened vector (n + 11,) no nuisance can imitate."""
+        return vector - self.basis @ (self.basis.T @ vector)
+
+    def whiten(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A change (band, y, x) in DN over sigma, projected; priors do not speak of it."""
+        return self.whiten_used(change[self.used])
+
+    def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
+        """The same of a change (n,) at the used pixels only."""
+        return self.project(np.concatenate([change / self.sigma, np.zeros(11)]))
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares with the nuisances at their best."""
+        return float(self.residual @ self.residual)
+
+    def image(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pixel part of a whitened vector as (band, y, x), NaN where unused."""
+        picture = np.full(self.used.shape, np.nan)
+        picture[self.used] = vector[: self.count]
+        return picture
+
+
+def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: int = 8) -> float:
+    """What the means over blocks of pixels exceed noise by, in units of chi2 per sample.
+
+    Noise averages out in a block, a flaw of the model does not: a tenth of a standard deviation everywhere is
+    invisible in chi2 and plain here. 0 is expected of noise.
+    """
+    picture = model.image(residual)
+    bands, height, width = picture.shape
+    rows, columns = height // block_px, width // block_px
+    cut = picture[:, : rows * block_px, : columns * block_px]
+    blocks = cut.reshape(bands, rows, block_px, columns, block_px).swapaxes(2, 3).reshape(-1, block_px**2)
+    counts = np.isfinite(blocks).sum(axis=1)
+    full = counts >= block_px**2 // 2
+    sums = np.nansum(blocks[full], axis=1)
+    return float(np.sum(sums**2 / counts[full] - 1) / counts[full].sum())
+
+
+def build_linear_model(
+    measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, camera_derivative: NDArray,
+    fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
+) -> LinearModel:  # fmt: skip
+    """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it; camera_derivative (10, band, y, x)."""
+    sigma = np.sqrt(variance[used])
+    rows = [np.append(d[used] * fit.lamp_scale / sigma, np.zeros(11)) for d in camera_derivative]
+    rows.append(np.append(base[used] / sigma, np.zeros(11)))
+    design = np.array(rows).T
+    count = len(sigma)
+    residual = np.zeros(count + 11)
+    residual[:count] = (measured - fit.lamp_scale * base)[used] / sigma
+    if calibrated.covariance is not None:
+        root = np.linalg.inv(np.linalg.cholesky(calibrated.covariance))
+        design[count : count + 10, :10] = root
+        residual[count : count + 10] = root @ (calibrated.parameters - fit.camera.parameters)
+    if lamp_sigma is not None:
+        design[count + 10, 10] = 1 / lamp_sigma
+        residual[count + 10] = (1 - fit.lamp_scale) / lamp_sigma
+    basis = np.linalg.qr(design / np.linalg.norm(design, axis=0))[0]
+    projected = residual - basis @ (basis.T @ residual)
+    return LinearModel(used, sigma, basis, projected)

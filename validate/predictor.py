@@ -1,0 +1,121 @@
+"""Predicts a capture's corrected signals under any effects, as a change of one accurately rendered picture.
+
+The base picture is rendered once, to the noise asked for. What effects of the scene or of light transport
+change is computed from the patches' exchange at each band's effective wavelength, cached by geometry and lamp
+shape, and added; camera effects are warps; filter, optics and counts effects act exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, sensor_matrix
+from cboxlab.render.final_gather import LightField, solve_light
+from cboxlab.render.image import RenderedImage
+from cboxlab.render.patch_light import PatchLight, patch_light
+from cboxlab.render.patch_transport import PatchTransport, build_patch_transport
+from cboxlab.render.warp import Warp, build_warp, warp_change
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+
+from .effects import AppliedEffect, Light
+from .expected import expected_signal, integral_responses, scene_light
+from .model import RenderSettings
+from .sensing import Sensing
+
+__all__ = ["Predictor", "build_predictor"]
+
+#: Patches and rays of the change, coarse beside the base picture's: errors of a few percent of a change.
+_PATCHES_PER_DIAGONAL = 12
+_PATCH_SAMPLES = 512
+_SAMPLES = 256
+
+_SCENE_STAGES = ("scene", "settings", "transport")
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """light, image, camera : the base picture. base : its Light without effects. settings : of the model."""
+
+    scene: Scene
+    sensing: Sensing
+    camera: Camera
+    light: LightField
+    image: RenderedImage
+    base: Light
+    settings: RenderSettings
+    effective_nm: NDArray[np.float64]
+    warp: Warp
+    _transports: dict[tuple, PatchTransport] = field(default_factory=dict)
+    _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict)
+
+    def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+        """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
+        filters = [e for e in effects if e.effect.stage == "filter"]
+        light = scene_light(self.image, self.sensing, filters, self.camera) if filters else self.base
+        changed = light.signal
+        if any(e.effect.stage in _SCENE_STAGES for e in effects):
+            changed = changed + self._picture(effects) - self._picture(())
+        camera = self.camera
+        for effect in effects:
+            if effect.effect.stage == "camera":
+                camera = effect.apply(camera)
+        if camera is not self.camera:
+            changed = changed + warp_change(self.warp, camera)
+        return expected_signal(light.with_signal(changed), self.sensing, effects, self.camera)
+
+    def _picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+        """(band, y, x) DN of the patches' picture."""
+        relevant = [e for e in effects if e.effect.stage in _SCENE_STAGES]
+        key = tuple((e.id, tuple(e.values.items())) for e in relevant)
+        if key not in self._pictures:
+            if len(self._pictures) > 40:
+                self._pictures.clear()
+            self._pictures[key] = self._patch_picture(relevant)
+        return self._pictures[key]
+
+    def _patch_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+        scene, settings = self.scene, self.settings
+        for effect in effects:
+            if effect.effect.stage == "scene":
+                scene = effect.apply(scene)
+            elif effect.effect.stage == "settings":
+                settings = effect.apply(settings)
+        weights = sensor_matrix(integral_responses(self.sensing.curves))
+        lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
+        light: PatchLight = patch_light(self._transport(scene), scene, self.effective_nm, WAVELENGTH_NM, weights, lamp,
+                                        settings.max_bounces)  # fmt: skip
+        for effect in effects:
+            if effect.effect.stage == "transport":
+                light = effect.apply(light)
+        return (weights @ lamp)[:, None, None] * light.picture()
+
+    def _transport(self, scene: Scene) -> PatchTransport:
+        lamp = scene.lamp
+        meshes = [s.vertices_mm for s in (*scene.surfaces, lamp.surface)]
+        key = (lamp.edge_ratio, lamp.exponent, *(m.tobytes() for m in meshes))
+        if key not in self._transports:
+            if len(self._transports) > 6:
+                for old in list(self._transports)[1:]:  # the first is the base's own
+                    del self._transports[old]
+            self._transports[key] = _coarse_transport(scene, self.effective_nm, self.camera, self.settings.seed)
+        return self._transports[key]
+
+
+def _coarse_transport(scene: Scene, wavelength_nm: NDArray, camera: Camera, seed: int) -> PatchTransport:
+    extent = np.concatenate([s.vertices_mm for s in scene.surfaces])
+    edge = float(np.linalg.norm(np.ptp(extent, axis=0))) / _PATCHES_PER_DIAGONAL
+    light = solve_light(scene, wavelength_nm, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=seed)
+    return build_patch_transport(light, camera, _SAMPLES, seed)
+
+
+def build_predictor(
+    light: LightField, image: RenderedImage, camera: Camera, sensing: Sensing, settings: RenderSettings
+) -> Predictor:
+    """From the base picture, as rendered through ``camera``."""
+    base = scene_light(image, sensing, (), camera)
+    warp = build_warp(light.tracer, camera, image, base.signal)
+    return Predictor(light.tracer.scene, sensing, camera, light, image, base, settings, base.effective_nm, warp)

@@ -1,0 +1,199 @@
+"""How well a hypothesis explains the residual: screening by signatures, then a fit of its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from .effects import AppliedEffect, Parameter
+from .hypotheses import Hypothesis
+from .linear_model import LinearModel
+from .predictor import Predictor
+
+__all__ = ["Candidate", "Problem", "Signature", "fit", "problem", "screen", "signature"]
+
+_ROUNDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A hypothesis with numbers. numbers : fitted. sigma : their standard deviations. chi2 : with nuisances at
+    their best. predicted : (n + 11,) projected change it makes, over sigma."""
+
+    hypothesis: Hypothesis
+    numbers: Mapping[str, float]
+    sigma: Mapping[str, float]
+    chi2: float
+    predicted: NDArray[np.float64]
+
+    @property
+    def applied(self) -> AppliedEffect:
+        """The effect with its fitted numbers."""
+        return self.hypothesis.at(self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Residual and base that a further effect is fitted to, other effects already being in."""
+
+    predictor: Predictor
+    model: LinearModel
+    others: tuple[AppliedEffect, ...]
+    scale: float
+    base: NDArray[np.float64]
+
+    def change(self, applied: AppliedEffect) -> NDArray[np.float64]:
+        """(n + 11,) projected whitened change that an effect makes on top of the others."""
+        return self.model.whiten(self.scale * (self.predictor.signal((*self.others, applied)) - self.base))
+
+
+# Filter shift acts through 1 / n^2, and its null is an infinite index: it is searched in that coordinate.
+def _to_coordinate(parameter: Parameter, value: float) -> float:
+    return 1 / value**2 if parameter.null == np.inf else value
+
+
+def _from_coordinate(parameter: Parameter, coordinate: float) -> float:
+    if parameter.null == np.inf:
+        return float(min(max(coordinate, 1e-12) ** -0.5, parameter.high)) if coordinate > 1e-12 else np.inf
+    return float(np.clip(coordinate, parameter.low, parameter.high))
+
+
+def _bounds(parameter: Parameter) -> tuple[float, float]:
+    return (0.0, 1 / parameter.low**2) if parameter.null == np.inf else (parameter.low, parameter.high)
+
+
+def _probe(parameter: Parameter) -> float:
+    """A small step, away from null within bounds where there is a null."""
+    if parameter.null == np.inf:
+        return 0.05
+    null = 0.0 if parameter.null is None else parameter.null
+    return parameter.step if null + parameter.step <= parameter.high else -parameter.step
+
+
+def problem(predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float) -> Problem:
+    """What a further effect is fitted to."""
+    return Problem(predictor, model, tuple(others), scale, predictor.signal(others))
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels."""
+
+    hypothesis: Hypothesis
+    steps: tuple[float, ...]
+    changes: NDArray[np.float32]
+
+
+def signature(predictor: Predictor, used: NDArray[np.bool_], hypothesis: Hypothesis) -> Signature | None:
+    """Difference pictures at small steps from null; None where the effect cannot act on this scene."""
+    base = predictor.signal(())
+    steps = tuple(_probe(p) for p in hypothesis.free)
+    effects = [
+        hypothesis.at({p.name: _from_coordinate(p, _null_coordinate(p) + step)})
+        for p, step in zip(hypothesis.free, steps, strict=True)
+    ] or [hypothesis.at({})]
+    try:
+        changes = [(predictor.signal((effect,)) - base)[used] for effect in effects]
+    except InputError:
+        return None
+    return Signature(hypothesis, steps or (1.0,), np.array(changes, np.float32))
+
+
+def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
+    """A hypothesis to first order. A single number is kept within its bounds."""
+    model, hypothesis = task.model, known.hypothesis
+    columns = np.array([model.whiten_used(task.scale * change) for change in known.changes]).T
+    amplitude, covariance = _solve(columns, residual)
+    if not hypothesis.free:
+        amplitude = np.ones(1)
+    elif len(amplitude) == 1:
+        p = hypothesis.free[0]
+        ends = sorted((end - _null_coordinate(p)) / known.steps[0] for end in _bounds(p))
+        amplitude = np.clip(amplitude, *ends)
+    numbers = {
+        p.name: _from_coordinate(p, _null_coordinate(p) + a * step)
+        for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)
+    }
+    sigma = {p.name: abs(step) * float(c**0.5) for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)}
+    predicted = columns @ amplitude
+    left = residual - predicted
+    return Candidate(hypothesis, numbers, sigma, float(left @ left), predicted)
+
+
+def _null_coordinate(parameter: Parameter) -> float:
+    return 0.0 if parameter.null is None else _to_coordinate(parameter, parameter.null)
+
+
+def _solve(columns: NDArray, residual: NDArray) -> tuple[NDArray, NDArray]:
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0] = 1.0
+    unit = columns / size
+    covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
+    return covariance @ (unit.T @ residual) / size, covariance / np.outer(size, size)
+
+
+def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candidate:
+    """Refine a screened candidate by Gauss-Newton on its exact predictions; peaks and lobes may move too."""
+    hypothesis = start.hypothesis
+    numeric = [p for p in hypothesis.effect.numbers if p.name in start.numbers or p.null is None]
+    if not hypothesis.free:
+        return start
+    current = {p.name: float(start.numbers.get(p.name, hypothesis.fixed.get(p.name, 0.0))) for p in numeric}
+    best = _evaluate(task, hypothesis, current, residual)
+    for trial in _other_starts(hypothesis, start):
+        other = _evaluate(task, hypothesis, {**current, **trial}, residual)
+        if other.chi2 < best.chi2:
+            best = other
+    sigma: dict[str, float] = dict(start.sigma)
+    for _ in range(_ROUNDS):
+        columns, steps = [], []
+        for p in numeric:
+            here = _to_coordinate(p, best.numbers[p.name])
+            low, high = _bounds(p)
+            null = _to_coordinate(p, p.null) if p.null is not None else None
+            step = abs(_probe(p)) if null is None else max(abs(_probe(p)), 0.1 * abs(here - null))
+            step = step if here + step <= high else -step
+            moved = {**best.numbers, p.name: _from_coordinate(p, here + step)}
+            columns.append(task.change(hypothesis.at(moved)) - best.predicted)
+            steps.append(step)
+        shift, covariance = _solve(np.array(columns).T, residual - best.predicted)
+        sigma = {
+            p.name: abs(s) * float(np.sqrt(max(c, 0.0))) for p, s, c in zip(numeric, steps, np.diag(covariance), strict=True)
+        }
+        improved = False
+        for damping in (1.0, 0.4, 0.15):
+            moved = {}
+            for p, a, s in zip(numeric, shift, steps, strict=True):
+                low, high = _bounds(p)
+                moved[p.name] = _from_coordinate(p, float(np.clip(_to_coordinate(p, best.numbers[p.name]) + damping * a * s, low, high)))
+            trial_candidate = _evaluate(task, hypothesis, moved, residual)
+            if trial_candidate.chi2 < best.chi2:
+                gain = best.chi2 - trial_candidate.chi2
+                best, improved = trial_candidate, gain > max(1.0, 1e-5 * best.chi2)
+                break
+        if not improved:
+            break
+    return Candidate(hypothesis, best.numbers, sigma, best.chi2, best.predicted)
+
+
+def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, float]]:
+    """Effects that grow with the square of their number (a blur) are badly extrapolated: start lower too."""
+    if len(hypothesis.free) != 1:
+        return []
+    p = hypothesis.free[0]
+    null, probe = _null_coordinate(p), _probe(p)
+    ratio = (_to_coordinate(p, start.numbers[p.name]) - null) / probe
+    return [{p.name: _from_coordinate(p, null + probe * float(np.sqrt(ratio)))}] if ratio > 0 else []
+
+
+def _evaluate(task: Problem, hypothesis: Hypothesis, numbers: Mapping[str, float], residual: NDArray) -> Candidate:
+    try:
+        change = task.change(hypothesis.at(numbers))
+    except InputError:
+        return Candidate(hypothesis, dict(numbers), {}, np.inf, np.zeros_like(residual))
+    left = residual - change
+    return Candidate(hypothesis, dict(numbers), {}, float(left @ left), change)
