@@ -117,7 +117,7 @@ def fit_camera(
 def camera_from_opencv(
     width_px: int, height_px: int, matrix: NDArray, k1: float, turn: NDArray, shift: NDArray
 ) -> Camera:
-    rotation = cv2.Rodrigues(turn)[0]
+    rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
     return Camera(
         width_px,
         height_px,

@@ -16,8 +16,8 @@ __all__ = ["render_bands"]
 def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> xr.Dataset:
     """Expected signals (band, y, x) in DN through the sensor equation, with the Monte Carlo variance.
 
-    The image's wavelengths must be the grid of the responses. Pixels that see the lamp, and their neighbours, are
-    masked: a shift of the camera by a part of a pixel brings the lamp into them.
+    The image's wavelengths must be the grid of the responses. Pixels that see the lamp, and their neighbours,
+    are masked: a shift of the camera by a part of a pixel brings the lamp into them.
     Raises ValueError where the grids differ.
     """
     grid = responses[0].wavelength_nm
@@ -27,4 +27,6 @@ def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> x
     near_lamp = binary_dilation(image.sees_lamp, np.ones((3, 3)))
     mask = np.where(near_lamp, np.uint8(Mask.LAMP), np.uint8(0))
     stack = np.broadcast_to(mask, (len(responses), *mask.shape))
-    return band_images([r.band for r in responses], np.moveaxis(mean, -1, 0), np.moveaxis(variance, -1, 0), stack)
+    return band_images(
+        [r.band for r in responses], np.moveaxis(mean, -1, 0), np.moveaxis(variance, -1, 0), stack
+    )

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from .image import RenderedImage
-from .lamp import LampSampler, build_lamp_sampler, direct_light
+from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .patches import Patches, build_patches, patch_of
 from .primary import facet_coverage
 from .radiosity import TOLERANCE, Exchange, indirect_basis, trace_exchange
@@ -138,24 +137,33 @@ def render_final_gather(
     return gather(light, camera, samples, batches, seed, progress)
 
 
-def _lookup_table(coefficients: np.ndarray, spectra: np.ndarray, reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _lookup_table(
+    coefficients: np.ndarray, spectra: np.ndarray, reflectances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """One basis for what is read from patches directly and after one more reflection.
 
-    Returns (1 + material, patch, k) coefficients, first those of the patches' own light, then those of it times
-    each paint's reflectance, and the spectra (k, w).
+    Returns (1 + material, patch, k) coefficients, first those of the patches' own light, then those of it
+    times each paint's reflectance, and the spectra (k, w).
     """
     rows = np.concatenate([spectra, *(rho * spectra for rho in reflectances)])
     weight = np.tile(np.abs(coefficients).max(axis=0), 1 + len(reflectances))
     _, singular, basis = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
     basis = basis[singular > TOLERANCE * singular[0]]
-    parts = [coefficients @ (spectra @ basis.T), *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances)]
+    parts = [
+        coefficients @ (spectra @ basis.T),
+        *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances),
+    ]
     return np.stack(parts).astype(np.float32), basis
 
 
 def _basis_spectra(
     scene: Scene, wavelength_nm: np.ndarray, reflectances: np.ndarray, indirect: np.ndarray
 ) -> np.ndarray:
-    """(n, w) spectra of the accumulators: the lamp, then for every first paint direct, second paints, indirect."""
+    """(n, w) spectra of the accumulators.
+
+    First the lamp's; then for every first paint those of direct light, of second paints, of third paints, and
+    of what is read from the patches.
+    """
     lamp = scene.lamp.radiance.at(wavelength_nm)
     rows = [lamp]
     for first in reflectances:
@@ -179,6 +187,7 @@ def _strip(
     points = SobolPoints(12, samples, lane, seed)
     paints = len(tracer.material_names)
     n_surfaces = len(tracer.scene.surfaces)
+    first = max_bounces is None or max_bounces >= 1
     second = max_bounces is None or max_bounces >= 2
     third = max_bounces is None or max_bounces >= 3
     per_paint = 1 + paints + paints**2 + rank
@@ -191,16 +200,15 @@ def _strip(
         on_lamp = hit.front & (surface == n_surfaces)
         shaded = hit.front & ~on_lamp
         material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
-        values = [
-            direct_light(
-                tracer, lamp, hit.position, hit.normal, points.point(i, 6), points.point(i, 7), shaded
-            )
-        ]
+        values = []
+        if first:
+            u, v = points.point(i, 6), points.point(i, 7)
+            values.append(direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded))
         if second:
             direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
             far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
-            lit = far.valid & (
-                dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.valid) < n_surfaces
+            lit = far.front & (
+                dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < n_surfaces
             )
             paint = dr.gather(mi.UInt32, tracer.packed_material, far.triangle, lit)
             arriving = direct_light(
@@ -211,13 +219,16 @@ def _strip(
                 close = lit & (far.distance < reach)
                 onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
                 last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
-                at_last = last.front & (dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces)
-                last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
-                arriving = direct_light(
-                    tracer, lamp, last.position, last.normal, points.point(i, 10), points.point(i, 11), at_last
+                at_last = last.front & (
+                    dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces
                 )
+                last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
+                u, v = points.point(i, 10), points.point(i, 11)
+                arriving = direct_light(tracer, lamp, last.position, last.normal, u, v, at_last)
                 values += [
-                    dr.select(at_last & (paint == m) & (last_paint == n), arriving, 0) for m in range(paints) for n in range(paints)
+                    dr.select(at_last & (paint == m) & (last_paint == n), arriving, 0)
+                    for m in range(paints)
+                    for n in range(paints)
                 ]
                 read = (lit & ~close) | at_last
                 triangle = dr.select(close, last.triangle, far.triangle)
@@ -225,7 +236,8 @@ def _strip(
                 patch = patch_of(patches, triangle, uv, read)
                 entry = (patch + dr.select(close, (paint + 1) * len(patches), 0)) * rank
                 values += [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
-        new = [sums[0] + dr.select(on_lamp, mi.Float(1), mi.Float(0))]
+        glow = lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
+        new = [sums[0] + dr.select(on_lamp, glow, mi.Float(0))]
         for m in range(paints):
             here = shaded & (material == m)
             mine = sums[1 + m * per_paint : 1 + (m + 1) * per_paint]

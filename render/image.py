@@ -33,7 +33,9 @@ class RenderedImage:
     @property
     def surface(self) -> NDArray[np.int16]:
         """(y, x) index into surface_names of what covers most of the pixel; LAMP or NOTHING otherwise."""
-        each = [self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)]
+        each = [
+            self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)
+        ]
         most = np.argmax(np.stack(each, axis=-1), axis=-1).astype(np.int16)
         most[most == len(self.surface_names)] = LAMP
         most[self.coverage.sum(axis=-1) < 0.5] = NOTHING

@@ -10,7 +10,7 @@ import numpy as np
 
 from .tracer import RAY_OFFSET_MM, Tracer, visible
 
-__all__ = ["LampSampler", "build_lamp_sampler", "direct_light", "lamp_point"]
+__all__ = ["LampSampler", "build_lamp_sampler", "direct_light", "lamp_pattern", "lamp_point"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) ->
     return dr.abs(total) * (0.5 / np.pi), whole
 
 
-def _pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.Float | float:
+def lamp_pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.Float | float:
     """Radiance at a lamp point towards an angle, relative to the lamp's mean along its normal."""
     value: mi.Float | float = 1.0
     if lamp.edge_ratio != 1.0:
@@ -119,19 +119,25 @@ def direct_light(
     direction = dr.normalize(offset)
     point = origin + offset
     free = visible(tracer, origin, point, active & (weight > 0))
-    sampled = dr.select(free, weight * _pattern(lamp, point, -dr.dot(direction, lamp.normal)), 0)
+    sampled = dr.select(free, weight * lamp_pattern(lamp, point, -dr.dot(direction, lamp.normal)), 0)
     mean, whole = _unoccluded(lamp, origin, normal)
     in_front = dr.dot(origin - point, lamp.normal) > 0
     return dr.select(active, sampled + dr.select(whole & in_front, mean - weight, 0), 0)
 
 
 def lamp_point(
-    lamp: LampSampler, origin: mi.Point3f, normal: mi.Vector3f, u: mi.Float, v: mi.Float, active: mi.Bool, patterned: bool = True
+    lamp: LampSampler,
+    origin: mi.Point3f,
+    normal: mi.Vector3f,
+    u: mi.Float,
+    v: mi.Float,
+    active: mi.Bool,
+    patterned: bool = True,
 ) -> tuple[mi.Float, mi.Vector3f, mi.Float]:
     """One point of the lamp, uniform over its area, as seen from ``origin``; nothing is tested for occlusion.
 
-    Returns its form factor (irradiance over pi times radiance; times the lamp's pattern if ``patterned``), the
-    way to it in mm, and the probability per steradian of its direction.
+    Returns its form factor (irradiance over pi times radiance; times the lamp's pattern if ``patterned``),
+    the way to it in mm, and the probability per steradian of its direction.
     """
     point = _sample(lamp, u, v)
     offset = point - origin
@@ -142,5 +148,5 @@ def lamp_point(
     facing = active & (cosine > 0) & (lamp_cosine > 0)
     weight = dr.select(facing, cosine * lamp_cosine * lamp.area / (np.pi * square), 0)
     if patterned:
-        weight = dr.select(facing, weight * _pattern(lamp, point, lamp_cosine), 0)
+        weight = dr.select(facing, weight * lamp_pattern(lamp, point, lamp_cosine), 0)
     return weight, offset, dr.select(facing, square / (lamp.area * lamp_cosine), 0)

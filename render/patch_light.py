@@ -62,11 +62,11 @@ class PatchLight:
         """(w, y, x) radiance over the lamp's."""
         t = self.transport
         if self.max_bounces == 0:
-            return np.broadcast_to(t.lamp_covered, self.added.shape).astype(float)
+            return np.broadcast_to(t.lamp_radiance, self.added.shape).astype(float)
         arriving = t.direct[:, None] + t.gather @ self.patch_radiance().astype(np.float32)
         arriving = arriving + np.outer(t.escape, self.surround)
         picture = t.pixels(self.fragment_reflectance * arriving + self.fragment_emission)
-        return picture + t.lamp_covered + self.surround[:, None, None] * (1 - t.covered) + self.added
+        return picture + t.lamp_radiance + self.surround[:, None, None] * (1 - t.covered) + self.added
 
 
 def patch_light(

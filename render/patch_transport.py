@@ -19,7 +19,7 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
 from .final_gather import LightField
-from .lamp import direct_light
+from .lamp import direct_light, lamp_pattern
 from .patches import patch_of
 from .primary import facet_coverage
 from .sampling import SobolPoints, cosine_hemisphere
@@ -33,8 +33,9 @@ class PatchTransport:
     """Exchange between lamp, patches, surroundings and pixels.
 
     pixel, face : (f,) of each fragment. coverage : (f,). position : (f, 3) mm, where the pixel's centre meets
-    the face's plane. direct : (f,) e_f. gather : (f, p) G. escape : (f,) part of the hemisphere that leaves the box.
-    covered : (y, x) part of each pixel that sees anything; lamp_covered : that sees the lamp.
+    the face's plane. direct : (f,) e_f. gather : (f, p) G. escape : (f,) part of the hemisphere that leaves
+    the box. covered : (y, x) part of each pixel that sees anything. lamp_radiance : (y, x) the lamp's own
+    light: the part of a pixel that sees it times the radiance there over the lamp's mean along its normal.
     """
 
     light: LightField
@@ -47,7 +48,7 @@ class PatchTransport:
     gather: NDArray[np.float32]
     escape: NDArray[np.float32]
     covered: NDArray[np.float64]
-    lamp_covered: NDArray[np.float64]
+    lamp_radiance: NDArray[np.float64]
 
     @property
     def material(self) -> NDArray[np.int64]:
@@ -66,10 +67,12 @@ class PatchTransport:
         height, width = self.camera.height_px, self.camera.width_px
         weighted = self.coverage[:, None] * values
         flat = [np.bincount(self.pixel, column, minlength=height * width) for column in weighted.T]
-        return np.stack(flat).reshape(-1, height, width)
+        return np.array(flat, float).reshape(-1, height, width)
 
 
-def build_patch_transport(light: LightField, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
+def build_patch_transport(
+    light: LightField, camera: Camera, samples: int = 256, seed: int = 0
+) -> PatchTransport:
     """Trace one camera ray and one gathering ray per sample and record what they meet."""
     tracer, patches = light.tracer, light.patches
     everything = facet_coverage(tracer, camera)
@@ -86,13 +89,21 @@ def build_patch_transport(light: LightField, camera: Camera, samples: int = 256,
     surfaces = len(tracer.scene.surfaces)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
     direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
+    glow, on_lamp = (dr.zeros(mi.Float, count) for _ in range(2))
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
-        hit = intersect(tracer, camera_ray(camera, column + points.point(i, 2) - 0.5, row + points.point(i, 3) - 0.5))
+        ray = camera_ray(camera, column + points.point(i, 2) - 0.5, row + points.point(i, 3) - 0.5)
+        hit = intersect(tracer, ray)
         shaded = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
+        bright = hit.front & ~shaded
+        dr.scatter_add(on_lamp, mi.Float(1), lane, bright)
+        pattern = lamp_pattern(light.lamp, hit.position, -dr.dot(ray.d, light.lamp.normal))
+        dr.scatter_add(glow, mi.Float(pattern), lane, bright)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, shaded)
         fragment = dr.gather(mi.UInt32, lookup, lane * faces + facet, shaded)
-        arriving = direct_light(tracer, light.lamp, hit.position, hit.normal, points.point(i, 4), points.point(i, 5), shaded)
+        arriving = direct_light(
+            tracer, light.lamp, hit.position, hit.normal, points.point(i, 4), points.point(i, 5), shaded
+        )
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
         lit = far.front & (dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < surfaces)
@@ -105,7 +116,8 @@ def build_patch_transport(light: LightField, camera: Camera, samples: int = 256,
 
     total = dr.opaque(mi.UInt32, samples)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
-    dr.eval(direct, escaped, seen, matrix)
+    dr.eval(direct, escaped, seen, glow, on_lamp, matrix)
+    own = (np.array(glow) / np.maximum(np.array(on_lamp), 1)).reshape(camera.height_px, camera.width_px)
     scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
     return PatchTransport(
         light, camera, pixel, face,
@@ -115,12 +127,12 @@ def build_patch_transport(light: LightField, camera: Camera, samples: int = 256,
         gather=np.array(matrix).reshape(fragments + 1, len(patches))[:-1] * scale[:, None],
         escape=np.array(escaped)[:-1] * scale,
         covered=everything.sum(axis=-1).astype(float),
-        lamp_covered=everything[..., -1].astype(float),
+        lamp_radiance=everything[..., -1] * own,
     )  # fmt: skip
 
 
 def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:
-    """(f, 3) where the ray through each pixel's centre meets the plane of the face, kept to the face's extent."""
+    """(f, 3) where each pixel's central ray meets the plane of the face, kept to the face's extent."""
     row, column = np.divmod(pixel, camera.width_px)
     direction = camera.directions(column.astype(float), row.astype(float))
     positions = np.empty((len(pixel), 3))

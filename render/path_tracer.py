@@ -17,7 +17,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from .image import RenderedImage
-from .lamp import LampSampler, build_lamp_sampler, direct_light
+from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .path_points import PathPoints
 from .primary import facet_coverage
 from .sampling import cosine_hemisphere
@@ -116,6 +116,7 @@ def _strip(
         surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
         on_lamp = hit.front & (surface == n_surfaces)
         shaded = hit.front & (surface < n_surfaces) & (depth < last)
+        glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
         vertex = points.at_vertex(index, depth)
         light = weight * direct_light(
@@ -134,7 +135,7 @@ def _strip(
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            seen + dr.select(on_lamp & (depth == 0), one, 0),
+            seen + dr.select(on_lamp & (depth == 0), glow, 0),
             dr.select(ended, one, weight / survives),
             [dr.select(ended, one, t) for t in reflected],
             new_sums,

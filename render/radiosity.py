@@ -31,7 +31,10 @@ _MOST_BOUNCES = 12
 
 @dataclass(frozen=True, eq=False)
 class Exchange:
-    """What patches see. direct : (p,) e above. form_factors : (p, p) F. escape : (p,) fraction that leaves the box."""
+    """What patches see.
+
+    direct : (p,) e above. form_factors : (p, p) F. escape : (p,) fraction that leaves the box.
+    """
 
     direct: NDArray[np.float32]
     form_factors: NDArray[np.float32]
@@ -94,8 +97,8 @@ def solve(
 ) -> NDArray[np.float64]:
     """Outgoing radiance b (p, w) of every patch by bounce after bounce until nothing is left.
 
-    reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi, the lamp's ``direct`` where None.
-    max_reflections : stop after so many reflections (None: to convergence, relative 1e-7).
+    reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi, the lamp's ``direct`` where
+    None. max_reflections : stop after so many reflections (None: to convergence, relative 1e-7).
     """
     first = exchange.direct[:, None] if source is None else source
     bounce = (reflectance * first).astype(np.float32)
@@ -115,8 +118,8 @@ def indirect_basis(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The patches' indirectly lit radiance rho F b at all wavelengths, as a short sum of products.
 
-    material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra (k, w)
-    with coefficients @ spectra = rho F b within about TOLERANCE of its largest value.
+    material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra
+    (k, w) with coefficients @ spectra = rho F b within about TOLERANCE of its largest value.
 
     Light after many reflections looks the same at all wavelengths, so b is sought in the space of the first
     few bounces at a few wavelengths (a reduced basis, by Galerkin), which grows until the equation
@@ -142,7 +145,9 @@ def indirect_basis(
     return coefficients, right[:rank]
 
 
-def _reduced_solution(exchange: Exchange, material: NDArray, reflectances: NDArray) -> tuple[NDArray, NDArray]:
+def _reduced_solution(
+    exchange: Exchange, material: NDArray, reflectances: NDArray
+) -> tuple[NDArray, NDArray]:
     """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
     rho = reflectances[material]
     chosen = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
@@ -159,7 +164,9 @@ def _reduced_solution(exchange: Exchange, material: NDArray, reflectances: NDArr
         left, singular = columns @ vectors, np.sqrt(np.maximum(singular, 0))
         space = np.linalg.qr(left[:, singular > 1e-6 * singular[-1]])[0]
         transported = exchange.form_factors @ space.astype(np.float32)
-        amplitudes, residual = _galerkin(space, transported.astype(np.float64), material, reflectances, direct)
+        amplitudes, residual = _galerkin(
+            space, transported.astype(np.float64), material, reflectances, direct
+        )
         if residual < TOLERANCE:
             break
     return transported, amplitudes

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from . import variant as _variant
 from .image import RenderedImage
 from .pinhole import Film, film_for, resampling
-from .tracer import _facets
+from .tracer import facets
 
 __all__ = ["render_stock", "scene_dict", "sensor_dict"]
 
@@ -159,7 +159,7 @@ def _coverage(scene: Scene, camera: Camera, film: Film) -> tuple[NDArray[np.floa
     owner = np.concatenate([np.full(len(s.faces), i) for i, s in enumerate(surfaces)])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    facet, facet_surface = _facets(normals, owner)
+    facet, facet_surface = facets(normals, owner)
     facet[np.sum((camera.position_mm - corners[:, 0]) * normals, axis=1) <= 0] = -1  # only backs are seen
     parts = COVERAGE_OVERSAMPLING // round(film.scale / camera.focal_length_px)
     fine = Film(film.low, film.scale * parts, film.size * parts)

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from . import variant as _variant  # noqa: F401  (activates a variant)
 
-__all__ = ["RAY_OFFSET_MM", "Hit", "Tracer", "build_tracer", "camera_ray", "intersect", "visible"]
+__all__ = ["RAY_OFFSET_MM", "Hit", "Tracer", "build_tracer", "camera_ray", "facets", "intersect", "visible"]
 
 #: Rays leave surfaces this far above them: a hundred times the rounding of positions at box size.
 RAY_OFFSET_MM = 0.01
@@ -75,7 +74,7 @@ def build_tracer(scene: Scene) -> Tracer:
     material = np.concatenate([np.full(len(s.faces), m) for s, _, m in parts])
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    facet, facet_surface = _facets(normals, surface)
+    facet, facet_surface = facets(normals, surface)
     mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
@@ -98,13 +97,21 @@ def build_tracer(scene: Scene) -> Tracer:
     )
 
 
-def _facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Group each surface's triangles into flat faces: normals within 2 degrees of a face's first triangle."""
+def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Group each surface's triangles into flat faces: normals within 2 degrees of a face's first triangle.
+
+    normals : (t, 3) unit vectors. surface : (t,). Returns the face of each triangle (t,), numbered by first
+    appearance, and the surface of each face (f,).
+    """
     facet = np.full(len(normals), -1)
     owners: list[int] = []
     for index in range(len(normals)):
         if facet[index] < 0:
-            same = (surface == surface[index]) & (normals @ normals[index] > np.cos(np.radians(2.0))) & (facet < 0)
+            same = (
+                (surface == surface[index])
+                & (normals @ normals[index] > np.cos(np.radians(2.0)))
+                & (facet < 0)
+            )
             facet[same] = len(owners)
             owners.append(int(surface[index]))
     return facet, np.array(owners)

@@ -16,7 +16,10 @@ import mitsuba as mi
 
 __all__ = ["HINT", "compiled", "find_llvm", "use"]
 
-HINT = "no LLVM 16 or newer found: rendering falls back to the slow scalar variant (Debian/Ubuntu: apt install libllvm19)"
+HINT = (
+    "no LLVM 16 or newer found: rendering falls back to the slow scalar variant "
+    "(Debian/Ubuntu: apt install libllvm19)"
+)
 
 _FOLDERS = (
     "/usr/lib/x86_64-linux-gnu",
@@ -28,7 +31,7 @@ _FOLDERS = (
 
 
 def find_llvm() -> str | None:
-    """Path of the newest LLVM library of release 16 or later, or None. A user's DRJIT_LIBLLVM_PATH comes first."""
+    """Path of the newest LLVM library of release 16 or later, or None. DRJIT_LIBLLVM_PATH comes first."""
     candidates = [Path(os.environ["DRJIT_LIBLLVM_PATH"])] if "DRJIT_LIBLLVM_PATH" in os.environ else []
     found = [path for folder in _FOLDERS for path in Path(folder).glob("libLLVM*.so*")]
     found += list(Path("/usr/lib").glob("llvm-*/lib/libLLVM*.so*"))

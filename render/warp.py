@@ -36,7 +36,11 @@ class Warp:
 
 def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDArray[np.float64]) -> Warp:
     """Take signals (band, y, x) rendered through ``camera`` apart."""
-    layers = {f: _layer(signal, image.coverage[..., f]) for f in range(len(tracer.facet_surface)) if image.coverage[..., f].any()}
+    layers = {
+        f: _layer(signal, image.coverage[..., f])
+        for f in range(len(tracer.facet_surface))
+        if image.coverage[..., f].any()
+    }
     return Warp(tracer, camera, layers, _assemble(tracer, camera, layers, camera))
 
 
@@ -48,7 +52,9 @@ def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
     return _assemble(warp.tracer, warp.camera, warp.layers, camera) - warp.base
 
 
-def _assemble(tracer: Tracer, seen_by: Camera, layers: dict[int, NDArray], camera: Camera) -> NDArray[np.float64]:
+def _assemble(
+    tracer: Tracer, seen_by: Camera, layers: dict[int, NDArray], camera: Camera
+) -> NDArray[np.float64]:
     coverage = facet_coverage(tracer, camera, _COVERAGE_SAMPLES)
     result = np.zeros_like(next(iter(layers.values())))
     for face, layer in layers.items():
@@ -61,7 +67,7 @@ def _assemble(tracer: Tracer, seen_by: Camera, layers: dict[int, NDArray], camer
 
 
 def _layer(signal: NDArray, coverage: NDArray) -> NDArray[np.float64]:
-    """A face's own signals (band, y, x), continued beyond its border from the nearest pixel that sees it alone."""
+    """A face's own signals (band, y, x), continued beyond its border from the nearest pixel of it alone."""
     own = coverage == 1
     if not own.any():
         own = coverage == coverage.max()
@@ -69,8 +75,10 @@ def _layer(signal: NDArray, coverage: NDArray) -> NDArray[np.float64]:
     return signal[:, rows, columns]
 
 
-def _seen_at(tracer: Tracer, face: int, seen_by: Camera, camera: Camera, where: NDArray) -> tuple[NDArray, NDArray]:
-    """Rows and columns at which ``seen_by`` sees the points of the face's plane that ``camera`` has in pixels ``where``."""
+def _seen_at(
+    tracer: Tracer, face: int, seen_by: Camera, camera: Camera, where: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Rows and columns at which ``seen_by`` sees what ``camera`` has of a face in pixels ``where``."""
     triangle = int(np.argmax(tracer.facet == face))
     corner, normal = tracer.vertices[triangle, 0], tracer.normals[triangle]
     rows, columns = (index.astype(float) for index in np.nonzero(where))
@@ -85,10 +93,12 @@ def _seen_at(tracer: Tracer, face: int, seen_by: Camera, camera: Camera, where: 
 
 
 def pixels_per_unit(tracer: Tracer, camera: Camera) -> NDArray[np.float64]:
-    """(10,) root mean square motion, px, of the scene's corners in sight per unit of each camera parameter."""
+    """(10,) rms motion, px, of the scene's corners in sight per unit of each camera parameter."""
     points = tracer.vertices.reshape(-1, 3)
     image = camera.project(points)
     inside = np.all((image > -0.5) & (image < [camera.width_px, camera.height_px]), axis=1)
     step = 1e-4
-    motion = [camera.with_parameters(camera.parameters + step * axis).project(points) - image for axis in np.eye(10)]
+    motion = [
+        camera.with_parameters(camera.parameters + step * axis).project(points) - image for axis in np.eye(10)
+    ]
     return np.array([np.sqrt(np.mean(np.sum(m[inside] ** 2, axis=1))) for m in motion]) / step

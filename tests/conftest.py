@@ -1,6 +1,11 @@
 """What all tests share: where the measurements lie, and a strict but patient hypothesis."""
 
+import os
 from pathlib import Path
+
+# before NumPy: matrix products' waiting threads would take the cores from ray tracing
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings

@@ -100,7 +100,9 @@ def diagnosis(ranking, selected):
 
 
 def test_a_right_diagnosis_scores():
-    result = score(HIDDEN, diagnosis([("veiling-glare", {"fraction": 0.011}), ("ghost", {})], ["veiling-glare"]))
+    result = score(
+        HIDDEN, diagnosis([("veiling-glare", {"fraction": 0.011}), ("ghost", {})], ["veiling-glare"])
+    )
     assert result.first and result.exact and not result.falsely_selected
     assert result.effects[0].rank == 1 and result.effects[0].selected
     assert result.effects[0].errors["fraction"] == pytest.approx(0.1)
@@ -130,13 +132,17 @@ def test_where_nothing_is_hidden_nothing_may_be_selected():
     assert not alarm.first and not alarm.exact and alarm.falsely_selected == ("ghost",)
 
 
-@pytest.mark.parametrize("content", ["no json", "{}", '{"ranking": [3], "selected": []}', '{"ranking": [], "selected": [1]}'])
+@pytest.mark.parametrize(
+    "content", ["no json", "{}", '{"ranking": [3], "selected": []}', '{"ranking": [], "selected": [1]}']
+)
 def test_what_is_no_diagnosis_is_named(tmp_path, content):
     path = tmp_path / "d.json"
     path.write_text(content)
     with pytest.raises(InputError, match=r"d\.json.*cbox diagnose --json"):
         read_diagnosis(path)
-    assert read_diagnosis(_written(tmp_path, diagnosis([("ghost", {})], ["unknown"])))["selected"] == ["unknown"]
+    assert read_diagnosis(_written(tmp_path, diagnosis([("ghost", {})], ["unknown"])))["selected"] == [
+        "unknown"
+    ]
 
 
 def _written(folder, content):

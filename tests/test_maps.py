@@ -110,13 +110,20 @@ def test_stable_keys(tmp_path, comparison):
         {"effects": [], "chi2_per_dof": m["chi2_per_dof"], "delta_e_ab_mean": m["delta_e_ab"]["mean"]}
     ]
     assert m["adequate"] is False
+    run = fake_run()
+    assert run.calibrated_camera is not None
+    for key, camera in (("camera", run.calibrated_camera), ("camera_refitted", run.camera)):
+        assert m[key]["position_mm"] == list(camera.position_mm)
+        assert set(m[key]) == set(m["camera"])
+    assert m["camera_refitted"]["position_mm"] != m["camera"]["position_mm"]
 
 
 def test_unknown_figures_are_null_and_extra_hides_nothing(comparison):
     camera = replace(fake_run().camera, covariance=None)
-    run = fake_run(camera=camera, path=[PathStep(("veiling-glare",), 1.02, 0.3)])
+    run = fake_run(camera=camera, calibrated_camera=None, path=[PathStep(("veiling-glare",), 1.02, 0.3)])
     m = metrics(comparison, run)
     json.dumps(m, allow_nan=False)
+    assert m["camera_refitted"] is None
     assert m["camera"]["covariance"] == [] and m["camera"]["position_sigma_mm"] == [None] * 3
     assert m["path"][0]["effects"] == ["veiling-glare"]
     with pytest.raises(ValueError, match="chi2_per_dof"):

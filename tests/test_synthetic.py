@@ -18,7 +18,12 @@ from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.expected import expected_signal
 from cboxlab.validate.model import Model
 from cboxlab.validate.sensing import sensing
-from cboxlab.validate.synthetic import perturbed_camera, photograph_image, photographed_scene, write_model_capture
+from cboxlab.validate.synthetic import (
+    perturbed_camera,
+    photograph_image,
+    photographed_scene,
+    write_model_capture,
+)
 from scipy import stats
 from scipy.ndimage import binary_dilation
 
@@ -121,7 +126,9 @@ def test_the_survey_and_the_lamp_are_those_before_the_effect(image, scene, tmp_p
         apply_checked("lamp-power", {"scale": 1.2}, "test"),
     ]
     for name, given in (("plain", []), ("moved", effects)):
-        photograph_image(tmp_path / name, image, given, scene, perturbed_camera(SIZE, SEED), CaptureSettings(), SEED)
+        photograph_image(
+            tmp_path / name, image, given, scene, perturbed_camera(SIZE, SEED), CaptureSettings(), SEED
+        )
     for file in ("points.csv", "spectra/lamp.csv"):
         assert (tmp_path / "plain" / file).read_bytes() == (tmp_path / "moved" / file).read_bytes()
 

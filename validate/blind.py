@@ -178,7 +178,9 @@ def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
         errors = {} if effect is None else _errors(effect, truth, fitted)
         rows.append(EffectScore(name, None if place is None else place + 1, name in selected, errors))
     first = bool(order) and order[0] in hidden if hidden else not selected
-    return Score(tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden))
+    return Score(
+        tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden)
+    )
 
 
 def _errors(effect: Effect, truth: Mapping[str, str | float], fitted: Mapping[str, Any]) -> dict[str, float]:

@@ -40,7 +40,9 @@ def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
         for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
     ]
     points = f"{int(fit.kept.sum())} of {len(fit.kept)} points"
-    rows.append((f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px"))
+    rows.append(
+        (f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px")
+    )
     return rows
 
 
@@ -64,7 +66,9 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         rows.append(("C alike in all bands: probability", f"{scale.probability:.3f}", "", "1"))
     if linearity is not None:
         rows.append(_row("black level", linearity.black_level_dn, linearity.black_level_sigma, "DN"))
-        rows.append(_row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s"))
+        rows.append(
+            _row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s")
+        )
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from cboxlab.scenes.errors import InputError
 
-from .console import bar, console, data_table, positive_number, require_compiled, require_folder, say, wavelengths
+from .console import (
+    bar,
+    console,
+    data_table,
+    positive_number,
+    require_compiled,
+    require_folder,
+    say,
+    wavelengths,
+)
 
 if TYPE_CHECKING:
     from cboxlab.scenes.camera import Camera
@@ -20,7 +29,10 @@ if TYPE_CHECKING:
 __all__ = ["capture", "render", "reveal", "simulate"]
 
 ModelArgument = Annotated[
-    str, typer.Argument(metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box.", show_default=False)
+    str,
+    typer.Argument(
+        metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box.", show_default=False
+    ),
 ]
 
 #: Cubes and captures that take more memory than this are refused before anything is computed.
@@ -37,13 +49,28 @@ def _model(name: str) -> Model:
 
 def render(
     model: ModelArgument,
-    out: Annotated[Path, typer.Option(help="The cube: .nc (with standard errors), .exr, .hdr (ENVI) or .png.", show_default=False)],
-    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = "400:700:10",
-    size: Annotated[int, typer.Option(help="Pixels a side, of the published camera.", min=2, max=LARGEST_SIZE)] = 256,
-    camera: Annotated[Path | None, typer.Option(help="A capture folder: its calibrated camera, in place of --size.")] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="The cube: .nc (with standard errors), .exr, .hdr (ENVI) or .png.", show_default=False
+        ),
+    ],
+    at: Annotated[
+        str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")
+    ] = "400:700:10",
+    size: Annotated[
+        int, typer.Option(help="Pixels a side, of the published camera.", min=2, max=LARGEST_SIZE)
+    ] = 256,
+    camera: Annotated[
+        Path | None, typer.Option(help="A capture folder: its calibrated camera, in place of --size.")
+    ] = None,
     noise: Annotated[str, typer.Option(help="Relative standard error of a pixel, median.")] = "0.3%",
-    samples: Annotated[int | None, typer.Option(help="Samples per pixel and batch, in place of --noise.", min=1)] = None,
-    seed: Annotated[int | None, typer.Option(help="Of the random numbers; the model's where left out.", min=0)] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Samples per pixel and batch, in place of --noise.", min=1)
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of the random numbers; the model's where left out.", min=0)
+    ] = None,
 ) -> None:
     """A spectral cube of a model: everything before filters and sensor."""
     from cboxlab.render.cube_files import WRITABLE, write_cube
@@ -81,7 +108,9 @@ def _calibrated_camera(folder: Path) -> Camera:
     if target is not None and target.survey_camera is not None:
         return target.survey_camera
     if fit is None:
-        raise InputError(folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera")
+        raise InputError(
+            folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera"
+        )
     return fit.camera
 
 
@@ -90,7 +119,9 @@ def simulate(
     out: Annotated[Path, typer.Option(help="The raw frame: 16-bit TIFF, counts.", show_default=False)],
     camera: Annotated[str, typer.Option(help="dcs200, pxl1300l, or a camera file (TOML).")] = "dcs200",
     exposure: Annotated[str, typer.Option(help="Seconds (0.5 or 1/30), or auto.")] = "auto",
-    channel: Annotated[str | None, typer.Option(help="Filter, of a camera that has several and no mosaic.")] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="Filter, of a camera that has several and no mosaic.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.", min=0)] = 0,
     preview: Annotated[Path | None, typer.Option(help="A demosaiced picture (PNG).")] = None,
 ) -> None:
@@ -109,7 +140,9 @@ def simulate(
     seconds = None if exposure == "auto" else positive_number(exposure, "--exposure")
     shot = shoot(read_cube(cube), sensor, seconds, seed, channel)
     write_shot(out, shot)
-    say(f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {shot.counts.min()} to {shot.counts.max()} DN)")
+    say(
+        f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {shot.counts.min()} to {shot.counts.max()} DN)"
+    )
     if preview is not None:
         write_preview(preview, shot)
         say(f"Preview: {preview}")
@@ -119,9 +152,13 @@ def capture(
     model: ModelArgument,
     out: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
     size: Annotated[int, typer.Option(help="Pixels a side.", min=16, max=1024)] = 128,
-    seed: Annotated[int | None, typer.Option(help="Of camera and noise; by chance where left out.", min=0)] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of camera and noise; by chance where left out.", min=0)
+    ] = None,
     noise: Annotated[str, typer.Option(help="Relative standard error of the render in it, median.")] = "0.1%",
-    hide: Annotated[bool, typer.Option("--hide", help="Seal what is in it: the model's effects, or one by chance.")] = False,
+    hide: Annotated[
+        bool, typer.Option("--hide", help="Seal what is in it: the model's effects, or one by chance.")
+    ] = False,
     effects: Annotated[str | None, typer.Option(help="With --hide: draw one of these (id,id).")] = None,
 ) -> None:
     """A synthetic capture by the forward model, openly or with a hidden effect and a sealed answer."""
@@ -134,7 +171,9 @@ def capture(
 
     error = positive_number(noise, "--noise")
     if effects is not None and not hide:
-        raise InputError("--effects", "no --hide", "--hide with it", "`cbox add` puts effects into a model openly.")
+        raise InputError(
+            "--effects", "no --hide", "--hide with it", "`cbox add` puts effects into a model openly."
+        )
     require_folder(out.parent)
     chosen = _model(model)
     number = secrets.randbits(63) if seed is None else seed
@@ -170,9 +209,16 @@ def reveal(
 
 
 def _print_answer(answer: Answer, result: Score | None) -> None:
-    table = data_table("Hidden", "effect", "parameters", *(() if result is None else ("rank", "selected", "error of each")))
+    table = data_table(
+        "Hidden", "effect", "parameters", *(() if result is None else ("rank", "selected", "error of each"))
+    )
     for index, (name, parameters) in enumerate(answer.effects):
-        cells = [name, ", ".join(f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in parameters.items())]
+        cells = [
+            name,
+            ", ".join(
+                f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in parameters.items()
+            ),
+        ]
         if result is not None:
             row = result.effects[index]
             errors = ", ".join(f"{key} {100 * error:+.1f}%" for key, error in row.errors.items())
@@ -181,6 +227,8 @@ def _print_answer(answer: Answer, result: Score | None) -> None:
     if answer.effects:
         console.print(table)
     if result is not None:
-        say(f"First answer: {'right' if result.first else 'wrong'}. Selection: {'right' if result.exact else 'wrong'}.")
+        say(
+            f"First answer: {'right' if result.first else 'wrong'}. Selection: {'right' if result.exact else 'wrong'}."
+        )
         if result.falsely_selected:
             say(f"Selected, but not there: {', '.join(result.falsely_selected)}")

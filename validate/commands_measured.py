@@ -37,7 +37,9 @@ def validate(
     model: Annotated[
         Path | None, typer.Option(help="Model file (TOML); the published box where left out.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path("validation"),
+    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
+        "validation"
+    ),
 ) -> None:
     """The main job: calibrate, render, compare, report."""
     from .model import Model, load_model
@@ -93,7 +95,9 @@ def _print_calibration(calibration: Calibration) -> None:
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(help="Cube (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False)],
+    a: Annotated[
+        Path, typer.Argument(help="Cube (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False)
+    ],
     b: Annotated[Path, typer.Argument(help="The reference: another of the same kind.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
 ) -> None:
@@ -130,7 +134,12 @@ def _print_comparison(comparison: StackComparison) -> None:
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
     for pixel in comparison.worst:
         worst.add_row(
-            pixel.plane, str(pixel.x), str(pixel.y), f"{pixel.first:.4g}", f"{pixel.second:.4g}", f"{pixel.size:+.4g}"
+            pixel.plane,
+            str(pixel.x),
+            str(pixel.y),
+            f"{pixel.first:.4g}",
+            f"{pixel.second:.4g}",
+            f"{pixel.size:+.4g}",
         )
     if comparison.residual_over_sigma is not None:
         say(f"Noise alone gives a χ² per pixel of {comparison.expected_chi2:.2f}.")

@@ -18,7 +18,9 @@ __all__ = ["add", "effects"]
 
 
 def add(
-    model: Annotated[Path, typer.Argument(help="Model file (TOML); made where it is missing.", show_default=False)],
+    model: Annotated[
+        Path, typer.Argument(help="Model file (TOML); made where it is missing.", show_default=False)
+    ],
     effect: Annotated[str, typer.Argument(help="Identifier, see `cbox effects`.", show_default=False)],
     values: Annotated[list[str] | None, typer.Argument(help="key=value ...", show_default=False)] = None,
 ) -> None:
@@ -35,7 +37,9 @@ def add(
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     write_model(model, current.with_effect(applied))
     shown = ", ".join(f"{key} = {value}" for key, value in applied.values.items())
-    say(f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in current.with_effect(applied).effects)}")
+    say(
+        f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in current.with_effect(applied).effects)}"
+    )
 
 
 def _pair(text: str) -> tuple[str, str | float]:
@@ -56,7 +60,9 @@ def effects(identifier: Annotated[str | None, typer.Argument(help="One effect, i
     if identifier is None:
         table = Table("effect", "acts on", "parameters", "what happens")
         for effect in known.values():
-            table.add_row(effect.id, effect.stage, ", ".join(p.name for p in effect.parameters), effect.summary)
+            table.add_row(
+                effect.id, effect.stage, ", ".join(p.name for p in effect.parameters), effect.summary
+            )
         console.print(table)
         return
     if identifier not in known:

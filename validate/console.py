@@ -33,7 +33,9 @@ def say(text: str) -> None:
 
 def data_table(title: str, *header: str) -> Table:
     """A table whose first column is text and whose others are numbers."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
     for index, name in enumerate(header):
         table.add_column(name, justify="right" if index else "left", no_wrap=True)
     return table
@@ -42,7 +44,13 @@ def data_table(title: str, *header: str) -> Table:
 @contextmanager
 def bar(title: str) -> Iterator[Callable[[float], None]]:
     """A progress bar that takes the part done, 0 to 1; none where nobody watches (standard error in a file)."""
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as progress:
         task = progress.add_task(title, total=1.0)
         yield lambda part: progress.update(task, completed=part)
@@ -96,6 +104,11 @@ def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]
             values = np.array([float(part) for part in text.split(",")])
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(option, repr(text), expected) from None
-    if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0) or values.size > 2000:
+    if (
+        not np.all(np.isfinite(values))
+        or values[0] <= 0
+        or np.any(np.diff(values) <= 0)
+        or values.size > 2000
+    ):
         raise InputError(option, repr(text), expected)
     return values

@@ -24,14 +24,16 @@ DEMO_CAPTURE = Path(__file__).parent / "data" / "demo-capture"
 CUBE_STEP_NM = 10
 
 
-def run_demo(out: Path) -> None:
-    """Validate the bundled capture with the published box, explain what is missing, photograph the render.
+def run_demo(out: Path, model: Model | None = None) -> None:
+    """Validate the bundled capture, say what happens at each step, photograph the render with another camera.
 
-    Writes report.html, metrics.json, maps/, raw.tif and raw.png into ``out``.
+    model : the published box where None. Writes report.html, metrics.json, maps/, raw.tif and raw.png into ``out``.
     """
-    say(f"1. A capture: seven filters, darks, flats, a reference, surveyed points ({DEMO_CAPTURE.name}, bundled).")
+    say(
+        f"1. A capture: seven filters, darks, flats, a reference, surveyed points ({DEMO_CAPTURE.name}, bundled)."
+    )
     with bar("calibrating, rendering, comparing") as report:
-        result = validate(DEMO_CAPTURE, Model(), report)
+        result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
     print_validation(result)
     write_validation(result, out)
@@ -60,7 +62,7 @@ def _tell(result: Validation) -> None:
     corners = np.concatenate([surface.vertices_mm for surface in result.prepared.scene.surfaces])
     moved = np.sqrt(np.nanmean((fit.camera.project(corners) - camera.project(corners)) ** 2))
     say(
-        f"3. The published box rendered through it, down to {c.render_sigma_over_sensor_sigma:.2f} of the sensor's noise; "
+        f"3. The model ({result.model.name}) rendered through it, down to {c.render_sigma_over_sensor_sigma:.2f} of the sensor's noise; "
         f"camera and lamp refitted within what is known of them: {moved:.2f} px, lamp × {fit.lamp_scale:.4f} ± "
         f"{fit.lamp_scale_sigma:.1g}."
     )

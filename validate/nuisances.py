@@ -25,13 +25,11 @@ _HUBER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class NuisanceFit:
-    """camera : refitted, its covariance that of image and survey together. signal : (band, y, x) DN, warped and scaled."""
+    """camera : refitted, its covariance that of image and survey together. lamp_scale : on the lamp's stated power."""
 
     camera: Camera
     lamp_scale: float
     lamp_scale_sigma: float
-    signal: NDArray[np.float64]
-    rounds: int
 
 
 def camera_jacobian(warp: Warp, camera: Camera) -> NDArray[np.float64]:
@@ -65,7 +63,7 @@ def fit_nuisances(
     camera = warp.camera
     if calibrated.covariance is None:
         scale, sigma = fit_lamp_scale(measured, signal, variance, used, lamp_sigma)
-        return NuisanceFit(camera, scale, sigma, scale * signal, 0)
+        return NuisanceFit(camera, scale, sigma)
     prior = np.zeros((11, 11))
     prior[:10, :10] = np.linalg.inv(calibrated.covariance)
     prior[10, 10] = 0.0 if lamp_sigma is None else lamp_sigma**-2
@@ -109,6 +107,4 @@ def fit_nuisances(
         camera=replace(camera, covariance=covariance[:10, :10]),
         lamp_scale=scale,
         lamp_scale_sigma=float(np.sqrt(covariance[10, 10])),
-        signal=scale * (signal + warp_change(warp, camera)),
-        rounds=rounds,
     )

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from cboxlab.calibration.band_images import Mask, band_images
 from cboxlab.calibration.calibrate import Calibration, calibrate
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
-from cboxlab.render.bands import render_bands
-from cboxlab.render.final_gather import solve_light
+from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
-from cboxlab.render.warp import build_warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
@@ -25,12 +25,18 @@ from numpy.typing import NDArray
 from .compare import Comparison, compare
 from .maps import write_maps
 from .metrics import Run, write_metrics
-from .model import Model
+from .effects import AppliedEffect
+from .forward import after_stage
+from .model import Model, RenderSettings
 from .nuisances import NuisanceFit, fit_lamp_scale, fit_nuisances
+from .predictor import Predictor, build_predictor
 from .rendering import Progress, render_to_noise
-from .report import ReportInputs, build_report
+from .report import ReportInputs, build_report, ReportSection
+from .sensing import sensing
 
-__all__ = ["Prepared", "Validation", "prepare", "validate", "write_validation"]
+__all__ = [
+    "Prepared", "Rendered", "Validation", "chain_effects", "compared", "prepare", "refitted", "rendered_from", "validate", "write_validation",
+]  # fmt: skip
 
 #: The camera is refitted on renders this many times noisier than the final one; each starts where the last
 #: one ended, since moving edges is exact only over short ways.
@@ -62,15 +68,39 @@ class Prepared:
 
 
 @dataclass(frozen=True, eq=False)
+class Rendered:
+    """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error.
+
+    signal : (band, y, x) DN with the model's effects, at the lamp's stated power. used : pixels that count.
+    """
+
+    predictor: Predictor
+    fit: NuisanceFit
+    signal: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    used: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class Validation:
     """What ``validate`` found, ready to be written."""
 
     prepared: Prepared
     model: Model
-    image: RenderedImage
-    fit: NuisanceFit
+    light: LightField
+    rendered: Rendered
     comparison: Comparison
     seconds: float
+
+    @property
+    def image(self) -> RenderedImage:
+        """The base picture, without the effects that act after the scene."""
+        return self.rendered.predictor.image
+
+    @property
+    def fit(self) -> NuisanceFit:
+        """Camera and lamp as fitted to the picture."""
+        return self.rendered.fit
 
 
 def prepare(folder: Path, model: Model) -> Prepared:
@@ -96,7 +126,13 @@ def prepare(folder: Path, model: Model) -> Prepared:
             manifest, f"no {'; no '.join(lacking)}", "a capture that can be rendered", "`cbox calibrate` does what it allows"
         )
     scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
+    scene = after_stage(scene, model.effects, "scene")
     return Prepared(calibration, scene, calibration.camera_fit.camera, lamp.relative_uncertainty)
+
+
+def chain_effects(model: Model) -> tuple[AppliedEffect, ...]:
+    """The model's effects that act after scene and settings, in their order."""
+    return tuple(e for e in model.effects if e.effect.stage not in ("scene", "settings"))
 
 
 def validate(folder: Path, model: Model, progress: Progress | None = None) -> Validation:
@@ -104,53 +140,64 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     start = time.perf_counter()
     report = progress or (lambda part: None)
     prepared = prepare(folder, model)
-    calibration, settings = prepared.calibration, model.render
-    responses = calibration.responses
-    assert responses is not None
-    light = solve_light(prepared.scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
+    model_settings = after_stage(model.render, model.effects, "settings")
+    light = solve_light(prepared.scene, WAVELENGTH_NM, model_settings.max_bounces, seed=model_settings.seed)
     report(0.05)
-
-    def rendered(camera: Camera, noise: float, first: float, last: float):
-        return render_to_noise(
-            light, camera, responses, calibration.predicted_variance, prepared.usable, noise,
-            settings.seed, lambda part: report(first + (last - first) * part),
-        )  # fmt: skip
-
+    effects = chain_effects(model)
     camera = prepared.calibrated_camera
     for draft in range(_DRAFTS):
-        image, bands = rendered(camera, _DRAFT_NOISE * settings.noise, 0.05 + 0.12 * draft, 0.1 + 0.12 * draft)
-        signal = bands.signal.values
-        used = prepared.usable & (bands.mask.values == 0)
-        variance = calibration.predicted_variance(signal) + bands.variance.values
-        warp = build_warp(light.tracer, camera, image, signal)
-        fit = fit_nuisances(
-            prepared.measured, variance, used, signal, warp, prepared.calibrated_camera, prepared.lamp_sigma
-        )
-        camera = fit.camera
-    report(0.3)
-    image, bands = rendered(fit.camera, settings.noise, 0.3, 0.9)
-    signal = bands.signal.values
+        rendered = rendered_from(prepared, light, camera, model_settings, effects, _DRAFT_NOISE)
+        camera = refitted(prepared, rendered, effects).camera
+        report(0.1 + 0.1 * (draft + 1))
+    rendered = rendered_from(prepared, light, camera, model_settings, effects, 1.0, lambda part: report(0.3 + 0.6 * part))
+    comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
+    report(1.0)
+    return Validation(prepared, model, light, rendered, comparison, time.perf_counter() - start)
+
+
+def rendered_from(
+    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
+    noisier: float = 1.0, progress: Progress | None = None,
+) -> Rendered:  # fmt: skip
+    """Gather the picture through ``camera``, ``noisier`` times noisier than the settings ask; fit the lamp's scale."""
+    calibration = prepared.calibration
+    responses = calibration.responses
+    assert responses is not None
+    image, bands = render_to_noise(
+        light, camera, responses, calibration.predicted_variance, prepared.usable, noisier * settings.noise,
+        settings.seed, progress,
+    )  # fmt: skip
+    predictor = build_predictor(light, image, camera, sensing(calibration, camera), settings)
+    signal = predictor.signal(effects)
     used = prepared.usable & (bands.mask.values == 0)
     variance = calibration.predicted_variance(signal) + bands.variance.values
     scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, used, prepared.lamp_sigma)
-    fit = replace(fit, lamp_scale=scale, lamp_scale_sigma=sigma, signal=scale * signal)
-    comparison = _comparison(prepared, image, fit)
-    report(1.0)
-    return Validation(prepared, model, image, fit, comparison, time.perf_counter() - start)
+    return Rendered(predictor, NuisanceFit(camera, scale, sigma), signal, bands.variance.values, used)
 
 
-def _comparison(prepared: Prepared, image: RenderedImage, fit: NuisanceFit) -> Comparison:
-    calibration = prepared.calibration
+def refitted(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEffect]) -> NuisanceFit:
+    """Camera and lamp fitted to the measured picture, starting from a rendered one under these effects."""
+    signal = rendered.predictor.signal(effects)
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    return fit_nuisances(
+        prepared.measured, variance, rendered.used, signal, rendered.predictor.warp, prepared.calibrated_camera,
+        prepared.lamp_sigma,
+    )  # fmt: skip
+
+
+def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
+    """The comparison of the measured picture with a modelled ``signal`` (band, y, x) DN, lamp scale included."""
+    calibration, image = prepared.calibration, rendered.predictor.image
     responses, weights = calibration.responses, calibration.weights
     assert responses is not None and weights is not None
-    bands = render_bands(image, responses)
-    bands = bands.assign(signal=(bands.signal.dims, fit.signal), variance=bands.variance * fit.lamp_scale**2)
+    variance = rendered.variance * rendered.fit.lamp_scale**2
+    mask = np.where(rendered.used | ~prepared.usable, 0, int(Mask.LAMP))
     xyz_per_dn = LUMINOUS_EFFICACY * weights.weights / np.array([r.factor for r in responses])
     lamp = prepared.scene.lamp.radiance.at(responses[0].wavelength_nm)
     return compare(
         calibration.images,
-        bands,
-        calibration.predicted_variance(fit.signal),
+        band_images([r.band for r in responses], signal, variance, mask),
+        calibration.predicted_variance(signal),
         xyz_per_dn=xyz_per_dn,
         lamp_xyz=xyz_per_dn @ [response.signal(lamp) for response in responses],
         surface=np.where(image.surface < 0, -1, image.surface),

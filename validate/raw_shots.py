@@ -29,7 +29,11 @@ class RawShot:
 
 
 def shoot(
-    cube: xr.Dataset, camera: SensorCamera, exposure_s: float | None = None, seed: int = 0, channel: str | None = None
+    cube: xr.Dataset,
+    camera: SensorCamera,
+    exposure_s: float | None = None,
+    seed: int = 0,
+    channel: str | None = None,
 ) -> RawShot:
     """Photograph a cube. exposure_s : chosen by the camera where None. channel : see ``simulate``.
 
@@ -42,7 +46,9 @@ def shoot(
 
 def write_shot(path: Path, shot: RawShot) -> None:
     """Write the counts as a 16-bit TIFF that says how they were taken."""
-    write_raw(path, shot.counts, {"camera": shot.camera.name, "exposure_s": shot.exposure_s, "seed": shot.seed})
+    write_raw(
+        path, shot.counts, {"camera": shot.camera.name, "exposure_s": shot.exposure_s, "seed": shot.seed}
+    )
 
 
 def write_preview(path: Path, shot: RawShot) -> None:

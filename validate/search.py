@@ -88,16 +88,18 @@ class Signature:
     changes: NDArray[np.float32]
 
 
-def signature(predictor: Predictor, used: NDArray[np.bool_], hypothesis: Hypothesis) -> Signature | None:
-    """Difference pictures at small steps from null; None where the effect cannot act on this scene."""
-    base = predictor.signal(())
+def signature(
+    predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
+) -> Signature | None:
+    """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here."""
+    base = predictor.signal(given)
     steps = tuple(_probe(p) for p in hypothesis.free)
     effects = [
         hypothesis.at({p.name: _from_coordinate(p, _null_coordinate(p) + step)})
         for p, step in zip(hypothesis.free, steps, strict=True)
     ] or [hypothesis.at({})]
     try:
-        changes = [(predictor.signal((effect,)) - base)[used] for effect in effects]
+        changes = [(predictor.signal((*given, effect)) - base)[used] for effect in effects]
     except InputError:
         return None
     return Signature(hypothesis, steps or (1.0,), np.array(changes, np.float32))

@@ -23,7 +23,15 @@ from numpy.typing import NDArray
 
 from .maps import read_map, write_map
 
-__all__ = ["PlaneRow", "Stack", "StackComparison", "WorstPixel", "compare_stacks", "read_stack", "write_comparison"]
+__all__ = [
+    "PlaneRow",
+    "Stack",
+    "StackComparison",
+    "WorstPixel",
+    "compare_stacks",
+    "read_stack",
+    "write_comparison",
+]
 
 #: Pixels listed as the worst.
 WORST_PIXELS = 5
@@ -133,7 +141,11 @@ def _capture_stack(folder: Path) -> Stack:
     used = images["mask"].values == 0
     values = np.where(used, images["signal"].values, np.nan) / divisor
     return Stack(
-        folder, capture.band_ids, values, images["variance"].values / divisor**2, "DN s^-1 mm^2" if known else "DN s^-1"
+        folder,
+        capture.band_ids,
+        values,
+        images["variance"].values / divisor**2,
+        "DN s^-1 mm^2" if known else "DN s^-1",
     )
 
 
@@ -150,7 +162,9 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     names = [name for name in first.names if name in second.names]
     if not names:
         raise InputError(
-            second.source, f"the planes {_listed(second.names)}", f"some of {_listed(first.names)}, as in {first.source}"
+            second.source,
+            f"the planes {_listed(second.names)}",
+            f"some of {_listed(first.names)}, as in {first.source}",
         )
     notes = [
         f"only in {stack.source}: {_listed(left)}"
@@ -173,7 +187,9 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     rows = tuple(_row(i, a, b, used[i], relative[i], residual) for i in range(len(names)))
     sizes = 100 * relative if residual is None else residual
     measure = "difference, %" if residual is None else "residual / σ"
-    return StackComparison(a, b, rows, _worst(a, b, sizes), measure, relative, residual, _expected_chi2(a, b), tuple(notes))
+    return StackComparison(
+        a, b, rows, _worst(a, b, sizes), measure, relative, residual, _expected_chi2(a, b), tuple(notes)
+    )
 
 
 def _expected_chi2(a: Stack, b: Stack) -> float:

@@ -18,7 +18,10 @@ def print_validation(result: Validation) -> None:
     )  # fmt: skip
     for name, row in c.by_surface.items():
         table.add_row(
-            name, *(f"{100 * v:+.2f}" for v in row.relative), f"{row.delta_e_ab:.2f}", f"{row.chi2.per_dof:.2f}"
+            name,
+            *(f"{100 * v:+.2f}" for v in row.relative),
+            f"{row.delta_e_ab:.2f}",
+            f"{row.chi2.per_dof:.2f}",
         )
     console.print(table)
     say(

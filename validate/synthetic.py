@@ -36,7 +36,13 @@ from .forward import after_stage, render_to_precision
 from .model import Model
 from .sensing import CURVE_NM, FIELD_ANGLES, field_sine_squared
 
-__all__ = ["SIMULATED_STAGES", "perturbed_camera", "photograph_image", "photographed_scene", "write_model_capture"]
+__all__ = [
+    "SIMULATED_STAGES",
+    "perturbed_camera",
+    "photograph_image",
+    "photographed_scene",
+    "write_model_capture",
+]
 
 #: Stages whose effects a capture can contain; "settings" are the model's own shortcomings, not the box's.
 SIMULATED_STAGES = ("scene", "camera", "filter", "optics", "counts")
@@ -53,7 +59,9 @@ def perturbed_camera(size_px: int, seed: int) -> Camera:
     """The published camera as somebody has set it up: a little off in all ten parameters, by ``seed``."""
     camera = cornell_camera(size_px)
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    sigmas = np.repeat([_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2])
+    sigmas = np.repeat(
+        [_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2]
+    )
     shift = np.append(sigmas * generator.standard_normal(9), generator.uniform(-_K1, _K1))
     return camera.with_parameters(camera.parameters + shift)
 
@@ -160,7 +168,8 @@ def _through_filters(
         shares = np.moveaxis(CubicSpline(knots, np.eye(knots.size))(place), -1, 0)
     signals = [project(sensor_matrix(integral_responses(curves, angle)).T) for angle in range(knots.size)]
     return sum(
-        (share * np.moveaxis(signal, -1, 0) for share, signal in zip(shares, signals, strict=True)), np.zeros(())
+        (share * np.moveaxis(signal, -1, 0) for share, signal in zip(shares, signals, strict=True)),
+        np.zeros(()),
     )
 
 

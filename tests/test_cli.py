@@ -1,0 +1,384 @@
+"""The command line: each mistake ends in one line of help and exit code 2 with nothing written; what is right works.
+
+Broken captures are copies of the bundled one with a single fault.
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+from cboxlab.calibration.capture import load_capture
+from cboxlab.render.cube_files import read_cube, write_cube
+from cboxlab.render.raw_files import read_raw
+from cboxlab.scenes import InputError
+from cboxlab.validate import console
+from cboxlab.validate.blind import open_seal
+from cboxlab.validate.cli import main
+from cboxlab.validate.demo import DEMO_CAPTURE
+from cboxlab.validate.maps import read_map
+from cboxlab.validate.model import load_model
+from PIL import Image
+
+
+@pytest.fixture
+def cbox(capsys):
+    """Run a command in this process: (exit code, standard output, standard error)."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return caught.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def capture(tmp_path):
+    """A copy of the bundled capture, to be broken."""
+    return shutil.copytree(DEMO_CAPTURE, tmp_path / "capture")
+
+
+def edit(folder, pattern, new):
+    path = folder / "capture.toml"
+    text, count = re.subn(pattern, new, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
+
+
+def truncated_tiff(folder):
+    path = folder / "frames" / "f550-1.tif"
+    path.write_bytes(path.read_bytes()[:-2000])
+
+
+def missing_file(folder):
+    (folder / "frames" / "f550-1.tif").unlink()
+
+
+def wrong_size(folder):
+    path = folder / "frames" / "f550-1.tif"
+    tifffile.imwrite(path, tifffile.imread(path)[:100])
+
+
+def wrong_kind(folder):
+    path = folder / "frames" / "f550-1.tif"
+    tifffile.imwrite(path, (tifffile.imread(path) // 16).astype(np.uint8))
+
+
+def wrong_bit_depth(folder):
+    edit(folder, "bit_depth = 12", "bit_depth = 10")
+
+
+def unknown_key(folder):
+    edit(folder, "gain_e_per_dn", "gain_e_per_dm")
+
+
+def no_exposure(folder):
+    edit(folder, r"exposure_s = .*\n", "")
+
+
+def not_a_number(folder):
+    path = folder / "spectra" / "lamp.csv"
+    path.write_text(re.sub(r"(?m)^550,.*$", "550,nan", path.read_text()))
+
+
+def six_coplanar_points(folder):
+    path = folder / "points.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    floor = [row for row in rows[1:] if float(row[2]) == 0][:6]
+    floor += [[f"q{i}", *row[1:2], "0.00", *row[3:]] for i, row in enumerate(rows[1 : 7 - len(floor)])]
+    assert len(floor) == 6
+    path.write_text("\n".join(",".join(row) for row in [rows[0], *floor]) + "\n")
+
+
+def path_that_leaves(folder):
+    edit(folder, r'"spectra/lamp\.csv:radiance"', '"../lamp.csv:radiance"')
+
+
+# How the capture is broken, and what the message must name: the file, the key or place, what is wrong.
+FAULTS = {
+    "truncated TIFF": (truncated_tiff, ["f550-1.tif", "truncated"]),
+    "missing file": (missing_file, ["f550-1.tif", "not exist"]),
+    "wrong size": (wrong_size, ["f550-1.tif", "128 x 100", "128 x 128"]),
+    "wrong kind of frame": (wrong_kind, ["f550-1.tif", "uint8"]),
+    "wrong bit depth": (wrong_bit_depth, ["frames/", ".tif", "1023", "bit_depth"]),
+    "unknown key": (unknown_key, ["capture.toml", "gain_e_per_dm", "unknown key", "gain_e_per_dn"]),
+    "band without exposure": (no_exposure, ["capture.toml", "band[0]", "exposure_s"]),
+    "NaN in a spectrum": (not_a_number, ["lamp.csv", "radiance", "nan"]),
+    "six coplanar points": (six_coplanar_points, ["points.csv", "plane"]),
+    "path that leaves the folder": (path_that_leaves, ["capture.toml", "lamp.radiance", "../lamp.csv"]),
+}
+
+
+def assert_one_line_of_help(outcome, words):
+    code, out, err = outcome
+    assert code == 2
+    assert out == ""
+    assert err.startswith("error: ") and err.endswith("\n") and err.count("\n") == 1, err
+    for word in words:
+        assert word in err
+
+
+@pytest.mark.parametrize("command", ["validate", "calibrate"])
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_broken_capture_is_one_line_of_help(name, command, capture, tmp_path, cbox):
+    break_it, words = FAULTS[name]
+    break_it(capture)
+    outcome = cbox(command, capture, "--out", tmp_path / "out")
+    assert_one_line_of_help(outcome, [*words, "expected"])
+    assert {path.name for path in tmp_path.iterdir()} == {"capture"}
+
+
+@pytest.mark.parametrize("command", ["validate", "calibrate"])
+def test_a_missing_folder(command, tmp_path, cbox):
+    outcome = cbox(command, tmp_path / "nowhere", "--out", tmp_path / "out")
+    assert_one_line_of_help(outcome, ["nowhere", "no such folder"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_program_itself_ends_without_a_traceback(tmp_path):
+    """In a process of its own, as a user runs it."""
+    program = [sys.executable, "-c", "from cboxlab.validate.cli import main; main()"]
+    done = subprocess.run(
+        [*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert (
+        "Traceback" not in done.stderr and done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
+    )
+    assert not list(tmp_path.iterdir())
+
+
+# Commands with a mistake in them, and what the message must name. {t} is an empty folder, {d} the bundled capture.
+MISTAKES = [
+    ("validate {d} --out {t}/file", ["{t}/file", "a folder for results"]),
+    ("validate {d} --out {t}/file/below", ["{t}/file/below", "a folder for results"]),
+    ("validate {d} --model {t}/none.toml --out {t}/out", ["none.toml", "No such file"]),
+    ("validate {d} --model {t}/file --out {t}/out", ["file", "TOML"]),
+    ("render {t}/none.toml --out {t}/a.nc", ["none.toml", "No such file"]),
+    ("render cornell-box --out {t}/a.jpg", ["a.jpg", ".nc"]),
+    (
+        "render cornell-box --out {t}/a.nc --wavelengths 700:400:10",
+        ["--wavelengths", "700:400:10", "ascending"],
+    ),
+    ("render cornell-box --out {t}/a.nc --wavelengths 400:700:0", ["--wavelengths", "400:700:0"]),
+    ("render cornell-box --out {t}/a.nc --wavelengths 400,x", ["--wavelengths", "400,x"]),
+    ("render cornell-box --out {t}/a.nc --noise -1", ["--noise", "-1", "above 0"]),
+    ("render cornell-box --out {t}/a.nc --camera {t}", ["capture.toml"]),
+    ("simulate {t}/none.nc --out {t}/a.tif", ["none.nc", "no such file"]),
+    ("simulate {t}/file --out {t}/a.tif", ["file", ".nc"]),
+    ("simulate {t}/none.nc --out {t}/a.png", ["a.png", ".tif"]),
+    ("simulate {t}/none.nc --out {t}/a.tif --camera dcs20", ["dcs20", "did you mean 'dcs200'"]),
+    ("simulate {t}/none.nc --out {t}/a.tif --exposure 1/0", ["--exposure", "1/0"]),
+    ("capture cornell-box --out {d}", ["demo-capture", "exists already"]),
+    ("capture cornell-box --out {t}/c --effects ghost", ["--effects", "--hide"]),
+    ("capture cornell-box --out {t}/c --hide --effects gohst", ["gohst", "did you mean 'ghost'"]),
+    ("capture cornell-bx --out {t}/c", ["cornell-bx"]),
+    ("compare {d} {t}/none.nc", ["none.nc", "no such file or folder"]),
+    ("compare {t}/file {d}", ["file", ".nc"]),
+    ("reveal {t}", ["sealed.json", "--hide"]),
+    ("add {t}/m.toml gost", ["'gost'", "did you mean 'ghost'"]),
+    ("add {t}/m.toml ghost fraction", ["'fraction'", "key=value"]),
+    ("add {t}/m.toml ghost fraction=much", ["fraction", "'much'", "a number from 0 to 0.5"]),
+    ("add {t}/m.toml ghost fraction=0.9", ["fraction", "0.9", "a number from 0 to 0.5"]),
+    ("add {t}/m.toml ghost strength=0.1", ["strength", "unknown parameter", "fraction"]),
+    ("add {t}/m.txt ghost fraction=0.1", ["m.txt", ".toml"]),
+    ("effects gost", ["'gost'", "did you mean 'ghost'"]),
+]
+
+
+@pytest.mark.parametrize(("command", "words"), MISTAKES, ids=[command for command, _ in MISTAKES])
+def test_a_mistake_is_one_line_of_help(command, words, tmp_path, cbox):
+    (tmp_path / "file").write_text("neither a folder nor = a model")
+    places = {"t": tmp_path, "d": DEMO_CAPTURE}
+    outcome = cbox(*command.format(**places).split())
+    assert_one_line_of_help(outcome, [word.format(**places) for word in words])
+    assert {path.name for path in tmp_path.iterdir()} == {"file"}
+
+
+@pytest.mark.parametrize("arguments", [["--colour"], ["validate"], ["render", "cornell-box"], ["unheard-of"]])
+def test_usage_errors_have_the_same_exit_code(arguments, cbox):
+    code, out, err = cbox(*arguments)
+    assert code == 2 and out == "" and "Traceback" not in err
+
+
+@pytest.mark.parametrize(("text", "value"), [("0.003", 0.003), ("0.3%", 0.003), ("1/30", 1 / 30), ("2", 2.0)])
+def test_numbers_as_people_write_them(text, value):
+    assert console.positive_number(text, "--x") == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "nan", "inf", "1/0", "x", "3%%"])
+def test_what_is_no_positive_number(text):
+    with pytest.raises(InputError, match="--x"):
+        console.positive_number(text, "--x")
+
+
+def test_wavelengths_include_both_ends():
+    assert np.allclose(console.wavelengths("400:700:10"), np.arange(400, 701, 10))
+    assert np.allclose(console.wavelengths("450,550.5,650"), [450, 550.5, 650])
+    assert np.allclose(console.wavelengths("400:700:0.3"), 400 + 0.3 * np.arange(1001))
+
+
+@pytest.fixture(scope="module")
+def cubes(tmp_path_factory):
+    """Two renders of a small picture that differ by their seed alone."""
+    folder = tmp_path_factory.mktemp("cubes")
+    for seed in (1, 2):
+        with pytest.raises(SystemExit) as caught:
+            main(["render", "cornell-box", "--size", "32", "--wavelengths", "400:700:50", "--samples", "64",
+                  "--seed", str(seed), "--out", str(folder / f"{seed}.nc")])  # fmt: skip
+        assert not caught.value.code
+    return folder
+
+
+def test_renders_with_other_seeds_differ_by_noise(cubes, tmp_path, cbox):
+    """The mean of 1024 values of F with 1 and 14 degrees of freedom has a standard deviation of 0.06.
+
+    Pixels share the light field, so twice that is allowed: limits at 5 of these.
+    """
+    code, out, _ = cbox("compare", cubes / "1.nc", cubes / "2.nc", "--out", tmp_path / "maps")
+    assert code == 0 and "550 nm" in out
+    record = json.loads((tmp_path / "maps" / "comparison.json").read_text())
+    assert record["expected_chi2_per_pixel"] == pytest.approx(14 / 12)
+    planes = {row["name"]: row for row in record["planes"]}
+    assert planes["400 nm"]["relative_mean"] is None  # the published lamp is dark there
+    for name in ("450 nm", "550 nm", "700 nm"):
+        assert planes[name]["chi2_per_pixel"] == pytest.approx(14 / 12, abs=0.6)
+        assert abs(planes[name]["relative_mean"]) < 0.02
+    assert read_map(tmp_path / "maps" / "residual_over_sigma.exr")[0].shape == (7, 32, 32)
+
+
+def test_a_known_difference_is_measured(cubes, tmp_path, cbox):
+    cube = read_cube(cubes / "1.nc")
+    cube["radiance"].values[..., 3] *= 1.03
+    cube["radiance"].values[20, 10, 1] *= 1.5
+    write_cube(tmp_path / "other.exr", cube)
+    write_cube(tmp_path / "first.exr", read_cube(cubes / "1.nc"))
+    code, out, _ = cbox("compare", tmp_path / "other.exr", tmp_path / "first.exr", "--out", tmp_path / "maps")
+    record = json.loads((tmp_path / "maps" / "comparison.json").read_text())
+    planes = {row["name"]: row for row in record["planes"]}
+    assert code == 0
+    assert planes["550 nm"]["relative_mean"] == pytest.approx(0.03, rel=1e-5)
+    assert planes["550 nm"]["relative_rms"] == pytest.approx(0.03, rel=1e-5)
+    assert planes["600 nm"]["relative_rms"] == 0 and planes["600 nm"]["chi2_per_pixel"] is None
+    worst = record["worst_pixels"][0]
+    assert (worst["plane"], worst["x"], worst["y"]) == ("450 nm", 10, 20)
+    assert worst["size"] == pytest.approx(50, rel=1e-5)
+    relative = read_map(tmp_path / "maps" / "relative_difference.exr")[0]
+    assert float(relative.sel(channel="450 nm")[20, 10]) == pytest.approx(0.5, rel=1e-5)
+
+
+def test_what_cannot_be_compared_is_said(cubes, cbox):
+    assert_one_line_of_help(cbox("compare", DEMO_CAPTURE, cubes / "1.nc"), ["1.nc", "W m^-2", "DN"])
+
+
+def test_a_capture_compared_with_itself_is_alike(cbox):
+    code, out, _ = cbox("compare", DEMO_CAPTURE, DEMO_CAPTURE)
+    assert code == 0
+    assert all(re.search(rf"{band} .* \+0\.000 +0\.000 ", out) for band in ("f400", "f550", "f700"))
+
+
+def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
+    radiance = read_cube(cubes / "1.nc")["radiance"].values
+    for ending in (".exr", ".hdr"):
+        path = tmp_path / f"again{ending}"
+        code, *_ = cbox("render", "cornell-box", "--size", 32, "--wavelengths", "400:700:50", "--samples", 64,
+                        "--seed", 1, "--out", path)  # fmt: skip
+        assert code == 0
+        assert np.array_equal(read_cube(path)["radiance"].values, radiance)
+    code, out, _ = cbox(
+        "simulate", cubes / "1.nc", "--out", tmp_path / "raw.tif", "--preview", tmp_path / "raw.png"
+    )
+    assert code == 0 and "Kodak DCS-200" in out
+    counts, notes = read_raw(tmp_path / "raw.tif")
+    assert counts.shape == (32, 32) and 0 < counts.min() < counts.max() <= 255
+    assert notes["camera"] == "Kodak DCS-200" and notes["exposure_s"] > 0
+    assert Image.open(tmp_path / "raw.png").size == (32, 32)
+
+
+def test_a_model_grows_and_reads_back(tmp_path, cbox):
+    path = tmp_path / "model.toml"
+    assert cbox("add", path, "veiling-glare", "fraction=0.02")[0] == 0
+    assert cbox("add", path, "wall-reflectance", "material=red", "scale=1.1")[0] == 0
+    effects = load_model(path).effects
+    assert [(e.id, dict(e.values)) for e in effects] == [
+        ("veiling-glare", {"fraction": 0.02}),
+        ("wall-reflectance", {"material": "red", "scale": 1.1}),
+    ]
+
+
+def test_a_models_scene_stays_where_it_was(tmp_path, cbox):
+    """A model names its scene relative to itself, and still does after an effect was added."""
+    (tmp_path / "model.toml").write_text('format = "model/1"\nscene = "boxes/mine.toml"\n')
+    assert cbox("add", tmp_path / "model.toml", "ghost", "fraction=0.01")[0] == 0
+    assert 'scene = "boxes/mine.toml"' in (tmp_path / "model.toml").read_text()
+
+
+def test_the_catalogue_is_shown(cbox):
+    code, out, _ = cbox("effects")
+    assert code == 0 and "veiling-glare" in out and "lamp-drift" in out
+    code, out, _ = cbox("effects", "veiling-glare")
+    assert code == 0 and "fraction" in out and "ISO 9358" in out and "To confirm" in out
+
+
+def test_a_calibration_in_the_terminal(tmp_path, cbox):
+    code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out")
+    assert code == 0
+    for word in (
+        "focal length",
+        "gain",
+        "read noise",
+        "C over its nominal",
+        "50 of 50 points",
+        "no usable [[bracket]]",
+    ):
+        assert word in out
+    gain = float(re.search(r"gain +([\d.]+) ", out)[1])
+    record = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert gain == pytest.approx(record["gain_e_per_dn"]["value"], abs=record["gain_e_per_dn"]["sigma"] / 5)
+
+
+def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
+    """A small rough capture; the diagnosis is made up, the score is not."""
+    folder = tmp_path / "blind"
+    code, out, err = cbox("capture", "cornell-box", "--out", folder, "--size", 32, "--seed", 9, "--noise", "5%",
+                          "--hide", "--effects", "ghost,smear")  # fmt: skip
+    assert code == 0 and not err
+    assert "ghost" not in out and "smear" not in out
+    assert load_capture(folder).shape == (32, 32)
+    ((name, values),) = open_seal(folder).effects
+    assert name in ("ghost", "smear") and 0 < values["fraction"] < 0.05
+    code, out, _ = cbox("reveal", folder)
+    assert code == 0 and name in out
+    found = {
+        "ranking": [{"effect": name, "parameters": {"fraction": 1.5 * values["fraction"]}}],
+        "selected": [name],
+    }
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    code, out, _ = cbox("reveal", folder, "--diagnosis", tmp_path / "diagnosis.json")
+    assert code == 0 and "First answer: right. Selection: right." in out and "+50.0%" in out
+
+
+def test_a_capture_repeats_by_its_seed(tmp_path, cbox):
+    for name in ("a", "b"):
+        arguments = (
+            "capture",
+            "cornell-box",
+            "--out",
+            tmp_path / name,
+            "--size",
+            16,
+            "--seed",
+            4,
+            "--noise",
+            "20%",
+        )
+        assert cbox(*arguments)[0] == 0
+    files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
+    assert len(files) > 40
+    assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)

@@ -1,0 +1,200 @@
+"""From a capture to a comparison, end to end, on a capture whose truth is known and on one made by somebody else.
+
+The small capture is photographed without any effect: then noise must explain the difference. The baseline (in the
+folder ``shared``) was made by another simulator; its figures are those that the project promises.
+"""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
+from cboxlab.render.bands import render_bands
+from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.scenes import Camera, InputError
+from cboxlab.scenes.camera import REFERENCE_ROTATION
+from cboxlab.validate.forward import render_to_precision
+from cboxlab.validate.maps import read_map
+from cboxlab.validate.model import Model, RenderSettings
+from cboxlab.validate.pipeline import validate, write_validation
+from cboxlab.validate.synthetic import perturbed_camera, photograph_image, photographed_scene
+from scipy import stats
+
+SIZE = 64
+SEED = 5
+
+#: 99.9% point of chi-square with the camera's ten parameters.
+LARGEST_DISTANCE = float(stats.chi2.isf(1e-3, 10))
+
+
+@pytest.fixture(scope="session")
+def truth():
+    """A render of the published box through a camera a little off, and that camera."""
+    camera = perturbed_camera(SIZE, SEED)
+    scene = photographed_scene(Model())
+    return render_to_precision(scene, camera, WAVELENGTH_NM, 1.5e-3, seed=SEED), camera, scene
+
+
+@pytest.fixture(scope="session")
+def small_capture(truth, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("captures") / "small"
+    image, camera, scene = truth
+    photograph_image(folder, image, (), scene, camera, CaptureSettings(), SEED)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def result(small_capture):
+    told = []
+    found = validate(small_capture, Model(render=RenderSettings(noise=0.5)), told.append)
+    assert told[-1] == 1 and np.all(np.diff(told) >= 0)
+    return found
+
+
+@pytest.fixture(scope="session")
+def written(result, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("validation") / "out"
+    write_validation(result, folder)
+    return folder
+
+
+def distance(camera: Camera, true: Camera) -> float:
+    """Mahalanobis square of the true parameters."""
+    offset = camera.parameters - true.parameters
+    return float(offset @ np.linalg.solve(camera.covariance, offset))
+
+
+def test_noise_explains_a_capture_without_effect(result, truth):
+    """chi2 per degree of freedom is 1 within 5 of its standard deviations and the error of the photographed render.
+
+    That render's variance over the variance that is stated adds to chi2, as the capture cannot state it.
+    """
+    responses = result.prepared.calibration.responses
+    stated = result.comparison.maps["sigma"].values ** 2
+    used = np.isfinite(result.comparison.maps["residual_over_sigma"].values)
+    allowance = float(np.mean((render_bands(truth[0], responses)["variance"].values / stated)[used]))
+    chi2 = result.comparison.chi2
+    assert 0 < allowance < 0.2
+    assert abs(chi2.per_dof - 1) < 5 * chi2.per_dof_sigma + allowance
+
+
+def test_the_true_camera_lies_within_the_survey(result, truth):
+    calibrated = result.prepared.calibrated_camera
+    assert distance(calibrated, truth[1]) < LARGEST_DISTANCE
+    assert result.prepared.calibration.camera_fit.reprojection_rms_px <= 1.15 * 0.15
+
+
+def test_the_refit_brings_the_camera_closer(result, truth):
+    """Thousands of pixels along edges know the camera better than fifty surveyed points."""
+    corners = np.concatenate([surface.vertices_mm for surface in truth[2].surfaces])
+    error = [
+        np.sqrt(np.nanmean((camera.project(corners) - truth[1].project(corners)) ** 2))
+        for camera in (result.fit.camera, result.prepared.calibrated_camera)
+    ]
+    assert error[0] < error[1] / 2
+    assert error[0] < 0.03
+
+
+def test_the_lamps_power_comes_back_within_its_uncertainty(result, truth):
+    """lamp.csv was written with an error; the fitted factor undoes it. One part in a thousand for C and the render."""
+    stated = result.prepared.scene.lamp.radiance.at(550.0)
+    error = truth[2].lamp.radiance.at(550.0) / stated
+    assert result.fit.lamp_scale == pytest.approx(float(error), abs=1e-3 + 5 * result.fit.lamp_scale_sigma)
+    assert abs(float(error) - 1) < 0.1
+
+
+def test_surfaces_agree(result):
+    for row in result.comparison.by_surface.values():
+        if row.interior_pixels > 20:
+            assert np.all(np.abs(row.relative) < 5 * row.relative_sigma + 0.003)
+            assert row.delta_e_ab < 0.5
+
+
+def test_metrics_have_every_key_of_the_plan(written, result):
+    content = json.loads((written / "metrics.json").read_text())
+    bands, surfaces = result.comparison.bands, result.comparison.by_surface
+    number = (int, float)
+    expected = {
+        "capture": str, "model": str, "version": str, "seconds": number,
+        "camera": {
+            "reprojection_rms_px": number, "position_mm": list, "position_sigma_mm": list, "rotation_deg": list,
+            "focal_length_px": number, "principal_point_px": list, "k1": number, "covariance": list,
+        },
+        "lamp_scale": {"value": number, "sigma": number},
+        "chi2_per_dof": number, "render_sigma_over_sensor_sigma_median": number, "pixels_used": int,
+        "masked": {"saturated": int, "lamp": int},
+        "bands": {
+            band: {"chi2_per_dof": number, "mean_relative_difference": number, "rms_relative_difference": number}
+            for band in bands
+        },
+        "surfaces": {
+            name: {"relative_difference": dict.fromkeys(bands, number), "delta_e_ab": number, "delta_e_2000": number}
+            for name in surfaces
+        },
+        "delta_e_ab": {"mean": number, "p95": number, "max": number},
+        "delta_e_2000": {"mean": number, "p95": number, "max": number},
+        "luminance": {"mean_relative_difference": number, "rms_relative_difference": number},
+        "edges": {"share_of_excess": (int, float, type(None)), "chi2_per_dof": number},
+        "interiors": {"chi2_per_dof": number},
+    }  # fmt: skip
+
+    def check(found, wanted, place):
+        if isinstance(wanted, dict):
+            assert set(wanted) <= set(found), place
+            for key in wanted:
+                check(found[key], wanted[key], f"{place}.{key}")
+        else:
+            assert isinstance(found, wanted), place
+
+    check(content, expected, "metrics")
+    assert np.shape(content["camera"]["covariance"]) == (10, 10)
+    assert set(content["path"][0]) == {"effects", "chi2_per_dof", "delta_e_ab_mean"}
+    assert content["chi2_per_dof"] == pytest.approx(result.comparison.chi2.per_dof)
+
+
+def test_maps_read_back(written, result):
+    names = {path.stem for path in (written / "maps").glob("*.exr")}
+    assert {"measured", "rendered", "sigma", "residual_over_sigma", "difference", "regions", "mask"} <= names
+    for name in names:
+        channels, units = read_map(written / "maps" / f"{name}.exr")
+        assert channels.shape[1:] == (SIZE, SIZE)
+        assert all(units.values()) and np.isfinite(channels.values).any()
+    residual = read_map(written / "maps" / "residual_over_sigma.exr")[0]
+    used = np.isfinite(residual.values)
+    assert np.mean(residual.values[used] ** 2) == pytest.approx(result.comparison.chi2.per_dof, rel=1e-2)
+
+
+def test_the_report_needs_nothing_beside_it(written):
+    page = (written / "report.html").read_text(encoding="utf-8")
+    assert "<html" in page and "data:image/png;base64," in page
+    assert 'src="http' not in page and 'href="http' not in page
+
+
+def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
+    folder = shutil.copytree(small_capture, tmp_path / "capture")
+    path = folder / "capture.toml"
+    text = path.read_text()
+    path.write_text(text[: text.index("[geometry]")])
+    with pytest.raises(InputError, match=r"capture\.toml.*no \[geometry\] with points"):
+        validate(folder, Model())
+
+
+@pytest.mark.slow
+def test_the_baseline_is_met(shared):
+    """The promised figures on a capture by another simulator; the true camera stands in its answers."""
+    result = validate(shared / "captures" / "baseline", Model(render=RenderSettings(noise=0.5)))
+    fit, c = result.prepared.calibration.camera_fit, result.comparison
+    answer = json.loads((shared / "captures" / "answers.json").read_text())["baseline"]["true_camera"]
+    true = Camera(
+        fit.camera.width_px, fit.camera.height_px, answer["fx_px"], np.array([answer["cx_px"], answer["cy_px"]]),
+        answer["k1"], np.array(answer["R"]), np.array(answer["position_mm"]),
+    )  # fmt: skip
+    assert np.trace(true.rotation @ REFERENCE_ROTATION.T) > 2.99
+    assert fit.reprojection_rms_px <= 1.15 * 0.15
+    assert distance(result.prepared.calibrated_camera, true) <= 29.6
+    for name, row in c.by_surface.items():
+        assert np.all(np.abs(row.relative) < 0.01), name
+        assert row.delta_e_ab < 0.5, name
+    assert 0.9 <= c.chi2.per_dof <= 1.2
+    assert c.render_sigma_over_sensor_sigma <= 1

@@ -1,0 +1,177 @@
+"""Choosing effects: forward by gain, held-out pixels and size, backward by superfluity, and what is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .effects import AppliedEffect
+from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
+from .nuisances import camera_jacobian
+from .pipeline import Prepared, Rendered
+from .search import Candidate, Problem, Signature, fit, problem, screen
+
+__all__ = [
+    "MOST_OF_IT", "UNKNOWN", "Bench", "best_singles", "build_bench", "explained_part", "groups", "heldout_gain", "left_over",
+    "refitted_together", "remains", "without_idle", "worth",
+]  # fmt: skip
+
+UNKNOWN = "unknown"
+
+#: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
+SMALLEST_GAIN = 0.012
+
+#: Effects that only the priors speak against (they imitate a nuisance): gain in chi2 needed, per free number.
+_PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
+_PRIOR_GAIN = 25.0
+
+#: Block means may exceed noise by this much of chi2 per sample before something is said to remain, and by this
+#: part of what they exceeded it by at first (the error of the effects' own shapes).
+_REMAINS, _REMAINS_PART = 0.012, 0.1
+
+#: Below this part of the excess, what one effect explains may be a coincidence of shapes.
+MOST_OF_IT = 0.8
+
+#: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
+_INDISTINGUISHABLE = 9.2
+
+#: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
+_HOPELESS = 0.4
+
+#: Prior rows at the end of every whitened vector: ten of the camera, one of the lamp.
+_PRIOR_ROWS = 11
+
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """A rendered picture and the linear model about its camera. given : the model's own effects after the scene."""
+
+    rendered: Rendered
+    model: LinearModel
+    given: tuple[AppliedEffect, ...]
+
+    @property
+    def scale(self) -> float:
+        """The lamp's fitted scale."""
+        return self.rendered.fit.lamp_scale
+
+    def task(self, chosen: Sequence[Candidate]) -> Problem:
+        """What a further effect is fitted to, with these in place."""
+        others = (*self.given, *(c.applied for c in chosen))
+        return problem(self.rendered.predictor, self.model, others, self.scale)
+
+
+def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> Bench:
+    """Linearise about the rendered picture's camera; ``given`` effects are in its signal."""
+    fit_, base = rendered.fit, rendered.signal
+    variance = prepared.calibration.predicted_variance(base) + rendered.variance + model_variance(base)
+    derivative = camera_jacobian(rendered.predictor.warp, fit_.camera)
+    model = build_linear_model(
+        prepared.measured, base, variance, rendered.used, derivative, fit_, prepared.calibrated_camera, prepared.lamp_sigma
+    )
+    return Bench(rendered, model, tuple(given))
+
+
+def best_singles(task: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int) -> list[Candidate]:
+    """Candidates, the best hypothesis of every effect, best first; the most promising fitted in full."""
+    best: dict[str, Candidate] = {}
+    for candidate in sorted((screen(task, s, residual) for s in signatures), key=_penalised):
+        best.setdefault(candidate.hypothesis.effect.id, candidate)
+    ranked = sorted(best.values(), key=_penalised)
+    start, done = float(residual @ residual), []
+    for candidate in ranked[:refined]:
+        lowest = min((c.chi2 for c in done), default=np.inf)
+        if done and start - candidate.chi2 < _HOPELESS * (start - lowest):
+            break
+        done.append(fit(task, candidate, residual))
+    return sorted([*done, *ranked[len(done) :]], key=_penalised)
+
+
+def _penalised(candidate: Candidate) -> float:
+    return candidate.chi2 + _INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
+
+
+def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
+    """Whether a gain is more than the base picture's own flaws, or a strained prior relieved, could give."""
+    gain = float(residual @ residual) - candidate.chi2
+    if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
+        before, after = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
+        return float(before @ before - after @ after) > _PRIOR_GAIN + 5 * len(candidate.hypothesis.free) and gain > 0
+    return gain > SMALLEST_GAIN * count
+
+
+def heldout_gain(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
+    """Gain per pixel in blocks held out from the amplitude's fit, over that in the others; 1 is perfect."""
+    rows, columns = np.nonzero(np.ones(model.used.shape[1:], bool))
+    board = ((rows // 16 + columns // 16) % 2).reshape(model.used.shape[1:]).astype(bool)
+    one = np.broadcast_to(board, model.used.shape)[model.used]
+    halves = []
+    for part in (one, ~one):
+        inside = np.append(part, np.ones(11, bool))
+        outside = np.append(~part, np.zeros(11, bool))
+        amplitude = (predicted[inside] @ residual[inside]) / max(predicted[inside] @ predicted[inside], 1e-30)
+        left = residual - amplitude * predicted
+        own = np.sum(residual[inside] ** 2 - left[inside] ** 2)
+        other = np.sum(residual[outside] ** 2 - left[outside] ** 2)
+        halves.append((own, other))
+    return float(sum(other for _, other in halves) / max(sum(own for own, _ in halves), 1e-30))
+
+
+def refitted_together(bench: Bench, chosen: Sequence[Candidate], rounds: int = 2) -> list[Candidate]:
+    """All chosen effects' numbers fitted in turn, each with the others in place."""
+    current = list(chosen)
+    for _ in range(rounds if len(current) > 1 else 1):
+        for index, candidate in enumerate(current):
+            others = [c for i, c in enumerate(current) if i != index]
+            left = left_over(bench, others)
+            current[index] = fit(bench.task(others), candidate, left)
+    return current
+
+
+def left_over(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(n + 11,) projected residual with these effects in place."""
+    if not chosen:
+        return bench.model.residual
+    signal = bench.rendered.predictor.signal((*bench.given, *(c.applied for c in chosen)))
+    return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.rendered.signal))
+
+
+def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Backward elimination: an effect that the later ones made superfluous goes."""
+    current = list(chosen)
+    while len(current) > 1:
+        full = left_over(bench, current)
+        costs = []
+        for index, candidate in enumerate(current):
+            rest = refitted_together(bench, [c for c in current if c is not candidate], 1)
+            left = left_over(bench, rest)
+            costs.append((float(left @ left - full @ full), index, rest))
+        cost, index, rest = min(costs, key=lambda item: item[0])
+        if cost > SMALLEST_GAIN * bench.model.count or current[index].hypothesis.effect.id in _PRIOR_EFFECTS:
+            break
+        current = rest
+    return current
+
+
+def remains(model: LinearModel, residual: NDArray, first_excess: float) -> bool:
+    return smooth_excess(model, residual) > max(_REMAINS, _REMAINS_PART * first_excess)
+
+
+def explained_part(singles: Sequence[Candidate], start: float, floor: float) -> float:
+    """Part of the explicable excess that the best single effect explains."""
+    return (start - singles[0].chi2) / max(start - floor, 1e-9) if singles else 0.0
+
+
+def groups(singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
+    """The best effect together with those whose fitted predictions this capture cannot tell from it."""
+    best = singles[0]
+    same = [
+        c.hypothesis.effect.id
+        for c in singles[1:]
+        if c.chi2 - best.chi2 < _INDISTINGUISHABLE and float(np.sum((c.predicted - best.predicted) ** 2)) < 4 * _INDISTINGUISHABLE
+    ]
+    return ((best.hypothesis.effect.id, *same),) if same else ()
