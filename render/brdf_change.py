@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from .final_gather import LightField
 from .lamp import lamp_point
 from .patches import patch_of
-from .sampling import SobolPoints, cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect, visible
+from .sampling import SobolPoints
+from .tracer import RAY_OFFSET_MM, camera_ray, intersect, visible
 
 __all__ = ["Coat", "changed_reflection", "fresnel"]
 
@@ -64,7 +64,9 @@ class Coat:
         """Probability per steradian of ``sample``."""
         half = dr.normalize(incoming + outgoing)
         return dr.select(
-            (incoming.z > 1e-6) & (outgoing.z > 1e-6), self._masking(outgoing) * self._density(half) / (4 * outgoing.z), 0
+            (incoming.z > 1e-6) & (outgoing.z > 1e-6),
+            self._masking(outgoing) * self._density(half) / (4 * outgoing.z),
+            0,
         )
 
     def _density(self, half: mi.Vector3f) -> mi.Float:
@@ -106,7 +108,11 @@ def changed_reflection(
     surfaces = len(tracer.scene.surfaces)
 
     def seen(hit, active) -> list[mi.Float]:
-        on = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces) & active
+        on = (
+            hit.front
+            & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
+            & active
+        )
         patch = patch_of(patches, hit.triangle, hit.uv, on)
         return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
 
@@ -117,7 +123,9 @@ def changed_reflection(
         frame = mi.Frame3f(hit.normal)
         outgoing = frame.to_local(-ray.d)
         origin = hit.position + hit.normal * RAY_OFFSET_MM
-        weight, to_lamp, per_area = lamp_point(light.lamp, origin, hit.normal, points.point(i, 2), points.point(i, 3), mine)
+        weight, to_lamp, per_area = lamp_point(
+            light.lamp, origin, hit.normal, points.point(i, 2), points.point(i, 3), mine
+        )
         incoming = frame.to_local(dr.normalize(to_lamp))
         free = visible(tracer, origin, origin + to_lamp, mine & (weight > 0))
         weight = dr.select(free, weight, 0)
@@ -135,12 +143,15 @@ def changed_reflection(
             pdf = coat.density(mirrored, outgoing)
             strength = dr.select(pdf > 0, coat.value(mirrored, outgoing) * mirrored.z / pdf, 0)
             near = intersect(tracer, mi.Ray3f(origin, frame.to_world(mirrored)), valid)
-            on_lamp = near.front & (dr.gather(mi.UInt32, tracer.packed_surface, near.triangle, near.front) == surfaces)
+            on_lamp = near.front & (
+                dr.gather(mi.UInt32, tracer.packed_surface, near.triangle, near.front) == surfaces
+            )
             lamp_cosine = -dr.dot(frame.to_world(mirrored), light.lamp.normal)
             lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
             lobe += dr.select(on_lamp, strength * pdf / (pdf + lamp_pdf), 0)
             change = [
-                c + lobe + dr.select(valid, strength * b, 0) for c, b in zip(change, seen(near, valid), strict=True)
+                c + lobe + dr.select(valid, strength * b, 0)
+                for c, b in zip(change, seen(near, valid), strict=True)
             ]
         return i + 1, [s + dr.select(mine, c, 0) for s, c in zip(sums, change, strict=True)]
 

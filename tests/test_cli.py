@@ -1,4 +1,4 @@
-"""The command line: each mistake ends in one line of help and exit code 2 with nothing written; what is right works.
+"""The command line: a mistake ends in one line of help, exit code 2 and nothing written; what is right works.
 
 Broken captures are copies of the bundled one with a single fault.
 """
@@ -154,7 +154,7 @@ def test_the_program_itself_ends_without_a_traceback(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-# Commands with a mistake in them, and what the message must name. {t} is an empty folder, {d} the bundled capture.
+# A mistake, and what the message must name. {t} is a folder with one file, {d} the bundled capture.
 MISTAKES = [
     ("validate {d} --out {t}/file", ["{t}/file", "a folder for results"]),
     ("validate {d} --out {t}/file/below", ["{t}/file/below", "a folder for results"]),
@@ -259,7 +259,7 @@ def test_a_known_difference_is_measured(cubes, tmp_path, cbox):
     cube["radiance"].values[20, 10, 1] *= 1.5
     write_cube(tmp_path / "other.exr", cube)
     write_cube(tmp_path / "first.exr", read_cube(cubes / "1.nc"))
-    code, out, _ = cbox("compare", tmp_path / "other.exr", tmp_path / "first.exr", "--out", tmp_path / "maps")
+    code, *_ = cbox("compare", tmp_path / "other.exr", tmp_path / "first.exr", "--out", tmp_path / "maps")
     record = json.loads((tmp_path / "maps" / "comparison.json").read_text())
     planes = {row["name"]: row for row in record["planes"]}
     assert code == 0
@@ -346,8 +346,10 @@ def test_a_calibration_in_the_terminal(tmp_path, cbox):
 def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     """A small rough capture; the diagnosis is made up, the score is not."""
     folder = tmp_path / "blind"
-    code, out, err = cbox("capture", "cornell-box", "--out", folder, "--size", 32, "--seed", 9, "--noise", "5%",
-                          "--hide", "--effects", "ghost,smear")  # fmt: skip
+    rough = ("--size", 32, "--seed", 9, "--noise", "5%")
+    code, out, err = cbox(
+        "capture", "cornell-box", "--out", folder, *rough, "--hide", "--effects", "ghost,smear"
+    )
     assert code == 0 and not err
     assert "ghost" not in out and "smear" not in out
     assert load_capture(folder).shape == (32, 32)

@@ -45,9 +45,10 @@ def test_the_bundled_capture_is_small():
 
 
 def test_the_stated_command_makes_the_bundled_capture(tmp_path):
-    """A rough render of the same: what does not hang on the render is equal, the signals are equal on average.
+    """A rough render of the same: files that do not hang on it are equal, the signals are so on average.
 
-    The render's 2% per pixel leaves 0.02% in the mean of 16,000 pixels; 0.2% allow for changes of the renderer.
+    The render's 2% per pixel leaves 0.02% in the mean of 16,000 pixels; 0.2% allow for changes of the
+    renderer.
     """
     seed, noise, fraction = (
         float(re.search(pattern, README.read_text())[1])

@@ -1,7 +1,7 @@
-"""From a capture to a comparison, end to end, on a capture whose truth is known and on one made by somebody else.
+"""From a capture to a comparison, end to end: on one whose truth is known, and on somebody else's.
 
-The small capture is photographed without any effect: then noise must explain the difference. The baseline (in the
-folder ``shared``) was made by another simulator; its figures are those that the project promises.
+The small capture is photographed without any effect: then noise must explain the difference. The baseline
+(in the folder ``shared``) was made by another simulator; its figures are those that the project promises.
 """
 
 import json
@@ -66,7 +66,7 @@ def distance(camera: Camera, true: Camera) -> float:
 
 
 def test_noise_explains_a_capture_without_effect(result, truth):
-    """chi2 per degree of freedom is 1 within 5 of its standard deviations and the error of the photographed render.
+    """chi2 per degree of freedom is 1 within 5 standard deviations and the error of the photographed render.
 
     That render's variance over the variance that is stated adds to chi2, as the capture cannot state it.
     """
@@ -97,7 +97,7 @@ def test_the_refit_brings_the_camera_closer(result, truth):
 
 
 def test_the_lamps_power_comes_back_within_its_uncertainty(result, truth):
-    """lamp.csv was written with an error; the fitted factor undoes it. One part in a thousand for C and the render."""
+    """lamp.csv was written with an error, which the fit undoes; 0.1% are allowed for C and the render."""
     stated = result.prepared.scene.lamp.radiance.at(550.0)
     error = truth[2].lamp.radiance.at(550.0) / stated
     assert result.fit.lamp_scale == pytest.approx(float(error), abs=1e-3 + 5 * result.fit.lamp_scale_sigma)
@@ -116,20 +116,39 @@ def test_metrics_have_every_key_of_the_plan(written, result):
     bands, surfaces = result.comparison.bands, result.comparison.by_surface
     number = (int, float)
     expected = {
-        "capture": str, "model": str, "version": str, "seconds": number,
+        "capture": str,
+        "model": str,
+        "version": str,
+        "seconds": number,
         "camera": {
-            "reprojection_rms_px": number, "position_mm": list, "position_sigma_mm": list, "rotation_deg": list,
-            "focal_length_px": number, "principal_point_px": list, "k1": number, "covariance": list,
+            "reprojection_rms_px": number,
+            "position_mm": list,
+            "position_sigma_mm": list,
+            "rotation_deg": list,
+            "focal_length_px": number,
+            "principal_point_px": list,
+            "k1": number,
+            "covariance": list,
         },
         "lamp_scale": {"value": number, "sigma": number},
-        "chi2_per_dof": number, "render_sigma_over_sensor_sigma_median": number, "pixels_used": int,
+        "chi2_per_dof": number,
+        "render_sigma_over_sensor_sigma_median": number,
+        "pixels_used": int,
         "masked": {"saturated": int, "lamp": int},
         "bands": {
-            band: {"chi2_per_dof": number, "mean_relative_difference": number, "rms_relative_difference": number}
+            band: {
+                "chi2_per_dof": number,
+                "mean_relative_difference": number,
+                "rms_relative_difference": number,
+            }
             for band in bands
         },
         "surfaces": {
-            name: {"relative_difference": dict.fromkeys(bands, number), "delta_e_ab": number, "delta_e_2000": number}
+            name: {
+                "relative_difference": dict.fromkeys(bands, number),
+                "delta_e_ab": number,
+                "delta_e_2000": number,
+            }
             for name in surfaces
         },
         "delta_e_ab": {"mean": number, "p95": number, "max": number},
@@ -137,7 +156,7 @@ def test_metrics_have_every_key_of_the_plan(written, result):
         "luminance": {"mean_relative_difference": number, "rms_relative_difference": number},
         "edges": {"share_of_excess": (int, float, type(None)), "chi2_per_dof": number},
         "interiors": {"chi2_per_dof": number},
-    }  # fmt: skip
+    }
 
     def check(found, wanted, place):
         if isinstance(wanted, dict):
@@ -187,9 +206,14 @@ def test_the_baseline_is_met(shared):
     fit, c = result.prepared.calibration.camera_fit, result.comparison
     answer = json.loads((shared / "captures" / "answers.json").read_text())["baseline"]["true_camera"]
     true = Camera(
-        fit.camera.width_px, fit.camera.height_px, answer["fx_px"], np.array([answer["cx_px"], answer["cy_px"]]),
-        answer["k1"], np.array(answer["R"]), np.array(answer["position_mm"]),
-    )  # fmt: skip
+        fit.camera.width_px,
+        fit.camera.height_px,
+        answer["fx_px"],
+        np.array([answer["cx_px"], answer["cy_px"]]),
+        answer["k1"],
+        np.array(answer["R"]),
+        np.array(answer["position_mm"]),
+    )
     assert np.trace(true.rotation @ REFERENCE_ROTATION.T) > 2.99
     assert fit.reprojection_rms_px <= 1.15 * 0.15
     assert distance(result.prepared.calibrated_camera, true) <= 29.6

@@ -1,8 +1,9 @@
 """A photographed effect is the effect that the prediction chain knows: two programs, one physics.
 
-The capture goes forwards through light, charge, shot noise, read noise and rounding; the prediction goes through the
-expected frames and the laboratory's own correction. With the effect in the prediction the residual is noise, with the
-model's chi-square allowance for the uncertainty of the measured gain; without it the effect stands out.
+The capture goes forwards through light, charge, shot noise, read noise and rounding; the prediction goes
+through the expected frames and the laboratory's own correction. With the effect in the prediction the
+residual is noise, with the model's chi-square allowance for the uncertainty of the measured gain; without
+it the effect stands out.
 """
 
 import numpy as np
@@ -59,7 +60,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def image(scene) -> RenderedImage:
-    """Stripes of three paints under uneven light, and a lamp: colours, edges and gradients for every effect."""
+    """Stripes of three paints under uneven light, and a lamp: colours, edges, gradients for every effect."""
     v, u = np.indices((SIZE, SIZE)) / SIZE
     light = 0.008 * (0.2 + 0.8 * np.exp(-((u - 0.6) ** 2 + (v - 0.4) ** 2) / 0.2))
     lamp = (v < 0.1) & (np.abs(u - 0.5) < 0.1)
@@ -84,7 +85,7 @@ def photographed(folder, image, scene, effects):
 
 
 def chi2_per_dof(calibration, image, effects) -> tuple[float, float]:
-    """Of measured against predicted signals, and its standard deviation from chance and the gain's uncertainty.
+    """Of measured against predicted signals, and its standard deviation (chance, and that of the gain).
 
     Two pixels about the lamp are left out: there resampling rings below zero, where no charge can go.
     """
@@ -120,7 +121,7 @@ def test_several_effects_act_together(image, scene, tmp_path):
 
 
 def test_the_survey_and_the_lamp_are_those_before_the_effect(image, scene, tmp_path):
-    """A camera that moves after the survey and a lamp that changes after its measurement leave no trace in them."""
+    """What changes after the survey and the lamp's measurement leaves no trace in them."""
     effects = [
         apply_checked("camera-pose", {"rx_deg": 0.5, "tx_mm": 8.0}, "test"),
         apply_checked("lamp-power", {"scale": 1.2}, "test"),
@@ -145,6 +146,6 @@ def test_the_published_box_gets_an_absolute_lamp():
 
 def test_a_models_shortcoming_is_no_property_of_a_capture(tmp_path):
     model = Model().with_effect(apply_checked("interreflection", {"max_bounces": 1}, "test"))
-    with pytest.raises(InputError, match="interreflection.*settings"):
+    with pytest.raises(InputError, match=r"interreflection.*settings"):
         write_model_capture(tmp_path / "box", model, perturbed_camera(SIZE, 0), CaptureSettings(), 0)
     assert not list(tmp_path.iterdir())

@@ -1,8 +1,8 @@
 """Blind practice: a hidden effect drawn by chance, an answer under seal, and its opening and scoring.
 
-The seal is a commitment: ``sealed.json`` holds the SHA-256 of a random salt and the answer. The answer itself,
-masked so that nobody reads it by accident, lies beside it in ``answer.sealed``; it names the digest of the
-capture's own files. Who keeps the published hash notices any later change of answer or capture.
+The seal is a commitment: ``sealed.json`` holds the SHA-256 of a random salt and the answer. The answer
+itself, masked so that nobody reads it by accident, lies beside it in ``answer.sealed``; it names the digest
+of the capture's own files. Who keeps the published hash notices any later change of answer or capture.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ STRONGEST_STEPS = 20.0
 
 @dataclass(frozen=True)
 class Answer:
-    """What a capture contains. effects : (identifier, parameters) in their order. capture : digest of its files."""
+    """What a capture contains. effects : (identifier, parameters) in order. capture : its files' digest."""
 
     effects: tuple[tuple[str, Mapping[str, str | float]], ...]
     capture: str
@@ -127,9 +127,11 @@ def open_seal(folder: Path) -> Answer:
 
 @dataclass(frozen=True)
 class EffectScore:
-    """One hidden effect. rank : its place in the ranking, from 1; None where it is not listed. selected : whether
-    it was added. errors : by parameter the relative error of the change from null, for numbers that were fitted;
-    for names 0 where right and infinity where wrong.
+    """One hidden effect.
+
+    rank : its place in the ranking, from 1; None where it is not listed. selected : whether it was added.
+    errors : by parameter the relative error of the change from null, for numbers that were fitted; for names
+    0 where right and infinity where wrong.
     """
 
     effect: str
@@ -140,7 +142,7 @@ class EffectScore:
 
 @dataclass(frozen=True)
 class Score:
-    """first : whether the first of the ranking is hidden. exact : whether the selection is what was hidden."""
+    """first : whether the ranking's first is hidden. exact : whether what was selected is what was hidden."""
 
     effects: tuple[EffectScore, ...]
     first: bool
@@ -166,7 +168,9 @@ def read_diagnosis(path: Path) -> Mapping[str, Any]:
 
 
 def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
-    """How a diagnosis (see ``read_diagnosis``) compares with the truth. Nothing hidden: nothing may be selected."""
+    """How a diagnosis (see ``read_diagnosis``) compares with the truth; with nothing hidden nothing may be
+    selected.
+    """
     order = [entry["effect"] for entry in diagnosis["ranking"]]
     selected = list(diagnosis["selected"])
     hidden = [name for name, _ in answer.effects]

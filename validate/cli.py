@@ -9,7 +9,7 @@ import typer
 from cboxlab.scenes.errors import InputError
 from rich.text import Text
 
-from . import commands_forward, commands_measured, commands_model
+from . import commands_diagnosis, commands_forward, commands_measured, commands_model
 from .console import errors
 
 __all__ = ["app", "main"]
@@ -24,6 +24,7 @@ for command in (
     commands_measured.validate,
     commands_measured.calibrate,
     commands_measured.compare,
+    commands_diagnosis.diagnose,
     commands_forward.render,
     commands_forward.simulate,
     commands_forward.capture,
@@ -35,7 +36,7 @@ for command in (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point. Exit codes: 0 done, 1 a check failed, 2 bad input. ``arguments`` : sys.argv's where None."""
+    """Entry point. arguments : sys.argv's where None. Exit codes: 0 done, 1 a check failed, 2 bad input."""
     try:
         app(args=None if arguments is None else list(arguments))
     except InputError as error:

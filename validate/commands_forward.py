@@ -140,9 +140,8 @@ def simulate(
     seconds = None if exposure == "auto" else positive_number(exposure, "--exposure")
     shot = shoot(read_cube(cube), sensor, seconds, seed, channel)
     write_shot(out, shot)
-    say(
-        f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {shot.counts.min()} to {shot.counts.max()} DN)"
-    )
+    counts = f"{shot.counts.min()} to {shot.counts.max()} DN"
+    say(f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {counts})")
     if preview is not None:
         write_preview(preview, shot)
         say(f"Preview: {preview}")
@@ -227,8 +226,7 @@ def _print_answer(answer: Answer, result: Score | None) -> None:
     if answer.effects:
         console.print(table)
     if result is not None:
-        say(
-            f"First answer: {'right' if result.first else 'wrong'}. Selection: {'right' if result.exact else 'wrong'}."
-        )
+        first, selection = ("right" if sound else "wrong" for sound in (result.first, result.exact))
+        say(f"First answer: {first}. Selection: {selection}.")
         if result.falsely_selected:
             say(f"Selected, but not there: {', '.join(result.falsely_selected)}")

@@ -89,8 +89,8 @@ def _print_calibration(calibration: Calibration) -> None:
     console.print(table)
     if calibration.patches is not None:
         colours = data_table("Patches", "label", "X", "Y", "Z", "σ(Y)")
-        for row in patch_rows(calibration.patches):
-            colours.add_row(*row)
+        for patch in patch_rows(calibration.patches):
+            colours.add_row(*patch)
         console.print(colours)
 
 
@@ -127,9 +127,14 @@ def _print_comparison(comparison: StackComparison) -> None:
     )  # fmt: skip
     for row in comparison.rows:
         table.add_row(
-            row.name, f"{row.mean_first:.4g}", f"{row.mean_second:.4g}", _shown(100 * row.relative_mean, "+.3f"),
-            _shown(100 * row.relative_rms, ".3f"), str(row.pixels), _shown(row.chi2_per_pixel, ".3f"),
-        )  # fmt: skip
+            row.name,
+            f"{row.mean_first:.4g}",
+            f"{row.mean_second:.4g}",
+            _shown(100 * row.relative_mean, "+.3f"),
+            _shown(100 * row.relative_rms, ".3f"),
+            str(row.pixels),
+            _shown(row.chi2_per_pixel, ".3f"),
+        )
     console.print(table)
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
     for pixel in comparison.worst:

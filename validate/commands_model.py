@@ -35,11 +35,10 @@ def add(
     current = load_model(model) if model.exists() else Model(name=model.stem)
     if current.scene.endswith(".toml"):
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
-    write_model(model, current.with_effect(applied))
+    grown = current.with_effect(applied)
+    write_model(model, grown)
     shown = ", ".join(f"{key} = {value}" for key, value in applied.values.items())
-    say(
-        f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in current.with_effect(applied).effects)}"
-    )
+    say(f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
 
 
 def _pair(text: str) -> tuple[str, str | float]:

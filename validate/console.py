@@ -1,4 +1,4 @@
-"""What all commands share: the terminal, progress bars, checked places for results, numbers as people write them."""
+"""What all commands share: terminal, progress bars, places for results, numbers as people write them."""
 
 from __future__ import annotations
 
@@ -18,8 +18,16 @@ from rich.table import Table
 from rich.text import Text
 
 __all__ = [
-    "bar", "console", "data_table", "errors", "positive_number", "require_compiled", "require_folder", "say", "wavelengths",
-]  # fmt: skip
+    "bar",
+    "console",
+    "data_table",
+    "errors",
+    "positive_number",
+    "require_compiled",
+    "require_folder",
+    "say",
+    "wavelengths",
+]
 
 console = Console()
 #: Progress and messages go to standard error, so that standard output holds results alone.
@@ -43,7 +51,7 @@ def data_table(title: str, *header: str) -> Table:
 
 @contextmanager
 def bar(title: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar that takes the part done, 0 to 1; none where nobody watches (standard error in a file)."""
+    """A progress bar that takes the part done, 0 to 1; none where standard error is no terminal."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -111,4 +119,4 @@ def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]
         or values.size > 2000
     ):
         raise InputError(option, repr(text), expected)
-    return values
+    return np.asarray(values, np.float64)

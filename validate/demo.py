@@ -1,4 +1,4 @@
-"""The demo: the bundled capture against the published box, told step by step, then one raw frame of another camera."""
+"""The demo: the bundled capture against the published box step by step, then another camera's raw frame."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ CUBE_STEP_NM = 10
 def run_demo(out: Path, model: Model | None = None) -> None:
     """Validate the bundled capture, say what happens at each step, photograph the render with another camera.
 
-    model : the published box where None. Writes report.html, metrics.json, maps/, raw.tif and raw.png into ``out``.
+    model : the published box where None. Writes report.html, metrics.json, maps/, raw.tif and raw.png into
+    ``out``.
     """
-    say(
-        f"1. A capture: seven filters, darks, flats, a reference, surveyed points ({DEMO_CAPTURE.name}, bundled)."
-    )
+    say(f"1. A capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
     with bar("calibrating, rendering, comparing") as report:
         result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
@@ -41,8 +40,9 @@ def run_demo(out: Path, model: Model | None = None) -> None:
     write_shot(out / "raw.tif", shot)
     write_preview(out / "raw.png", shot)
     say(
-        f"5. The rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths, photographed by a simulated {shot.camera.name} for "
-        f"{shot.exposure_s:.3g} s: raw mosaic raw.tif ({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
+        f"5. The rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths, photographed by a simulated "
+        f"{shot.camera.name} for {shot.exposure_s:.3g} s: raw mosaic raw.tif "
+        f"({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
     )
     say(f"Open {out / 'report.html'} in a browser.")
 
@@ -55,16 +55,16 @@ def _tell(result: Validation) -> None:
     camera = result.prepared.calibrated_camera
     place = ", ".join(f"{x:.1f}" for x in camera.position_mm)
     say(
-        f"2. The camera that took it, from {int(survey.kept.sum())} surveyed points: at ({place}) mm, focal length "
-        f"{camera.focal_length_px:.1f} px; reprojection rms {survey.reprojection_rms_px:.3f} px per coordinate, "
-        f"stated noise {survey.point_sigma_px:.2f} px."
+        f"2. The camera that took it, from {int(survey.kept.sum())} surveyed points: at ({place}) mm, focal "
+        f"length {camera.focal_length_px:.1f} px; reprojection rms {survey.reprojection_rms_px:.3f} px per "
+        f"coordinate, stated noise {survey.point_sigma_px:.2f} px."
     )
     corners = np.concatenate([surface.vertices_mm for surface in result.prepared.scene.surfaces])
     moved = np.sqrt(np.nanmean((fit.camera.project(corners) - camera.project(corners)) ** 2))
     say(
-        f"3. The model ({result.model.name}) rendered through it, down to {c.render_sigma_over_sensor_sigma:.2f} of the sensor's noise; "
-        f"camera and lamp refitted within what is known of them: {moved:.2f} px, lamp × {fit.lamp_scale:.4f} ± "
-        f"{fit.lamp_scale_sigma:.1g}."
+        f"3. The model ({result.model.name}) rendered through it, down to "
+        f"{c.render_sigma_over_sensor_sigma:.2f} of the sensor's noise; camera and lamp refitted within what "
+        f"is known of them: {moved:.2f} px, lamp × {fit.lamp_scale:.4f} ± {fit.lamp_scale_sigma:.1g}."
     )
     say("4. Measured against rendered: " + " ".join(verdict(c).details))
 

@@ -68,11 +68,13 @@ class Step:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """adequate : whether the model as given is. selected : effects in the order added, "unknown" last where
-    something remains. chi2_per_dof : of the model as given. heldout_gain : gain in pixels held out from the fit over
+    something remains. chi2_per_dof, final_chi2_per_dof : of the model as given and with the
+    selected effects, nuisances at their best, the base picture's own error counted. heldout_gain : gain in pixels held out from the fit over
     that in those fitted, of the last effect tried. model : the model as given with the selected effects."""
 
     adequate: bool
     chi2_per_dof: float
+    final_chi2_per_dof: float
     ranking: tuple[Ranked, ...]
     selected: tuple[str, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
@@ -87,7 +89,9 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     prepared, model = validation.prepared, validation.model
     given = chain_effects(model)
     bench = build_bench(prepared, validation.rendered, given)
-    signatures = _signatures(bench, after_stage(model.render, model.effects, "settings").max_bounces is not None, report)
+    signatures = _signatures(
+        bench, after_stage(model.render, model.effects, "settings").max_bounces is not None, report
+    )
     first_excess = smooth_excess(bench.model, bench.model.residual)
     singles = best_singles(bench.task(()), signatures, bench.model.residual, _REFINED)
     report(0.75)
@@ -116,11 +120,16 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     added = tuple(c.applied for c in chosen) if selected != (UNKNOWN,) else ()
     steps = [Step((), (), first_excess, validation.comparison)]
     for count in range(1, len(chosen) + 1):
-        steps.append(_step(validation, bench, refitted_together(bench, chosen[:count]) if count < len(chosen) else chosen))
+        steps.append(
+            _step(
+                validation, bench, refitted_together(bench, chosen[:count]) if count < len(chosen) else chosen
+            )
+        )
     report(1.0)
     return Diagnosis(
         adequate=not selected,
-        chi2_per_dof=validation.comparison.chi2.per_dof,
+        chi2_per_dof=start.chi2 / start.count,
+        final_chi2_per_dof=float(residual @ residual) / bench.model.count,
         ranking=_ranking(singles, start, left, selected),
         selected=selected,
         indistinguishable=groups(singles) if added else (),
@@ -169,7 +178,9 @@ def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> 
     )
 
 
-def _polished(validation: Validation, rendered: Rendered, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+def _polished(
+    validation: Validation, rendered: Rendered, effects: Sequence[AppliedEffect]
+) -> NDArray[np.float64]:
     """Signal (band, y, x) under the effects, the lamp's scale fitted with them in place."""
     prepared = validation.prepared
     signal = rendered.predictor.signal(effects)
@@ -178,7 +189,9 @@ def _polished(validation: Validation, rendered: Rendered, effects: Sequence[Appl
     return scale * signal
 
 
-def _ranking(singles: Sequence[Candidate], model: LinearModel, remains: bool, selected: tuple[str, ...]) -> tuple[Ranked, ...]:
+def _ranking(
+    singles: Sequence[Candidate], model: LinearModel, remains: bool, selected: tuple[str, ...]
+) -> tuple[Ranked, ...]:
     """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain)."""
     best = min((c.chi2 for c in singles), default=model.chi2)
     softness = 1.0 + 0.01 * max(model.chi2 - best, 0.0)

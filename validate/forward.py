@@ -19,7 +19,8 @@ from .model import Model
 
 __all__ = ["BATCHES", "after_stage", "labelled_cube", "model_cube_inputs", "render_to_precision"]
 
-#: Batches, whose scatter gives the standard error; samples of the trial that tells how many it takes; the most.
+#: Batches, whose scatter gives the standard error; samples of the trial that tells how many it takes; the
+#: most.
 BATCHES = 8
 PILOT_SAMPLES = 64
 MOST_SAMPLES = 2**15

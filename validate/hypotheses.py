@@ -44,12 +44,19 @@ def _null(parameter: Parameter) -> float:
     return parameter.null
 
 
-def hypotheses(bands: tuple[str, ...], materials: tuple[str, ...], surfaces: tuple[str, ...], truncated: bool) -> list[Hypothesis]:
+def hypotheses(
+    bands: tuple[str, ...], materials: tuple[str, ...], surfaces: tuple[str, ...], truncated: bool
+) -> list[Hypothesis]:
     """All hypotheses that make sense for a capture of these bands and a scene of these names.
 
     truncated : whether the model stops light after some bounces; only then can more of them be missing.
     """
-    present = {"band": bands, "material": materials, "surface": surfaces, "block": tuple(s.removesuffix("-block") for s in surfaces)}
+    present = {
+        "band": bands,
+        "material": materials,
+        "surface": surfaces,
+        "block": tuple(s.removesuffix("-block") for s in surfaces),
+    }
     found = []
     for effect in catalogue().values():
         if effect.id == "interreflection":

@@ -9,12 +9,12 @@ import numpy as np
 import OpenEXR
 import xarray as xr
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import replacing
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from .colour_difference import srgb_preview
 from .compare import Comparison
-from cboxlab.scenes.files import replacing
 
 __all__ = ["read_map", "write_map", "write_maps"]
 

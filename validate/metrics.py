@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.files import replacing
 
 from .colour_difference import DifferenceStatistics
 from .compare import ChiSquare, Comparison, RelativeDifference
-from cboxlab.scenes.files import replacing
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import faults_of_validation, combined
+from cboxlab.scenes.faults import combined, faults_of_validation
+from cboxlab.scenes.files import replacing
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .effects import AppliedEffect, apply_checked
-from cboxlab.scenes.files import replacing
 
 __all__ = ["Model", "RenderSettings", "load_model", "write_model"]
 

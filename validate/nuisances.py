@@ -53,7 +53,13 @@ def fit_lamp_scale(
 
 
 def fit_nuisances(
-    measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp, calibrated: Camera, lamp_sigma: float | None
+    measured: NDArray,
+    variance: NDArray,
+    used: NDArray,
+    signal: NDArray,
+    warp: Warp,
+    calibrated: Camera,
+    lamp_sigma: float | None,
 ) -> NuisanceFit:
     """Damped Gauss-Newton on the ten camera parameters and the lamp's scale, robust against what the model lacks.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,25 +22,26 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene
 from numpy.typing import NDArray
 
+from .blocks import ReportSection
 from .compare import Comparison, compare
-from .maps import write_maps
-from .metrics import Run, write_metrics
 from .effects import AppliedEffect
 from .forward import after_stage
+from .maps import write_maps
+from .metrics import PathStep, Run, write_metrics
 from .model import Model, RenderSettings
 from .nuisances import NuisanceFit, fit_lamp_scale, fit_nuisances
 from .predictor import Predictor, build_predictor
 from .rendering import Progress, render_to_noise
-from .report import ReportInputs, build_report, ReportSection
+from .report import ReportInputs, build_report
 from .sensing import sensing
 
 __all__ = [
     "Prepared", "Rendered", "Validation", "chain_effects", "compared", "prepare", "refitted", "rendered_from", "validate", "write_validation",
 ]  # fmt: skip
 
-#: The camera is refitted on renders this many times noisier than the final one; each starts where the last
-#: one ended, since moving edges is exact only over short ways.
-_DRAFT_NOISE = 3.0
+#: The camera is refitted on renders with this part of the sensor's noise (more would pull at it, since moving a
+#: noisy picture smooths it); each starts where the last ended: moving edges is exact only over short ways.
+_DRAFT_NOISE = 0.7
 _DRAFTS = 2
 
 
@@ -117,13 +118,19 @@ def prepare(folder: Path, model: Model) -> Prepared:
         for name, value in (
             ("[geometry] with points", calibration.camera_fit),
             ("[lamp] with radiance", lamp),
-            ("what the sensor equation takes (gain, lens, quantum efficiency, filters)", calibration.responses),
+            (
+                "what the sensor equation takes (gain, lens, quantum efficiency, filters)",
+                calibration.responses,
+            ),
         )
         if value is None
     ]
     if lacking or calibration.camera_fit is None or lamp is None:
         raise InputError(
-            manifest, f"no {'; no '.join(lacking)}", "a capture that can be rendered", "`cbox calibrate` does what it allows"
+            manifest,
+            f"no {'; no '.join(lacking)}",
+            "a capture that can be rendered",
+            "`cbox calibrate` does what it allows",
         )
     scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
     scene = after_stage(scene, model.effects, "scene")
@@ -146,10 +153,14 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     effects = chain_effects(model)
     camera = prepared.calibrated_camera
     for draft in range(_DRAFTS):
-        rendered = rendered_from(prepared, light, camera, model_settings, effects, _DRAFT_NOISE)
+        rendered = rendered_from(
+            prepared, light, camera, replace(model_settings, noise=_DRAFT_NOISE), effects
+        )
         camera = refitted(prepared, rendered, effects).camera
         report(0.1 + 0.1 * (draft + 1))
-    rendered = rendered_from(prepared, light, camera, model_settings, effects, 1.0, lambda part: report(0.3 + 0.6 * part))
+    rendered = rendered_from(
+        prepared, light, camera, model_settings, effects, lambda part: report(0.3 + 0.6 * part)
+    )
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     report(1.0)
     return Validation(prepared, model, light, rendered, comparison, time.perf_counter() - start)
@@ -157,14 +168,14 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
 
 def rendered_from(
     prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
-    noisier: float = 1.0, progress: Progress | None = None,
+    progress: Progress | None = None,
 ) -> Rendered:  # fmt: skip
-    """Gather the picture through ``camera``, ``noisier`` times noisier than the settings ask; fit the lamp's scale."""
+    """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale."""
     calibration = prepared.calibration
     responses = calibration.responses
     assert responses is not None
     image, bands = render_to_noise(
-        light, camera, responses, calibration.predicted_variance, prepared.usable, noisier * settings.noise,
+        light, camera, responses, calibration.predicted_variance, prepared.usable, settings.noise,
         settings.seed, progress,
     )  # fmt: skip
     predictor = build_predictor(light, image, camera, sensing(calibration, camera), settings)
@@ -210,10 +221,20 @@ def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]
 def _assumptions(result: Validation) -> list[str]:
     prepared, fit = result.prepared, result.fit
     sigma = prepared.lamp_sigma
-    lamp = f"within its stated {100 * sigma:.2g} % (one standard deviation)" if sigma else "freely: no uncertainty is stated"
-    moved = fit.camera.project(_corners(prepared.scene)) - prepared.calibrated_camera.project(_corners(prepared.scene))
+    lamp = (
+        f"within its stated {100 * sigma:.2g} % (one standard deviation)"
+        if sigma
+        else "freely: no uncertainty is stated"
+    )
+    moved = fit.camera.project(_corners(prepared.scene)) - prepared.calibrated_camera.project(
+        _corners(prepared.scene)
+    )
     bounces = result.model.render.max_bounces
-    light = "All interreflection is followed" if bounces is None else f"Light is followed over {bounces} reflections only"
+    light = (
+        "All interreflection is followed"
+        if bounces is None
+        else f"Light is followed over {bounces} reflections only"
+    )
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
     return [
         f"Scene: {prepared.scene.name}. Paints are Lambertian, the lamp emits uniformly by Lambert's law and reflects nothing, "
@@ -232,8 +253,10 @@ def _corners(scene: Scene) -> NDArray[np.float64]:
     return np.concatenate([surface.vertices_mm for surface in scene.surfaces])
 
 
-def write_validation(result: Validation, folder: Path) -> None:
-    """Write report.html, metrics.json and the maps into ``folder``."""
+def write_validation(
+    result: Validation, folder: Path, sections: Sequence[ReportSection] = (), path: Sequence[PathStep] = ()
+) -> None:
+    """Write report.html, metrics.json and the maps into ``folder``; a diagnosis adds its sections and path."""
     prepared, fit = result.prepared, result.fit
     camera_fit = prepared.calibration.camera_fit
     assert camera_fit is not None
@@ -248,6 +271,7 @@ def write_validation(result: Validation, folder: Path) -> None:
         lamp_scale=fit.lamp_scale,
         lamp_scale_sigma=fit.lamp_scale_sigma,
         lamp_scale_prior_sigma=prepared.lamp_sigma if prepared.lamp_sigma is not None else float("nan"),
+        path=path,
     )
     write_maps(folder / "maps", result.comparison)
     write_metrics(folder / "metrics.json", result.comparison, run)
@@ -256,6 +280,6 @@ def write_validation(result: Validation, folder: Path) -> None:
         ReportInputs(
             result.comparison, run, _assumptions(result),
             weights=prepared.calibration.weights, responses=prepared.calibration.responses or (),
-            further_warnings=prepared.calibration.notes,
+            sections=sections, further_warnings=prepared.calibration.notes,
         ),
     )  # fmt: skip

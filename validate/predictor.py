@@ -101,7 +101,9 @@ class Predictor:
             if len(self._transports) > 6:
                 for old in list(self._transports)[1:]:  # the first is the base's own
                     del self._transports[old]
-            self._transports[key] = _coarse_transport(scene, self.effective_nm, self.camera, self.settings.seed)
+            self._transports[key] = _coarse_transport(
+                scene, self.effective_nm, self.camera, self.settings.seed
+            )
         return self._transports[key]
 
 
@@ -118,4 +120,6 @@ def build_predictor(
     """From the base picture, as rendered through ``camera``."""
     base = scene_light(image, sensing, (), camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
-    return Predictor(light.tracer.scene, sensing, camera, light, image, base, settings, base.effective_nm, warp)
+    return Predictor(
+        light.tracer.scene, sensing, camera, light, image, base, settings, base.effective_nm, warp
+    )

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from cboxlab.calibration.colorimetry import FilterWeights
 from cboxlab.calibration.sensor_equation import BandResponse
+from cboxlab.scenes.files import replacing
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from .blocks import ReportSection, Table
 from .colour_difference import srgb_preview
 from .compare import Comparison
-from cboxlab.scenes.files import replacing
 from .metrics import Run
 from .picture_sections import maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow, diverging_scale, map_row, picture_row

@@ -74,7 +74,9 @@ def _probe(parameter: Parameter) -> float:
     return parameter.step if null + parameter.step <= parameter.high else -parameter.step
 
 
-def problem(predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float) -> Problem:
+def problem(
+    predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float
+) -> Problem:
     """What a further effect is fitted to."""
     return Problem(predictor, model, tuple(others), scale, predictor.signal(others))
 
@@ -120,7 +122,10 @@ def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Ca
         p.name: _from_coordinate(p, _null_coordinate(p) + a * step)
         for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)
     }
-    sigma = {p.name: abs(step) * float(c**0.5) for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)}
+    sigma = {
+        p.name: abs(step) * float(c**0.5)
+        for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)
+    }
     predicted = columns @ amplitude
     left = residual - predicted
     return Candidate(hypothesis, numbers, sigma, float(left @ left), predicted)
@@ -164,14 +169,17 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candi
             steps.append(step)
         shift, covariance = _solve(np.array(columns).T, residual - best.predicted)
         sigma = {
-            p.name: abs(s) * float(np.sqrt(max(c, 0.0))) for p, s, c in zip(numeric, steps, np.diag(covariance), strict=True)
+            p.name: abs(s) * float(np.sqrt(max(c, 0.0)))
+            for p, s, c in zip(numeric, steps, np.diag(covariance), strict=True)
         }
         improved = False
         for damping in (1.0, 0.4, 0.15):
             moved = {}
             for p, a, s in zip(numeric, shift, steps, strict=True):
                 low, high = _bounds(p)
-                moved[p.name] = _from_coordinate(p, float(np.clip(_to_coordinate(p, best.numbers[p.name]) + damping * a * s, low, high)))
+                moved[p.name] = _from_coordinate(
+                    p, float(np.clip(_to_coordinate(p, best.numbers[p.name]) + damping * a * s, low, high))
+                )
             trial_candidate = _evaluate(task, hypothesis, moved, residual)
             if trial_candidate.chi2 < best.chi2:
                 gain = best.chi2 - trial_candidate.chi2
@@ -192,7 +200,9 @@ def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, fl
     return [{p.name: _from_coordinate(p, null + probe * float(np.sqrt(ratio)))}] if ratio > 0 else []
 
 
-def _evaluate(task: Problem, hypothesis: Hypothesis, numbers: Mapping[str, float], residual: NDArray) -> Candidate:
+def _evaluate(
+    task: Problem, hypothesis: Hypothesis, numbers: Mapping[str, float], residual: NDArray
+) -> Candidate:
     try:
         change = task.change(hypothesis.at(numbers))
     except InputError:

@@ -45,7 +45,6 @@ _HOPELESS = 0.4
 _PRIOR_ROWS = 11
 
 
-
 @dataclass(frozen=True, eq=False)
 class Bench:
     """A rendered picture and the linear model about its camera. given : the model's own effects after the scene."""
@@ -71,12 +70,21 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
     variance = prepared.calibration.predicted_variance(base) + rendered.variance + model_variance(base)
     derivative = camera_jacobian(rendered.predictor.warp, fit_.camera)
     model = build_linear_model(
-        prepared.measured, base, variance, rendered.used, derivative, fit_, prepared.calibrated_camera, prepared.lamp_sigma
+        prepared.measured,
+        base,
+        variance,
+        rendered.used,
+        derivative,
+        fit_,
+        prepared.calibrated_camera,
+        prepared.lamp_sigma,
     )
     return Bench(rendered, model, tuple(given))
 
 
-def best_singles(task: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int) -> list[Candidate]:
+def best_singles(
+    task: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int
+) -> list[Candidate]:
     """Candidates, the best hypothesis of every effect, best first; the most promising fitted in full."""
     best: dict[str, Candidate] = {}
     for candidate in sorted((screen(task, s, residual) for s in signatures), key=_penalised):
@@ -100,7 +108,10 @@ def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
     gain = float(residual @ residual) - candidate.chi2
     if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
         before, after = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
-        return float(before @ before - after @ after) > _PRIOR_GAIN + 5 * len(candidate.hypothesis.free) and gain > 0
+        return (
+            float(before @ before - after @ after) > _PRIOR_GAIN + 5 * len(candidate.hypothesis.free)
+            and gain > 0
+        )
     return gain > SMALLEST_GAIN * count
 
 
@@ -172,6 +183,7 @@ def groups(singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
     same = [
         c.hypothesis.effect.id
         for c in singles[1:]
-        if c.chi2 - best.chi2 < _INDISTINGUISHABLE and float(np.sum((c.predicted - best.predicted) ** 2)) < 4 * _INDISTINGUISHABLE
+        if c.chi2 - best.chi2 < _INDISTINGUISHABLE
+        and float(np.sum((c.predicted - best.predicted) ** 2)) < 4 * _INDISTINGUISHABLE
     ]
     return ((best.hypothesis.effect.id, *same),) if same else ()

@@ -1,7 +1,7 @@
 """Two pictures of several planes against each other: spectral cubes, maps, or the band images of captures.
 
-Plane by plane the relative difference (A - B) / B and, where a side states standard errors, the mean of squared
-residuals over their variance. A side that states none is then taken as exact, and a note says so.
+Plane by plane the relative difference (A - B) / B and, where a side states standard errors, the mean of
+squared residuals over their variance. A side that states none is then taken as exact, and a note says so.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class PlaneRow:
-    """One plane. relative_mean, relative_rms : of (A - B) / B over pixels where B is above 0, NaN without any.
+    """One plane. relative_mean, relative_rms : of (A - B) / B over pixels where B is above 0, else NaN.
 
     chi2_per_pixel : mean of (A - B)^2 / (variance of A + variance of B); None where no variance is known.
     """
@@ -76,7 +76,7 @@ class PlaneRow:
 
 @dataclass(frozen=True)
 class WorstPixel:
-    """size : the residual over its standard deviation where that is known, otherwise (A - B) / B in percent."""
+    """size : the residual over its standard deviation where known, otherwise (A - B) / B in percent."""
 
     plane: str
     x: int
@@ -88,9 +88,11 @@ class WorstPixel:
 
 @dataclass(frozen=True, eq=False)
 class StackComparison:
-    """Outcome of ``compare_stacks``. first, second : the planes in common. relative : (plane, y, x), NaN where
-    left out. residual_over_sigma : the same shape, None where no variance is known. expected_chi2 : per pixel, if
-    A and B are the same but for noise.
+    """Outcome of ``compare_stacks``.
+
+    first, second : the planes in common. relative : (plane, y, x), NaN where left out. residual_over_sigma :
+    the same shape, None where no variance is known. expected_chi2 : per pixel, if A and B differ by noise
+    alone.
     """
 
     first: Stack
@@ -131,7 +133,7 @@ def _cube_stack(path: Path, cube: xr.Dataset) -> Stack:
 
 
 def _capture_stack(folder: Path) -> Stack:
-    """Corrected signals over exposure / (f_number^2 image_distance^2), so that exposures need not be alike."""
+    """Corrected signals over exposure / (f_number^2 image_distance^2): exposures need not be alike."""
     calibration = calibrate(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]
@@ -213,9 +215,14 @@ def _row(
     ratio = relative[np.isfinite(relative)]
     squares = None if residual is None else residual[index][np.isfinite(residual[index])] ** 2
     return PlaneRow(
-        a.names[index], int(used.sum()), _mean(a.values[index][used]), _mean(b.values[index][used]), _mean(ratio),
-        float(np.sqrt(_mean(ratio**2))), None if squares is None else _mean(squares),
-    )  # fmt: skip
+        a.names[index],
+        int(used.sum()),
+        _mean(a.values[index][used]),
+        _mean(b.values[index][used]),
+        _mean(ratio),
+        float(np.sqrt(_mean(ratio**2))),
+        None if squares is None else _mean(squares),
+    )
 
 
 def _worst(a: Stack, b: Stack, sizes: NDArray[np.float64]) -> tuple[WorstPixel, ...]:
@@ -235,7 +242,7 @@ def _worst(a: Stack, b: Stack, sizes: NDArray[np.float64]) -> tuple[WorstPixel, 
 
 
 def write_comparison(folder: Path, comparison: StackComparison) -> None:
-    """Write comparison.json, difference.exr, relative_difference.exr and, where known, residual_over_sigma.exr."""
+    """Write comparison.json, and as EXR difference, relative_difference, residual_over_sigma where known."""
     a, b = comparison.first, comparison.second
     maps: dict[str, tuple[NDArray[np.float64], str]] = {
         "difference": (a.values - b.values, a.unit), "relative_difference": (comparison.relative, "1"),
@@ -246,12 +253,15 @@ def write_comparison(folder: Path, comparison: StackComparison) -> None:
         array = xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": list(a.names)})
         write_map(folder / f"{name}.exr", array, dict.fromkeys(a.names, unit))
     record = {
-        "a": str(a.source), "b": str(b.source), "unit": a.unit,
+        "a": str(a.source),
+        "b": str(b.source),
+        "unit": a.unit,
         "planes": [_finite(asdict(row)) for row in comparison.rows],
         "expected_chi2_per_pixel": comparison.expected_chi2,
-        "worst_pixels": [asdict(pixel) for pixel in comparison.worst], "worst_measure": comparison.worst_measure,
+        "worst_pixels": [asdict(pixel) for pixel in comparison.worst],
+        "worst_measure": comparison.worst_measure,
         "notes": list(comparison.notes),
-    }  # fmt: skip
+    }
     with replacing(folder / "comparison.json") as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 

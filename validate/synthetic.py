@@ -50,8 +50,8 @@ SIMULATED_STAGES = ("scene", "camera", "filter", "optics", "counts")
 #: Effects of the stage "counts" that act on counts as they are read out; all others act on charge.
 READOUT_EFFECTS = frozenset({"nonlinearity", "dark-offset"})
 
-# Standard deviations of a camera set up by hand: place (mm), turn (deg), and relative: focal length, principal
-# point (of the width). The distortion is uniform within +-0.02.
+# Standard deviations of a camera set up by hand: place (mm), turn (deg), and relative: focal length,
+# principal point (of the width). The distortion is uniform within +-0.02.
 _PLACE_MM, _TURN_DEG, _FOCAL, _PRINCIPAL, _K1 = 5.0, 0.2, 0.005, 0.005, 0.02
 
 
@@ -124,9 +124,19 @@ class _ReadoutAndCharge:
         level, exposure = np.full(len(self.bands), dark), np.full(len(self.bands), frame.exposure_s)
         minutes = ((frame.start_s or 0.0) + frame.exposure_s / 2) / 60.0
         return Counts(
-            self.bands, stacks["band"], stacks["flat"], stacks["reference"], level, level, level,
-            exposure, exposure, exposure, np.full(len(self.bands), minutes), float(self.settings.full_scale_dn),
-        )  # fmt: skip
+            self.bands,
+            stacks["band"],
+            stacks["flat"],
+            stacks["reference"],
+            level,
+            level,
+            level,
+            exposure,
+            exposure,
+            exposure,
+            np.full(len(self.bands), minutes),
+            float(self.settings.full_scale_dn),
+        )
 
 
 def _hooks(bands: tuple[str, ...], effects: Sequence[AppliedEffect], settings: CaptureSettings) -> FrameHooks:

@@ -1,0 +1,169 @@
+"""A diagnosis as JSON, as a section of the report, and in the terminal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cboxlab.scenes.files import replacing
+
+from .blocks import ReportSection, Table, number, significant
+from .console import console, data_table, say
+from .diagnosis import Diagnosis, Ranked, Step
+from .effects import AppliedEffect, catalogue
+from .metrics import PathStep
+from .plots import STYLE, diverging_scale, falling_curve, map_row
+
+__all__ = ["diagnosis_record", "diagnosis_sections", "path_steps", "print_diagnosis", "write_diagnosis"]
+
+
+def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The object that ``cbox diagnose --json`` writes; parameters without a finite value become null."""
+    return {
+        "adequate": diagnosis.adequate,
+        "chi2_per_dof": diagnosis.chi2_per_dof,
+        "ranking": [
+            {
+                "effect": r.effect,
+                "parameters": {k: _finite(v) for k, v in r.values.items()},
+                "sigma": {k: _finite(v) for k, v in r.sigma.items()},
+                "chi2_per_dof": r.chi2_per_dof,
+                "probability": r.probability,
+            }
+            for r in diagnosis.ranking
+        ],
+        "selected": list(diagnosis.selected),
+        "selected_parameters": [
+            {k: _finite(v) for k, v in e.values.items()} for e in diagnosis.path[-1].effects
+        ],
+        "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
+        "indistinguishable": [list(group) for group in diagnosis.indistinguishable],
+        "heldout_gain": _finite(diagnosis.heldout_gain),
+    }
+
+
+def _finite(value: str | float) -> str | float | None:
+    return value if isinstance(value, str) or np.isfinite(value) else None
+
+
+def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the record, complete or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(
+            json.dumps(diagnosis_record(diagnosis), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+
+def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
+    """The path for metrics.json."""
+    return [
+        PathStep(tuple(e.id for e in s.effects), s.comparison.chi2.per_dof, s.comparison.delta_e_ab.mean)
+        for s in diagnosis.path
+    ]
+
+
+def _values(effect: AppliedEffect, sigma: dict[str, float]) -> str:
+    parts = []
+    for name, value in effect.values.items():
+        if isinstance(value, str):
+            parts.append(value)
+        else:
+            error = sigma.get(name)
+            parts.append(
+                f"{name} {value:.4g}"
+                + (f" ± {error:.1g}" if error is not None and np.isfinite(error) else "")
+            )
+    return ", ".join(parts)
+
+
+def _step_name(step: Step) -> str:
+    return "+ " + step.effects[-1].id if step.effects else "model as given"
+
+
+def _in_words(diagnosis: Diagnosis) -> list[str]:
+    """The answer in sentences."""
+    last = diagnosis.path[-1]
+    if diagnosis.adequate:
+        return [
+            "No effect of the catalogue improves the model by more than the render's own flaws could: the model is adequate."
+        ]
+    sentences = []
+    if diagnosis.selected == ("unknown",):
+        sentences.append(
+            "Something is there that noise does not explain, and no effect of the catalogue explains most of it: unknown."
+        )
+    else:
+        for effect, sigma in zip(last.effects, last.sigma, strict=True):
+            sentences.append(
+                f"The model lacks {effect.id}: {_values(effect, sigma)}. To confirm: {effect.effect.confirm}"
+            )
+        if diagnosis.selected[-1] == "unknown":
+            sentences.append("Something remains that none of the catalogue explains; the maps show where.")
+    for group in diagnosis.indistinguishable:
+        sentences.append(f"This capture cannot tell apart {', '.join(group)}; each one's own test would.")
+    first = diagnosis.path[0].comparison
+    sentences.append(
+        f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {last.comparison.chi2.per_dof:.3g}, mean ΔE*ab from "
+        f"{first.delta_e_ab.mean:.2f} to {last.comparison.delta_e_ab.mean:.2f} (noise alone {last.comparison.delta_e_ab_noise.mean:.2f}). "
+        f"In pixels held out from the fit the last effect gains {100 * diagnosis.heldout_gain:.0f} % of what it gains in the others."
+    )
+    return sentences
+
+
+@matplotlib.rc_context(STYLE)
+def diagnosis_sections(diagnosis: Diagnosis) -> list[ReportSection]:
+    """What is missing, how the error falls, and what else was tried."""
+    labels = [_step_name(s) for s in diagnosis.path]
+    curve = falling_curve(
+        labels,
+        [s.comparison.chi2.per_dof for s in diagnosis.path],
+        [s.comparison.delta_e_ab.mean for s in diagnosis.path],
+    )
+    maps = [np.nanmean(s.comparison.maps["residual_over_sigma"].values, axis=0) for s in diagnosis.path]
+    scale = diverging_scale(maps[0], "residual / σ, mean over bands", 0.5)
+    effect_rows = [
+        (r.effect, _ranked_values(r), significant(r.chi2_per_dof, 4), number(100 * r.probability, 1))
+        for r in diagnosis.ranking[:8]
+    ]
+    return [
+        ReportSection(
+            "What the model lacks",
+            _in_words(diagnosis),
+            [
+                curve,
+                map_row(dict(zip(labels, maps, strict=True)), scale, "Residuals before and after, one colour scale."),
+                Table(("Effect tried alone", "Parameters", "χ²/dof", "Probability, %"), effect_rows,
+                      "Camera and lamp refitted with each; the model as given has χ²/dof "
+                      f"{diagnosis.chi2_per_dof:.4g}. The base picture's own error is counted here."),
+            ],
+        )
+    ]  # fmt: skip
+
+
+def _ranked_values(ranked: Ranked) -> str:
+    if ranked.effect not in catalogue():
+        return "–"
+    return _values(AppliedEffect(catalogue()[ranked.effect], ranked.values), ranked.sigma)
+
+
+def print_diagnosis(diagnosis: Diagnosis) -> None:
+    """The ranking and the path in the terminal."""
+    table = data_table("Effects tried alone", "effect", "parameters", "χ²/dof", "probability")
+    for r in diagnosis.ranking[:6]:
+        table.add_row(r.effect, _ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
+    console.print(table)
+    path = data_table("The error falls", "model", "χ²/dof", "ΔE*ab", "noise alone")
+    for step in diagnosis.path:
+        c = step.comparison
+        path.add_row(
+            _step_name(step),
+            f"{c.chi2.per_dof:.3f}",
+            f"{c.delta_e_ab.mean:.3f}",
+            f"{c.delta_e_ab_noise.mean:.3f}",
+        )
+    console.print(path)
+    for sentence in _in_words(diagnosis):
+        say(sentence)
