@@ -89,8 +89,8 @@ def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
 
 
 def changed_reflection(
-    light: LightField, camera: Camera, radiance: NDArray, reflectance: NDArray, material: int, base: Base, coat: Coat | None,
-    samples: int = 256, seed: int = 0,
+    light: LightField, camera: Camera, radiance: NDArray, reflectance: NDArray, material: int,
+    base: Base, coat: Coat | None, samples: int = 256, seed: int = 0,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, over the lamp's, where the camera sees paint ``material``.
 

@@ -148,7 +148,7 @@ def _lookup_table(
     rows = np.concatenate([spectra, *(rho * spectra for rho in reflectances)])
     weight = np.tile(np.abs(coefficients).max(axis=0), 1 + len(reflectances))
     _, singular, basis = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
-    basis = basis[singular > TOLERANCE * singular[0]]
+    basis = basis[: max(1, int(np.sum(singular > TOLERANCE * singular[0])))]
     parts = [
         coefficients @ (spectra @ basis.T),
         *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances),

@@ -125,6 +125,8 @@ def indirect_basis(
     few bounces at a few wavelengths (a reduced basis, by Galerkin), which grows until the equation
     b = rho (e + F b) holds at every wavelength.
     """
+    if not exchange.direct.any():
+        return np.zeros((len(material), 1)), np.zeros((1, reflectances.shape[1]))
     if max_reflections is None:
         shapes, amplitudes = _reduced_solution(exchange, material, reflectances)
     else:
@@ -185,4 +187,5 @@ def _galerkin(
     rho = reflectances[material][:, check]
     b = space @ amplitudes[:, check]
     residual = b - rho * (direct + transported @ amplitudes[:, check])
-    return amplitudes, float(np.max(np.linalg.norm(residual, axis=0) / np.linalg.norm(b, axis=0)))
+    size = np.maximum(np.linalg.norm(b, axis=0), 1e-300)
+    return amplitudes, float(np.max(np.linalg.norm(residual, axis=0) / size))

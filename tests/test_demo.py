@@ -76,7 +76,8 @@ def test_the_demo_leaves_a_report_and_a_raw_frame(told):
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["chi2_per_dof"] > 2  # the hidden glare
     assert metrics["camera"]["reprojection_rms_px"] < 1.15 * 0.15
-    assert "<html" in (folder / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<html" in page and "The same light in another camera: Kodak DCS-200" in page
     counts, notes = read_raw(folder / "raw.tif")
     assert counts.shape == (128, 128) and counts.dtype == np.uint16
     assert notes["camera"] == "Kodak DCS-200"

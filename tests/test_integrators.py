@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, box_with_lamp, camera_inside
-from cboxlab.render.final_gather import render_final_gather
+from boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
+from cboxlab.render.final_gather import gather, render_final_gather, solve_light
 from cboxlab.render.integrators import render
 from cboxlab.render.path_tracer import render_path_tracer
 from cboxlab.render.pinhole import film_for, resampling
@@ -148,6 +148,89 @@ def test_reflections_are_counted_and_add_up(integrator):
     assert added[1] < 0.5 * added[0] * 1.5  # the first reflection is uneven, so its light may gather in view
     assert added[2] < 0.5 * added[1] * 1.1
     assert added[3] < added[2]
+
+
+@pytest.mark.parametrize("integrator", OWN)
+@pytest.mark.parametrize("max_bounces", [0, None])
+def test_the_lamps_own_picture_shows_its_pattern(integrator, max_bounces):
+    """Radiance e + (1 - e)(1 - X^2)(1 - Z^2) over its mean, times cos^n of the angle, at points seen, to 1%."""
+    scene = box_with_lamp(0.5, lamp_half=400.0, edge_ratio=0.3, exponent=2.0)
+    camera = replace(camera_inside(16), focal_length_px=5.0)
+    image = integrator(scene, camera, BANDS[:1], samples=256, batches=2, max_bounces=max_bounces)
+    fine = (np.arange(8) - 3.5) / 8
+    v, u, dv, du = np.meshgrid(np.arange(16), np.arange(16), fine, fine, indexing="ij")
+    ray = camera.directions(u + du, v + dv)
+    at = camera.position_mm + ray * ((EDGE - camera.position_mm[1]) / ray[..., 1])[..., None]
+    x, z = (at[..., i] / 400.0 - EDGE / 800.0 for i in (0, 2))
+    pattern = (0.3 + 0.7 * (1 - x**2) * (1 - z**2)) / (0.3 + 0.7 * 4 / 9) * ray[..., 1] ** 2
+    lamp = image.coverage[..., -1] == 1
+    assert lamp.sum() > 10
+    seen = image.project(np.eye(1))[0][lamp][:, 0]
+    assert np.ptp(seen) > 0.2
+    assert seen == pytest.approx(pattern.mean(axis=(2, 3))[lamp], rel=0.01, abs=0.005)
+
+
+@needs_llvm
+def test_one_solution_serves_all_cameras():
+    """Light solved once and gathered through two cameras: the pictures that each would get on its own."""
+    scene = cornell_box()
+    light = solve_light(scene, BANDS, seed=3)
+    for camera in (cornell_camera(12), replace(cornell_camera(16), k1=-0.1)):
+        own = render_final_gather(scene, camera, BANDS, samples=16, batches=2, seed=3)
+        shared = gather(light, camera, samples=16, batches=2, seed=3)
+        assert np.array_equal(own.coefficients, shared.coefficients)
+        assert np.array_equal(own.spectra, shared.spectra)
+
+
+@needs_llvm
+def test_the_patches_size_does_not_show():
+    """Patches of 140 mm, four times the default's edge, change surface means by 0.2% at most.
+
+    The pictures share their random numbers, and the errors of their difference come from its batches.
+    """
+    scene, camera = cornell_box(), cornell_camera(24)
+    images = [
+        gather(solve_light(scene, BANDS[1:], patch_edge_mm=edge, seed=1), camera, 128, BATCHES, seed=2)
+        for edge in (40.0, 140.0)
+    ]
+    fine, coarse = (relative(image) for image in images)
+    used = images[0].pure & (images[0].surface >= 0)
+    for index in range(len(images[0].surface_names)):
+        here = used & (images[0].surface == index)
+        mean = fine[:, here].mean(axis=(0, 1))
+        change = (coarse - fine)[:, here].mean(axis=1)
+        error = change.std(axis=0, ddof=1) / np.sqrt(BATCHES)
+        assert np.all(np.abs(change.mean(axis=0)) < 0.002 * mean + T_LIMIT * error), images[0].surface_names[
+            index
+        ]
+    whole = (coarse - fine)[:, used].mean(axis=(0, 1)) / fine[:, used].mean(axis=(0, 1))
+    assert np.abs(whole).max() < 0.001
+
+
+@needs_llvm
+def test_the_dark_side_of_a_lit_plate():
+    """A plate lit from above hangs over a floor: from below it is black, so the floor gets less, not more."""
+    floor = quad("floor", walls()["floor"])
+    plate = quad("plate", square(np.array([EDGE / 2, 300.0, EDGE / 2]), 300.0, 1, 1))
+    scene = lamp_and([floor, plate], square(np.array([EDGE / 2, 900.0, EDGE / 2]), 400.0, 1, -1))
+    camera = camera_inside(16, z=-600.0, focal=1.0)
+    pictures = [
+        relative(r(scene, camera, BANDS[:1], samples=64, batches=BATCHES, seed=2)).mean(axis=(1, 2))
+        for r in (render_path_tracer, render_final_gather)
+    ]
+    error = np.sqrt(sum(p.var(axis=0, ddof=1) for p in pictures) / BATCHES)
+    mean = pictures[0].mean(axis=0)
+    assert np.all(error < 0.002 * mean)
+    assert np.all(np.abs(pictures[1].mean(axis=0) - mean) < T_LIMIT * error)
+
+
+@pytest.mark.parametrize("integrator", OWN)
+def test_a_lamp_that_lights_nothing(integrator):
+    """Behind the camera and turned away: a black picture, not an error."""
+    away = square(np.full(3, -EDGE), 10.0, 1, -1)
+    scene = lamp_and([quad("back", walls()["back"])], away)
+    image = integrator(scene, camera_inside(8), BANDS, samples=4, batches=2)
+    assert np.all(image.project(np.eye(3))[0] == 0)
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3])

@@ -8,12 +8,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from boxes import EDGE, box_with_lamp, grey, lamp_and, quad, square, walls
-from cboxlab.render.lamp import build_lamp_sampler
+from cboxlab.render.lamp import build_lamp_sampler, direct_light
 from cboxlab.render.patches import build_patches, patch_of
 from cboxlab.render.radiosity import indirect_basis, solve, trace_exchange
 from cboxlab.render.tracer import build_tracer
 from cboxlab.render.variant import compiled
-from cboxlab.scenes import Scene, cornell_box
+from cboxlab.scenes import Scene, Surface, cornell_box
+from cboxlab.scenes.shapes import box_mesh
 
 pytestmark = pytest.mark.skipif(
     not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
@@ -77,6 +78,45 @@ def test_what_leaves_a_patch_arrives_or_escapes():
     # one side of six is missing
     assert 0.1 < exchange.escape.mean() < 0.3
     assert np.all(exchange.direct == 0)
+
+
+def test_what_stands_on_a_patch_takes_its_place():
+    """Patches under a block have no light and no form factors; those it covers in part have their free part's.
+
+    A block stands on the floor of an open box. A floor patch's free points see the surroundings whole, so its
+    row and escape sum to 1 as everywhere else; their direct light is that of the free points alone.
+    """
+    lamp = square(np.array([EDGE / 2, 900.0, EDGE / 2]), 100.0, 1, -1)
+    middle = np.array([EDGE / 2, 100.0, EDGE / 2])
+    block = Surface("block", "grey", *box_mesh(middle, [420.0, 200.0, 420.0], 0.0))
+    boxes = [quad(n, c) for n, c in walls(ceiling=False).items()]
+    tracer, patches, exchange = exchange_of(lamp_and([*boxes, block], lamp), 150.0, 1024, seed=5)
+    _, _, dark = exchange_of(
+        lamp_and([*boxes, block], square(np.full(3, -EDGE), 10.0, 1, -1)), 150.0, 256, seed=5
+    )
+    floor = patches.surface == list(walls(ceiling=False)).index("floor")
+    inside = np.abs(patches.corners[:, :, [0, 2]] - EDGE / 2).max(axis=2) < 210.0
+    under, free, partly = (floor & x for x in (inside.all(1), ~inside.any(1), inside.any(1) & ~inside.all(1)))
+    assert under.sum() > 4 and partly.sum() > 8 and free.sum() > 20
+    total = dark.form_factors.sum(axis=1) + dark.escape
+    assert np.all(total[under] == 0) and np.all(exchange.direct[under] == 0)
+    assert total[partly] == pytest.approx(1.0, abs=1e-5)
+    assert total[free] == pytest.approx(1.0, abs=1e-5)
+    # what reaches the floor beside the block: from points of the patch itself, outside the block's base
+    generator = np.random.default_rng(1)
+    for index in np.nonzero(partly)[0][:6]:
+        points = generator.dirichlet(np.ones(3), 2**14) @ patches.corners[index]
+        points = points[np.abs(points[:, [0, 2]] - EDGE / 2).max(axis=1) > 210.0].astype(np.float32)
+        u, v = generator.random((2, len(points))).astype(np.float32)
+        normal = mi.Vector3f(np.tile(np.array([[0.0], [1.0], [0.0]], np.float32), len(points)))
+        active = mi.Bool(np.ones(len(points), bool))
+        light = np.array(
+            direct_light(tracer, build_lamp_sampler(tracer), mi.Point3f(points.T), normal, mi.Float(u),
+                         mi.Float(v), active), float,
+        )  # fmt: skip
+        # the exchange's own points, at least 100 of them, are no noisier than as many independent ones
+        error = light.std() * np.sqrt(1 / len(light) + 1 / (1024 * len(points) / 2**14))
+        assert abs(exchange.direct[index] - light.mean()) < SIGMAS * error + 1e-6
 
 
 def test_reciprocity():

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 from cboxlab.render.sensor_cameras import load_camera
 
+from .blocks import ReportSection
 from .console import bar, say
 from .model import Model
 from .pipeline import Validation, validate, write_validation
+from .plots import picture_row
 from .raw_shots import RawShot, shoot, write_preview, write_shot
 from .summary import print_validation
 from .verdict import verdict
@@ -35,8 +37,8 @@ def run_demo(out: Path, model: Model | None = None) -> None:
         result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
     print_validation(result)
-    write_validation(result, out)
     shot = _other_camera(result)
+    write_validation(result, out, (_raw_section(shot),))
     write_shot(out / "raw.tif", shot)
     write_preview(out / "raw.png", shot)
     say(
@@ -45,6 +47,20 @@ def run_demo(out: Path, model: Model | None = None) -> None:
         f"({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
     )
     say(f"Open {out / 'report.html'} in a browser.")
+
+
+def _raw_section(shot: RawShot) -> ReportSection:
+    counts = shot.counts / shot.camera.detector.full_scale_dn
+    raw = np.repeat(np.rint(255 * counts).astype(np.uint8)[..., None], 3, axis=-1)
+    return ReportSection(
+        f"The same light in another camera: {shot.camera.name}",
+        (
+            f"The rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths, exposed for {shot.exposure_s:.3g} s: "
+            "what the sensor records behind its colour filter array, with its noise and rounding, and the "
+            "picture developed from it.",
+        ),
+        (picture_row({"Raw counts, one colour per pixel": raw, "Demosaiced, white balanced": shot.preview}),),
+    )
 
 
 def _tell(result: Validation) -> None:

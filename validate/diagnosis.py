@@ -67,10 +67,15 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """adequate : whether the model as given is. selected : effects in the order added, "unknown" last where
-    something remains. chi2_per_dof, final_chi2_per_dof : of the model as given and with the
-    selected effects, nuisances at their best, the base picture's own error counted. heldout_gain : gain in pixels held out from the fit over
-    that in those fitted, of the last effect tried. model : the model as given with the selected effects."""
+    """What a model lacks.
+
+    adequate : whether the model as given is. ranking : every effect tried alone, best first. selected :
+    effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
+    the model as given and with the selected effects, nuisances at their best, the base picture's own error
+    counted. indistinguishable : groups this capture cannot separate. heldout_gain : gain in pixels held out
+    from the fit over that in those fitted, of the last effect tried. model : the given one with the selected
+    effects.
+    """
 
     adequate: bool
     chi2_per_dof: float
@@ -153,7 +158,7 @@ def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signatu
 
 
 def _about_better_camera(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> Bench:
-    """What the model lacked has pulled at the camera: refit it with the effects in place, and render again if it moved."""
+    """What the model lacked has pulled at the camera: refit it, render again if it moved."""
     prepared, rendered = validation.prepared, bench.rendered
     effects = (*bench.given, *(c.applied for c in chosen))
     camera = refitted(prepared, rendered, effects).camera

@@ -88,12 +88,14 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
     last = diagnosis.path[-1]
     if diagnosis.adequate:
         return [
-            "No effect of the catalogue improves the model by more than the render's own flaws could: the model is adequate."
+            "No effect of the catalogue improves the model by more than the render's own flaws could: "
+            "the model is adequate."
         ]
     sentences = []
     if diagnosis.selected == ("unknown",):
         sentences.append(
-            "Something is there that noise does not explain, and no effect of the catalogue explains most of it: unknown."
+            "Something is there that noise does not explain, and no effect of the catalogue explains most of it: "
+            "unknown."
         )
     else:
         for effect, sigma in zip(last.effects, last.sigma, strict=True):
@@ -105,11 +107,16 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
     for group in diagnosis.indistinguishable:
         sentences.append(f"This capture cannot tell apart {', '.join(group)}; each one's own test would.")
     first = diagnosis.path[0].comparison
+    c = last.comparison
     sentences.append(
-        f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {last.comparison.chi2.per_dof:.3g}, mean ΔE*ab from "
-        f"{first.delta_e_ab.mean:.2f} to {last.comparison.delta_e_ab.mean:.2f} (noise alone {last.comparison.delta_e_ab_noise.mean:.2f}). "
-        f"In pixels held out from the fit the last effect gains {100 * diagnosis.heldout_gain:.0f} % of what it gains in the others."
+        f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {c.chi2.per_dof:.3g}, mean ΔE*ab from "
+        f"{first.delta_e_ab.mean:.2f} to {c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f})."
     )
+    if np.isfinite(diagnosis.heldout_gain):
+        sentences.append(
+            "In pixels held out from the fit the last effect gains "
+            f"{100 * diagnosis.heldout_gain:.0f} % of what it gains in the others."
+        )
     return sentences
 
 
@@ -122,7 +129,7 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[ReportSection]:
         [s.comparison.chi2.per_dof for s in diagnosis.path],
         [s.comparison.delta_e_ab.mean for s in diagnosis.path],
     )
-    maps = [np.nanmean(s.comparison.maps["residual_over_sigma"].values, axis=0) for s in diagnosis.path]
+    maps = [s.comparison.maps["residual_over_sigma"].mean("band").values for s in diagnosis.path]
     scale = diverging_scale(maps[0], "residual / σ, mean over bands", 0.5)
     effect_rows = [
         (r.effect, _ranked_values(r), significant(r.chi2_per_dof, 4), number(100 * r.probability, 1))

@@ -92,7 +92,10 @@ def build_linear_model(
     measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, camera_derivative: NDArray,
     fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
 ) -> LinearModel:  # fmt: skip
-    """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it; camera_derivative (10, band, y, x)."""
+    """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
+
+    camera_derivative : (10, band, y, x).
+    """
     sigma = np.sqrt(variance[used])
     rows = [np.append(d[used] * fit.lamp_scale / sigma, np.zeros(11)) for d in camera_derivative]
     rows.append(np.append(base[used] / sigma, np.zeros(11)))

@@ -36,7 +36,8 @@ from .report import ReportInputs, build_report
 from .sensing import sensing
 
 __all__ = [
-    "Prepared", "Rendered", "Validation", "chain_effects", "compared", "prepare", "refitted", "rendered_from", "validate", "write_validation",
+    "Prepared", "Rendered", "Validation", "chain_effects", "compared", "prepare", "refitted", "rendered_from",
+    "validate", "write_validation",
 ]  # fmt: skip
 
 #: The camera is refitted on renders with this part of the sensor's noise (more would pull at it, since moving a
@@ -237,8 +238,8 @@ def _assumptions(result: Validation) -> list[str]:
     )
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
     return [
-        f"Scene: {prepared.scene.name}. Paints are Lambertian, the lamp emits uniformly by Lambert's law and reflects nothing, "
-        "the air is clear, the front is open and dark, unless an effect below says otherwise.",
+        f"Scene: {prepared.scene.name}. Paints are Lambertian, the lamp emits uniformly by Lambert's law and reflects "
+        "nothing, the air is clear, the front is open and dark, unless an effect below says otherwise.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is the capture's own; its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points and then refitted to the picture within the survey's covariance; "

@@ -58,7 +58,7 @@ class Predictor:
         light = scene_light(self.image, self.sensing, filters, self.camera) if filters else self.base
         changed = light.signal
         if any(e.effect.stage in _SCENE_STAGES for e in effects):
-            changed = changed + self._picture(effects) - self._picture(())
+            changed = _changed(changed, self._picture(()), self._picture(effects))
         camera = self.camera
         for effect in effects:
             if effect.effect.stage == "camera":
@@ -105,6 +105,15 @@ class Predictor:
                 scene, self.effective_nm, self.camera, self.settings.seed
             )
         return self._transports[key]
+
+
+def _changed(signal: NDArray, before: NDArray, after: NDArray) -> NDArray[np.float64]:
+    """The signal changed as the patches' picture changes: by its ratio, in which the coarse picture's own errors
+    cancel; by the difference where there was next to nothing before, or where edges moved."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = after / before
+    steady = np.isfinite(ratio) & (ratio > 0.5) & (ratio < 2.0)
+    return np.where(steady, signal * np.where(steady, ratio, 1.0), signal + after - before)
 
 
 def _coarse_transport(scene: Scene, wavelength_nm: NDArray, camera: Camera, seed: int) -> PatchTransport:

@@ -15,8 +15,8 @@ from .pipeline import Prepared, Rendered
 from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
-    "MOST_OF_IT", "UNKNOWN", "Bench", "best_singles", "build_bench", "explained_part", "groups", "heldout_gain", "left_over",
-    "refitted_together", "remains", "without_idle", "worth",
+    "MOST_OF_IT", "UNKNOWN", "Bench", "best_singles", "build_bench", "explained_part", "groups", "heldout_gain",
+    "left_over", "refitted_together", "remains", "without_idle", "worth",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"

@@ -14,15 +14,16 @@ from cboxlab.scenes.faults import suggestion
 
 from ._effect import AppliedEffect, BandCurves, Counts, Effect, Light, Parameter, Stage
 
-__all__ = ["AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage", "apply_checked", "catalogue"]
+__all__ = [
+    "AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage", "apply_checked", "catalogue",
+]  # fmt: skip
 
 
 @lru_cache(maxsize=1)
 def catalogue() -> dict[str, Effect]:
     """All effects by identifier, those of other packages included."""
-    own = [
-        import_module(f"{__name__}.{module.name}").EFFECT for module in iter_modules(__path__) if not module.name.startswith("_")
-    ]
+    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
+    own = [import_module(f"{__name__}.{name}").EFFECT for name in names]
     others = [entry.load() for entry in entry_points(group="cboxlab.effects")]
     return {effect.id: effect for effect in sorted([*own, *others], key=lambda effect: effect.id)}
 
@@ -34,12 +35,14 @@ def apply_checked(identifier: str | None, values: Mapping[str, Any], where: str)
     """
     known = catalogue()
     if identifier not in known:
-        raise InputError(f"{where}.id", repr(identifier), f"one of {', '.join(known)}", suggestion(str(identifier), known))
+        allowed = f"one of {', '.join(known)}"
+        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), known))
     effect = known[identifier]
     names = [p.name for p in effect.parameters]
     for name in values:
         if name not in names:
-            raise InputError(f"{where}.{name}", "an unknown parameter", f"one of {', '.join(names)}", suggestion(name, names))
+            allowed = f"one of {', '.join(names)}"
+            raise InputError(f"{where}.{name}", "an unknown parameter", allowed, suggestion(name, names))
     checked: dict[str, str | float] = {}
     for parameter in effect.parameters:
         key = f"{where}.{parameter.name}"
@@ -51,7 +54,8 @@ def apply_checked(identifier: str | None, values: Mapping[str, Any], where: str)
             continue
         fallback = parameter.default if parameter.default is not None else parameter.null
         number = values.get(parameter.name, fallback)
-        if not isinstance(number, int | float) or isinstance(number, bool) or not parameter.low <= number <= parameter.high:
+        proper = isinstance(number, int | float) and not isinstance(number, bool)
+        if not proper or not parameter.low <= number <= parameter.high:
             allowed = f"a number from {parameter.low:g} to {parameter.high:g} {parameter.unit}"
             raise InputError(key, "nothing" if number is None else repr(number), allowed)
         checked[parameter.name] = float(number)

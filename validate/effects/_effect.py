@@ -95,7 +95,9 @@ class BandCurves:
     def responses(self, angle: int = 0) -> tuple[BandResponse, ...]:
         """The band responses at one of the field angles."""
         return tuple(
-            BandResponse(band, self.wavelength_nm, self.rest[i] * self.transmittance[angle, i], float(self.factor[i]))
+            BandResponse(
+                band, self.wavelength_nm, self.rest[i] * self.transmittance[angle, i], float(self.factor[i])
+            )
             for i, band in enumerate(self.bands)
         )
 

@@ -31,12 +31,16 @@ def _apply(light: PatchLight, spectrum: str, radiance: float) -> PatchLight:
 EFFECT = Effect(
     id="ambient-light",
     stage="transport",
-    summary="A uniform surround of the given spectral radiance at 550 nm, seen through the open front and past the box's front edges.",
+    summary="A uniform surround of the given spectral radiance at 550 nm, seen through the open front and past "
+    "the box's front edges.",
     parameters=(
         Parameter("spectrum", choices=("daylight", "tungsten", "fluorescent")),
         Parameter("radiance", "W m^-2 sr^-1 nm^-1", null=0.0, low=0.0, high=1.0, step=1e-7),
     ),
     apply=_apply,
     confirm="Take one more frame of every band with the lamp off: what it shows above dark is ambient light.",
-    sources=("Planck's law at 6500 K and 2900 K", "Gaussian lines of a triphosphor lamp at 436, 488, 545, 611 nm"),
+    sources=(
+        "Planck's law at 6500 K and 2900 K",
+        "Gaussian lines of a triphosphor lamp at 436, 488, 545, 611 nm",
+    ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.calibration.sensor_equation import trapezoidal_weights
 from cboxlab.render.patch_light import PatchLight
 from cboxlab.render.radiosity import solve
 
@@ -26,13 +27,16 @@ def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) ->
     exchange = transport.light.exchange
     b = solve(exchange, table[patch_paint])
     # radiance-like irradiance E / pi; an emitted quantum of wavelength l carries h c / l of energy
-    quanta = (1 - table[paint]) * lamp * wavelength * _STEP_NM * np.where(np.isin(wavelength, wavelength[[0, -1]]), 0.5, 1.0)
+    quanta = (1 - table[paint]) * lamp * wavelength * trapezoidal_weights(wavelength)
     arriving_patch = (exchange.direct[:, None] + exchange.form_factors @ b.astype(np.float32)) @ quanta
     arriving_fragment = (transport.direct[:, None] + transport.gather @ b.astype(np.float32)) @ quanta
-    bell = np.exp(-0.5 * ((light.grid_nm - peak_nm) / _BELL_SIGMA_NM) ** 2) / (_BELL_SIGMA_NM * np.sqrt(2 * np.pi))
+    bell = np.exp(-0.5 * ((light.grid_nm - peak_nm) / _BELL_SIGMA_NM) ** 2) / (
+        _BELL_SIGMA_NM * np.sqrt(2 * np.pi)
+    )
     emitted = values["yield"] * light.over_lamp(bell / light.grid_nm)
     return light.change(
-        patch_emission=light.patch_emission + np.outer(np.where(patch_paint == paint, arriving_patch, 0), emitted),
+        patch_emission=light.patch_emission
+        + np.outer(np.where(patch_paint == paint, arriving_patch, 0), emitted),
         fragment_emission=light.fragment_emission
         + np.outer(np.where(transport.material == paint, arriving_fragment, 0), emitted),
     )
@@ -41,14 +45,15 @@ def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) ->
 EFFECT = Effect(
     id="fluorescence",
     stage="transport",
-    summary="Quanta that the paint absorbs below about 455 nm come back with the stated yield, diffusely, in a bell about "
-    "peak_nm (standard deviation about 24 nm); the table's reflectance is kept.",
+    summary="Quanta that the paint absorbs below about 455 nm come back with the stated yield, diffusely, in a "
+    "bell about peak_nm (standard deviation about 24 nm); the table's reflectance is kept.",
     parameters=(
         Parameter("material", choices=("white", "red", "green")),
         Parameter("yield", "1", null=0.0, low=0.0, high=1.0, step=0.02),
         Parameter("peak_nm", "nm", low=430.0, high=680.0, step=5.0, default=520.0),
     ),
     apply=_apply,
-    confirm="Light the paint through the 400 nm filter alone and photograph it through the longer ones: signal there is fluorescence.",
+    confirm="Light the paint through the 400 nm filter alone and photograph it through the longer ones: signal "
+    "there is fluorescence.",
     sources=("one-step bispectral model: Glassner, 'A model for fluorescence and phosphorescence', 1995",),
 )

@@ -24,14 +24,23 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     coated = (transport.light.patches.material == paint)[:, None]
     lost = specular * _DIFFUSE_FRESNEL
     changed = light.change(
-        patch_reflectance=np.where(coated, light.patch_reflectance * (1 - lost) ** 2 + lost, light.patch_reflectance)
+        patch_reflectance=np.where(
+            coated, light.patch_reflectance * (1 - lost) ** 2 + lost, light.patch_reflectance
+        )
     )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
         return (1 - specular * fresnel(incoming.z)) * (1 - specular * fresnel(outgoing.z))
 
     added = changed_reflection(
-        transport.light, transport.camera, changed.patch_radiance(), rho, paint, base, Coat(specular, roughness), light.samples
+        transport.light,
+        transport.camera,
+        changed.patch_radiance(),
+        rho,
+        paint,
+        base,
+        Coat(specular, roughness),
+        light.samples,
     )
     return changed.change(added=changed.added + added)
 
@@ -39,15 +48,15 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 EFFECT = Effect(
     id="gloss",
     stage="transport",
-    summary="A coat reflects specular times Fresnel's part (index 1.5) with a GGX lobe of alpha = roughness above the diffuse base, "
-    "which gets what the coat lets through on the way in and out.",
+    summary="A coat reflects specular times Fresnel's part (index 1.5) with a GGX lobe of alpha = roughness above "
+    "the diffuse base, which gets what the coat lets through on the way in and out.",
     parameters=(
         Parameter("material", choices=("white", "red", "green")),
         Parameter("specular", "1", null=0.0, low=0.0, high=1.0, step=0.05),
         Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25),
     ),
     apply=_apply,
-    confirm="Look at the paint near grazing incidence, or photograph it through a polariser turned by 90 degrees: gloss changes, "
-    "diffuse reflection does not.",
+    confirm="Look at the paint near grazing incidence, or photograph it through a polariser turned by 90 degrees: "
+    "gloss changes, diffuse reflection does not.",
     sources=("Walter et al., 'Microfacet models for refraction through rough surfaces', EGSR 2007",),
 )

@@ -109,7 +109,7 @@ EFFECT = Effect(
         Parameter("albedo", "1", low=0.0, high=1.0, step=0.05, default=0.9),
     ),
     apply=_apply,
-    confirm="Photograph a black trap near the camera and one at the back wall: haze makes the far one brighter, glare in the lens "
-    "both alike.",
+    confirm="Photograph a black trap near the camera and one at the back wall: haze makes the far one brighter, "
+    "glare in the lens both alike.",
     sources=("single scattering: Chandrasekhar, 'Radiative Transfer', 1950",),
 )

@@ -26,14 +26,16 @@ def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> Patc
 
     return light.change(
         patch_reflectance=light.patch_reflectance * factor(patches.centre, patches.surface == index),
-        fragment_reflectance=light.fragment_reflectance * factor(transport.position, transport.surface == index),
+        fragment_reflectance=light.fragment_reflectance
+        * factor(transport.position, transport.surface == index),
     )
 
 
 EFFECT = Effect(
     id="reflectance-gradient",
     stage="transport",
-    summary="The table's reflectance times 1 - amplitude s, s from 0 to 1 along the positive axis over the surface's extent.",
+    summary="The table's reflectance times 1 - amplitude s, s from 0 to 1 along the positive axis over the "
+    "surface's extent.",
     parameters=(
         Parameter("surface", choices=_SURFACES),
         Parameter("axis", choices=("x", "y", "z")),

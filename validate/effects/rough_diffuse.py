@@ -36,10 +36,15 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
     rough = (transport.light.patches.material == paint)[:, None]
     albedo = a + b * _mean_of_lobe()
-    changed = light.change(patch_reflectance=np.where(rough, light.patch_reflectance * albedo, light.patch_reflectance))
+    changed = light.change(
+        patch_reflectance=np.where(rough, light.patch_reflectance * albedo, light.patch_reflectance)
+    )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
-        sine_in, sine_out = dr.safe_sqrt(1 - incoming.z * incoming.z), dr.safe_sqrt(1 - outgoing.z * outgoing.z)
+        sine_in, sine_out = (
+            dr.safe_sqrt(1 - incoming.z * incoming.z),
+            dr.safe_sqrt(1 - outgoing.z * outgoing.z),
+        )
         across = incoming.x * outgoing.x + incoming.y * outgoing.y
         # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
         lobe = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
@@ -61,7 +66,7 @@ EFFECT = Effect(
         Parameter("sigma_rad", "rad", null=0.0, low=0.0, high=1.2, step=0.1),
     ),
     apply=_apply,
-    confirm="Measure the paint's reflection at two angles under one lamp: Lambert's radiance is the same, a rough paint's grows towards "
-    "the lamp's own direction.",
+    confirm="Measure the paint's reflection at two angles under one lamp: Lambert's radiance is the same, a rough "
+    "paint's grows towards the lamp's own direction.",
     sources=("Oren and Nayar, 'Generalization of Lambert's reflectance model', SIGGRAPH 1994",),
 )

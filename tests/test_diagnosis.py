@@ -1,0 +1,82 @@
+"""Diagnosis end to end: the hidden effect of the bundled capture is named, sized, added, and the error falls."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from cboxlab.validate.demo import DEMO_CAPTURE
+from cboxlab.validate.diagnosis import diagnose
+from cboxlab.validate.diagnosis_output import diagnosis_record, diagnosis_sections, path_steps, write_diagnosis
+from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validate.hypotheses import hypotheses
+from cboxlab.validate.model import Model, RenderSettings, load_model, write_model
+from cboxlab.validate.pipeline import validate
+
+SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-block")
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        validation = validate(DEMO_CAPTURE, Model(render=RenderSettings(noise=0.5)))
+        return validation, diagnose(validation)
+
+
+def test_hidden_glare_is_found_and_sized(outcome):
+    """The bundled capture hides veiling glare of 0.004: 0.4 % of all light, twenty times the error of its measurement."""
+    _, diagnosis = outcome
+    assert not diagnosis.adequate
+    assert diagnosis.selected == ("veiling-glare",)
+    assert diagnosis.ranking[0].effect == "veiling-glare"
+    fraction = diagnosis.path[-1].effects[0].values["fraction"]
+    assert fraction == pytest.approx(0.004, rel=0.05)
+    assert diagnosis.heldout_gain > 0.9
+
+
+def test_error_falls_to_the_noise(outcome):
+    validation, diagnosis = outcome
+    first, last = diagnosis.path[0], diagnosis.path[-1]
+    assert first.comparison is validation.comparison
+    assert last.comparison.chi2.per_dof < 1.2 < first.comparison.chi2.per_dof
+    assert last.smooth_excess < 0.1 * first.smooth_excess
+    noise = last.comparison.delta_e_ab_noise.mean
+    assert last.comparison.delta_e_ab.mean < 1.1 * noise
+
+
+def test_record_has_the_agreed_keys(outcome, tmp_path):
+    _, diagnosis = outcome
+    write_diagnosis(tmp_path / "d.json", diagnosis)
+    record = json.loads((tmp_path / "d.json").read_text())
+    assert {"adequate", "chi2_per_dof", "ranking", "selected", "indistinguishable"} <= set(record)
+    assert record == diagnosis_record(diagnosis)
+    names = [entry["effect"] for entry in record["ranking"]]
+    assert len(set(names)) == len(names) and "unknown" in names
+    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(1.0)
+    assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
+    assert any("veiling-glare" in text for text in diagnosis_sections(diagnosis)[0].paragraphs)
+
+
+def test_final_model_is_written_and_read_back(outcome, tmp_path):
+    _, diagnosis = outcome
+    write_model(tmp_path / "model.toml", diagnosis.model)
+    again = load_model(tmp_path / "model.toml")
+    assert [(e.id, dict(e.values)) for e in again.effects] == [(e.id, dict(e.values)) for e in diagnosis.model.effects]
+
+
+def test_model_with_the_true_effect_is_adequate():
+    """Given the effect, nothing is missing: the diagnosis must not invent a second cause."""
+    effect = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
+    validation = validate(DEMO_CAPTURE, Model(effects=(effect,), render=RenderSettings(noise=0.5)))
+    assert diagnose(validation).adequate
+
+
+def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
+    known = hypotheses(("f400", "f550"), ("white", "red", "green"), SURFACES, truncated=True)
+    assert {h.effect.id for h in known} == set(catalogue())
+    whole = hypotheses(("f400", "f550"), ("white", "red", "green"), SURFACES, truncated=False)
+    assert "interreflection" not in {h.effect.id for h in whole}
+    bands = {h.fixed["band"] for h in whole if h.effect.id == "band-gain"}
+    assert bands == {"f400", "f550"}
+    assert all(np.isfinite(p.step) for h in whole for p in h.free)
