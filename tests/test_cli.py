@@ -134,7 +134,7 @@ def test_a_broken_capture_is_one_line_of_help(name, command, capture, tmp_path, 
     assert {path.name for path in tmp_path.iterdir()} == {"capture"}
 
 
-@pytest.mark.parametrize("command", ["validate", "calibrate"])
+@pytest.mark.parametrize("command", ["validate", "calibrate", "diagnose"])
 def test_a_missing_folder(command, tmp_path, cbox):
     outcome = cbox(command, tmp_path / "nowhere", "--out", tmp_path / "out")
     assert_one_line_of_help(outcome, ["nowhere", "no such folder"])

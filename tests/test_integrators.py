@@ -184,9 +184,10 @@ def test_one_solution_serves_all_cameras():
 
 @needs_llvm
 def test_the_patches_size_does_not_show():
-    """Patches of 140 mm, four times the default's edge, change surface means by 0.2% at most.
+    """Patches of 140 mm, more than three times the default's edge, change surface means by 0.2% at most.
 
-    The pictures share their random numbers, and the errors of their difference come from its batches.
+    In deep shadow it is more of little: 0.05% of the picture's mean stands beside it. The pictures share their
+    random numbers, and the errors of their difference come from its batches.
     """
     scene, camera = cornell_box(), cornell_camera(24)
     images = [
@@ -195,15 +196,15 @@ def test_the_patches_size_does_not_show():
     ]
     fine, coarse = (relative(image) for image in images)
     used = images[0].pure & (images[0].surface >= 0)
+    everywhere = fine[:, used].mean(axis=(0, 1))
     for index in range(len(images[0].surface_names)):
         here = used & (images[0].surface == index)
         mean = fine[:, here].mean(axis=(0, 1))
         change = (coarse - fine)[:, here].mean(axis=1)
         error = change.std(axis=0, ddof=1) / np.sqrt(BATCHES)
-        assert np.all(np.abs(change.mean(axis=0)) < 0.002 * mean + T_LIMIT * error), images[0].surface_names[
-            index
-        ]
-    whole = (coarse - fine)[:, used].mean(axis=(0, 1)) / fine[:, used].mean(axis=(0, 1))
+        allowed = 0.002 * mean + 0.0005 * everywhere
+        assert np.all(np.abs(change.mean(axis=0)) < allowed + T_LIMIT * error), index
+    whole = (coarse - fine)[:, used].mean(axis=(0, 1)) / everywhere
     assert np.abs(whole).max() < 0.001
 
 
