@@ -21,7 +21,7 @@ from .tracer import Tracer
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change"]
 
-_COVERAGE_SAMPLES = 64
+_COVERAGE_SAMPLES = 128
 
 
 @dataclass(frozen=True, eq=False)

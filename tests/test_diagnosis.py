@@ -53,7 +53,7 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
     assert record == diagnosis_record(diagnosis)
     names = [entry["effect"] for entry in record["ranking"]]
     assert len(set(names)) == len(names) and "unknown" in names
-    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(1.0)
+    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(1.0)  # nothing missing is ruled out
     assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
     assert any("veiling-glare" in text for text in diagnosis_sections(diagnosis)[0].paragraphs)
 

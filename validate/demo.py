@@ -10,7 +10,9 @@ from cboxlab.render.sensor_cameras import load_camera
 
 from .blocks import ReportSection
 from .console import bar, say
-from .model import Model
+from .diagnosis import diagnose
+from .diagnosis_output import diagnosis_sections, path_steps, print_diagnosis, write_diagnosis
+from .model import Model, write_model
 from .pipeline import Validation, validate, write_validation
 from .plots import picture_row
 from .raw_shots import RawShot, shoot, write_preview, write_shot
@@ -27,22 +29,28 @@ CUBE_STEP_NM = 10
 
 
 def run_demo(out: Path, model: Model | None = None) -> None:
-    """Validate the bundled capture, say what happens at each step, photograph the render with another camera.
+    """Validate the bundled capture, diagnose what the model lacks, photograph the render with another camera.
 
-    model : the published box where None. Writes report.html, metrics.json, maps/, raw.tif and raw.png into
-    ``out``.
+    model : the published box where None. Writes report.html, metrics.json, diagnosis.json, the final
+    model.toml, maps/, raw.tif and raw.png into ``out``.
     """
     say(f"1. A capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
     with bar("calibrating, rendering, comparing") as report:
         result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
     print_validation(result)
+    say("5. What is missing? Every effect of the catalogue is tried, camera and lamp refitted with each.")
+    with bar("diagnosing") as report:
+        diagnosis = diagnose(result, report)
+    print_diagnosis(diagnosis)
     shot = _other_camera(result)
-    write_validation(result, out, (_raw_section(shot),))
+    write_validation(result, out, (*diagnosis_sections(diagnosis), _raw_section(shot)), path_steps(diagnosis))
+    write_diagnosis(out / "diagnosis.json", diagnosis)
+    write_model(out / "model.toml", diagnosis.model)
     write_shot(out / "raw.tif", shot)
     write_preview(out / "raw.png", shot)
     say(
-        f"5. The rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths, photographed by a simulated "
+        f"6. The rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths, photographed by a simulated "
         f"{shot.camera.name} for {shot.exposure_s:.3g} s: raw mosaic raw.tif "
         f"({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
     )

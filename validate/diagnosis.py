@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .compare import Comparison
 from .effects import AppliedEffect
@@ -15,11 +14,12 @@ from .hypotheses import hypotheses
 from .linear_model import LinearModel, smooth_excess
 from .model import Model
 from .nuisances import fit_lamp_scale
-from .pipeline import Rendered, Validation, chain_effects, compared, refitted, rendered_from
+from .pipeline import Validation, compared, polished, refitted, rendered_from, solved_light
 from .rendering import Progress
 from .search import Candidate, Signature, signature
 from .selection import (
     MOST_OF_IT,
+    SMALLEST_GAIN,
     UNKNOWN,
     Bench,
     best_singles,
@@ -92,7 +92,7 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     """Find what a validation's residual is made of."""
     report = progress or (lambda part: None)
     prepared, model = validation.prepared, validation.model
-    given = chain_effects(model)
+    given = model.effects
     bench = build_bench(prepared, validation.rendered, given)
     signatures = _signatures(
         bench, after_stage(model.render, model.effects, "settings").max_bounces is not None, report
@@ -164,48 +164,50 @@ def _about_better_camera(validation: Validation, bench: Bench, chosen: Sequence[
     camera = refitted(prepared, rendered, effects).camera
     corners = np.concatenate([s.vertices_mm for s in prepared.scene.surfaces])
     moved = camera.project(corners) - rendered.fit.camera.project(corners)
-    if np.sqrt(np.nanmean(moved**2)) < _STALE_PX:
+    resolve = any(c.hypothesis.effect.stage in ("scene", "settings") for c in chosen)
+    if np.sqrt(np.nanmean(moved**2)) < _STALE_PX and not resolve:
         return bench
-    settings = rendered.predictor.settings
-    fresh = rendered_from(prepared, validation.light, camera, settings, bench.given)
+    settings = validation.model.render
+    light = solved_light(prepared, settings, effects) if resolve else validation.light
+    fresh = polished(prepared, rendered_from(prepared, light, camera, settings, effects), effects)
     # the signatures are known at the pixels used first
     return build_bench(prepared, replace(fresh, used=rendered.used), bench.given)
 
 
 def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> Step:
+    """The model with these effects, compared; the lamp's scale is fitted with them in place."""
+    prepared, rendered = validation.prepared, bench.rendered
     applied = tuple(c.applied for c in chosen)
-    final = _polished(validation, bench.rendered, (*bench.given, *applied))
+    signal = rendered.predictor.signal((*bench.given, *applied)) + bench.moved
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    scale, _ = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
     return Step(
         effects=applied,
         sigma=tuple(dict(c.sigma) for c in chosen),
         smooth_excess=smooth_excess(bench.model, left_over(bench, chosen)),
-        comparison=compared(validation.prepared, bench.rendered, final),
+        comparison=compared(prepared, rendered, scale * signal),
     )
 
 
-def _polished(
-    validation: Validation, rendered: Rendered, effects: Sequence[AppliedEffect]
-) -> NDArray[np.float64]:
-    """Signal (band, y, x) under the effects, the lamp's scale fitted with them in place."""
-    prepared = validation.prepared
-    signal = rendered.predictor.signal(effects)
-    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
-    scale, _ = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
-    return scale * signal
-
-
 def _ranking(
-    singles: Sequence[Candidate], model: LinearModel, remains: bool, selected: tuple[str, ...]
+    singles: Sequence[Candidate], model: LinearModel, left: bool, selected: tuple[str, ...]
 ) -> tuple[Ranked, ...]:
-    """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain)."""
+    """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain).
+
+    That nothing is missing competes too, with the smallest gain that counts as its handicap; the
+    probabilities add up to less than 1 by its share.
+    """
     best = min((c.chi2 for c in singles), default=model.chi2)
     softness = 1.0 + 0.01 * max(model.chi2 - best, 0.0)
-    weights = np.exp(-0.5 * np.array([c.chi2 - best for c in singles]) / softness)
-    unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if remains else 0.02
+    levels = np.array([*(c.chi2 for c in singles), model.chi2 - SMALLEST_GAIN * model.count])
+    if selected:
+        levels[-1] = np.inf
+    weights = np.exp(-0.5 * (levels - levels.min()) / softness)
+    unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
     weights = (1 - unknown) * weights / weights.sum()
     entries = [
         Ranked(c.hypothesis.effect.id, dict(c.applied.values), dict(c.sigma), c.chi2 / model.count, float(w))
-        for c, w in zip(singles, weights, strict=True)
+        for c, w in zip(singles, weights, strict=False)
     ]
     entries.append(Ranked(UNKNOWN, {}, {}, best / model.count, unknown))
     return tuple(sorted(entries, key=lambda r: -r.probability))

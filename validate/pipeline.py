@@ -16,6 +16,7 @@ from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
 from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
+from cboxlab.render.warp import warp_change
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
@@ -36,8 +37,8 @@ from .report import ReportInputs, build_report
 from .sensing import sensing
 
 __all__ = [
-    "Prepared", "Rendered", "Validation", "chain_effects", "compared", "prepare", "refitted", "rendered_from",
-    "validate", "write_validation",
+    "Prepared", "Rendered", "Validation", "compared", "polished", "prepare", "refitted", "rendered_from",
+    "solved_light", "validate", "write_validation",
 ]  # fmt: skip
 
 #: The camera is refitted on renders with this part of the sensor's noise (more would pull at it, since moving a
@@ -134,13 +135,16 @@ def prepare(folder: Path, model: Model) -> Prepared:
             "`cbox calibrate` does what it allows",
         )
     scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
-    scene = after_stage(scene, model.effects, "scene")
     return Prepared(calibration, scene, calibration.camera_fit.camera, lamp.relative_uncertainty)
 
 
-def chain_effects(model: Model) -> tuple[AppliedEffect, ...]:
-    """The model's effects that act after scene and settings, in their order."""
-    return tuple(e for e in model.effects if e.effect.stage not in ("scene", "settings"))
+def solved_light(
+    prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]
+) -> LightField:
+    """The light in the scene under those of the effects that act on scene or settings."""
+    scene = after_stage(prepared.scene, effects, "scene")
+    bounces = after_stage(settings, effects, "settings").max_bounces
+    return solve_light(scene, WAVELENGTH_NM, bounces, seed=settings.seed)
 
 
 def validate(folder: Path, model: Model, progress: Progress | None = None) -> Validation:
@@ -148,19 +152,20 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     start = time.perf_counter()
     report = progress or (lambda part: None)
     prepared = prepare(folder, model)
-    model_settings = after_stage(model.render, model.effects, "settings")
-    light = solve_light(prepared.scene, WAVELENGTH_NM, model_settings.max_bounces, seed=model_settings.seed)
+    light = solved_light(prepared, model.render, model.effects)
     report(0.05)
-    effects = chain_effects(model)
     camera = prepared.calibrated_camera
     for draft in range(_DRAFTS):
-        rendered = rendered_from(
-            prepared, light, camera, replace(model_settings, noise=_DRAFT_NOISE), effects
-        )
-        camera = refitted(prepared, rendered, effects).camera
+        settings = replace(model.render, noise=_DRAFT_NOISE)
+        rendered = rendered_from(prepared, light, camera, settings, model.effects)
+        camera = refitted(prepared, rendered, model.effects).camera
         report(0.1 + 0.1 * (draft + 1))
-    rendered = rendered_from(
-        prepared, light, camera, model_settings, effects, lambda part: report(0.3 + 0.6 * part)
+    rendered = polished(
+        prepared,
+        rendered_from(
+            prepared, light, camera, model.render, model.effects, lambda part: report(0.3 + 0.6 * part)
+        ),
+        model.effects,
     )
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     report(1.0)
@@ -171,7 +176,10 @@ def rendered_from(
     prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
     progress: Progress | None = None,
 ) -> Rendered:  # fmt: skip
-    """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale."""
+    """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale.
+
+    light : solved under the same effects (see ``solved_light``).
+    """
     calibration = prepared.calibration
     responses = calibration.responses
     assert responses is not None
@@ -179,7 +187,10 @@ def rendered_from(
         light, camera, responses, calibration.predicted_variance, prepared.usable, settings.noise,
         settings.seed, progress,
     )  # fmt: skip
-    predictor = build_predictor(light, image, camera, sensing(calibration, camera), settings)
+    included = [e for e in effects if e.effect.stage in ("scene", "settings")]
+    predictor = build_predictor(
+        light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
+    )
     signal = predictor.signal(effects)
     used = prepared.usable & (bands.mask.values == 0)
     variance = calibration.predicted_variance(signal) + bands.variance.values
@@ -195,6 +206,15 @@ def refitted(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEf
         prepared.measured, variance, rendered.used, signal, rendered.predictor.warp, prepared.calibrated_camera,
         prepared.lamp_sigma,
     )  # fmt: skip
+
+
+def polished(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEffect]) -> Rendered:
+    """The last hundredth of a pixel: camera and lamp refitted, and the picture warped instead of rendered again."""
+    fit = refitted(prepared, rendered, effects)
+    signal = rendered.signal + warp_change(rendered.predictor.warp, fit.camera)
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
+    return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal)
 
 
 def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:

@@ -38,7 +38,10 @@ _SCENE_STAGES = ("scene", "settings", "transport")
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """light, image, camera : the base picture. base : its Light without effects. settings : of the model."""
+    """scene, settings : without effects. included : effects of scene or settings that the base picture holds already.
+
+    image, camera : the base picture. base : its Light.
+    """
 
     scene: Scene
     sensing: Sensing
@@ -47,6 +50,7 @@ class Predictor:
     image: RenderedImage
     base: Light
     settings: RenderSettings
+    included: tuple[AppliedEffect, ...]
     effective_nm: NDArray[np.float64]
     warp: Warp
     _transports: dict[tuple, PatchTransport] = field(default_factory=dict)
@@ -57,8 +61,9 @@ class Predictor:
         filters = [e for e in effects if e.effect.stage == "filter"]
         light = scene_light(self.image, self.sensing, filters, self.camera) if filters else self.base
         changed = light.signal
-        if any(e.effect.stage in _SCENE_STAGES for e in effects):
-            changed = _changed(changed, self._picture(()), self._picture(effects))
+        relevant = tuple(e for e in effects if e.effect.stage in _SCENE_STAGES)
+        if _key(relevant) != _key(self.included):
+            changed = _changed(changed, self._picture(self.included), self._picture(relevant))
         camera = self.camera
         for effect in effects:
             if effect.effect.stage == "camera":
@@ -69,12 +74,11 @@ class Predictor:
 
     def _picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """(band, y, x) DN of the patches' picture."""
-        relevant = [e for e in effects if e.effect.stage in _SCENE_STAGES]
-        key = tuple((e.id, tuple(e.values.items())) for e in relevant)
+        key = _key(effects)
         if key not in self._pictures:
             if len(self._pictures) > 40:
                 self._pictures.clear()
-            self._pictures[key] = self._patch_picture(relevant)
+            self._pictures[key] = self._patch_picture(effects)
         return self._pictures[key]
 
     def _patch_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
@@ -107,6 +111,10 @@ class Predictor:
         return self._transports[key]
 
 
+def _key(effects: Sequence[AppliedEffect]) -> tuple:
+    return tuple((e.id, tuple(e.values.items())) for e in effects)
+
+
 def _changed(signal: NDArray, before: NDArray, after: NDArray) -> NDArray[np.float64]:
     """The signal changed as the patches' picture changes: by its ratio, in which the coarse picture's own errors
     cancel; by the difference where there was next to nothing before, or where edges moved."""
@@ -124,11 +132,17 @@ def _coarse_transport(scene: Scene, wavelength_nm: NDArray, camera: Camera, seed
 
 
 def build_predictor(
-    light: LightField, image: RenderedImage, camera: Camera, sensing: Sensing, settings: RenderSettings
+    light: LightField,
+    image: RenderedImage,
+    camera: Camera,
+    sensing: Sensing,
+    scene: Scene,
+    settings: RenderSettings,
+    included: Sequence[AppliedEffect] = (),
 ) -> Predictor:
-    """From the base picture, as rendered through ``camera``."""
+    """From the base picture, as gathered from ``light`` through ``camera``; see Predictor."""
     base = scene_light(image, sensing, (), camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
     return Predictor(
-        light.tracer.scene, sensing, camera, light, image, base, settings, base.effective_nm, warp
+        scene, sensing, camera, light, image, base, settings, tuple(included), base.effective_nm, warp
     )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.render.warp import warp_change
 from numpy.typing import NDArray
 
 from .effects import AppliedEffect
@@ -47,11 +48,17 @@ _PRIOR_ROWS = 11
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A rendered picture and the linear model about its camera. given : the model's own effects after the scene."""
+    """A rendered picture and the linear model about its camera. given : the model's own effects.
+
+    base : (band, y, x) what the predictor says under them, which effects' changes are counted from. moved :
+    what the last refit of the camera adds to it.
+    """
 
     rendered: Rendered
     model: LinearModel
     given: tuple[AppliedEffect, ...]
+    base: NDArray[np.float64]
+    moved: NDArray[np.float64]
 
     @property
     def scale(self) -> float:
@@ -65,21 +72,18 @@ class Bench:
 
 
 def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> Bench:
-    """Linearise about the rendered picture's camera; ``given`` effects are in its signal."""
-    fit_, base = rendered.fit, rendered.signal
-    variance = prepared.calibration.predicted_variance(base) + rendered.variance + model_variance(base)
-    derivative = camera_jacobian(rendered.predictor.warp, fit_.camera)
+    """Linearise about the rendered picture's camera. The predictor's base may hold more effects than ``given``."""
+    fit_, predictor = rendered.fit, rendered.predictor
+    base = predictor.signal(given)
+    moved = warp_change(predictor.warp, fit_.camera)
+    signal = base + moved
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance + model_variance(signal)
+    derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
-        prepared.measured,
-        base,
-        variance,
-        rendered.used,
-        derivative,
-        fit_,
-        prepared.calibrated_camera,
+        prepared.measured, signal, variance, rendered.used, derivative, fit_, prepared.calibrated_camera,
         prepared.lamp_sigma,
-    )
-    return Bench(rendered, model, tuple(given))
+    )  # fmt: skip
+    return Bench(rendered, model, tuple(given), base, moved)
 
 
 def best_singles(
@@ -148,7 +152,7 @@ def left_over(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
     if not chosen:
         return bench.model.residual
     signal = bench.rendered.predictor.signal((*bench.given, *(c.applied for c in chosen)))
-    return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.rendered.signal))
+    return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.base))
 
 
 def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
