@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import distance_transform_edt
 
 from .image import RenderedImage
 from .primary import facet_coverage
@@ -21,7 +21,7 @@ from .tracer import Tracer
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change"]
 
-_COVERAGE_SAMPLES = 128
+_COVERAGE_SAMPLES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,21 @@ def _assemble(
     for face, layer in layers.items():
         where = coverage[..., face] > 0
         rows, columns = _seen_at(tracer, face, seen_by, camera, where)
-        for band in range(len(layer)):
-            values = map_coordinates(layer[band], [rows, columns], order=1, mode="nearest")
-            result[band][where] += coverage[..., face][where] * values
+        result[:, where] += coverage[..., face][where] * _interpolated(layer, rows, columns)
     return result
+
+
+def _interpolated(layer: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
+    """(band, n) bilinear values of (band, y, x) at fractional places, which are kept inside the picture."""
+    height, width = layer.shape[1:]
+    row, column = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
+    top, left = np.minimum(row.astype(int), height - 2), np.minimum(column.astype(int), width - 2)
+    down, right = row - top, column - left
+    first = top * width + left
+    flat = layer.reshape(len(layer), -1)
+    upper = (1 - right) * flat[:, first] + right * flat[:, first + 1]
+    lower = (1 - right) * flat[:, first + width] + right * flat[:, first + width + 1]
+    return (1 - down) * upper + down * lower
 
 
 def _layer(signal: NDArray, coverage: NDArray) -> NDArray[np.float64]:

@@ -182,7 +182,7 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
     """
     light, camera, radiance = bright_box
     coat = Coat(1.0, alpha)
-    change = changed_reflection(light, camera, radiance, np.zeros(2), 0, lambert, coat, 1024, seed=4)
+    change = changed_reflection(light, camera, radiance, np.zeros(2), 0, lambert, coat, 256, seed=4)
     assert np.array_equal(change[0], change[1])
     image = gather(light, camera, 4, 1)
     used = image.pure & (image.surface >= 0)

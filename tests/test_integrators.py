@@ -6,6 +6,7 @@ False alarms: as stated in test_render_physics.
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,6 +24,11 @@ needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: 
 OWN = [
     pytest.param(render_path_tracer, marks=needs_llvm),
     pytest.param(render_final_gather, marks=needs_llvm),
+]
+#: For tests of what does not depend on the patches' size: fewer of them, which is faster.
+COARSE = [
+    pytest.param(render_path_tracer, marks=needs_llvm),
+    pytest.param(partial(render_final_gather, patch_edge_mm=150.0), marks=needs_llvm, id="final_gather"),
 ]
 BATCHES = 16
 #: Two-sided 1e-6 point of Student's t with the degrees of freedom of two sets of 16 batches.
@@ -103,7 +109,7 @@ def test_scatter_between_seeds_is_the_stated_error(integrator):
     assert abs(ratio - 1) < 4.9 * np.sqrt((2 / 11 + 2 / 84) / (0.5 * where.sum()))
 
 
-@pytest.mark.parametrize("integrator", [*OWN, render_stock])
+@pytest.mark.parametrize("integrator", [*COARSE, render_stock])
 def test_the_same_seed_gives_the_same_picture(integrator):
     scene, camera = cornell_box(), cornell_camera(12)
     first, again, other = (integrator(scene, camera, BANDS, samples=4, batches=2, seed=s) for s in (7, 7, 8))
@@ -113,7 +119,7 @@ def test_the_same_seed_gives_the_same_picture(integrator):
     assert not np.array_equal(first.coefficients[0], first.coefficients[1])
 
 
-@pytest.mark.parametrize("integrator", [*OWN, render_stock])
+@pytest.mark.parametrize("integrator", [*COARSE, render_stock])
 def test_the_picture_is_linear_in_the_lamp(integrator):
     """Twice the lamp's radiance: twice the picture, exactly, with the same noise."""
     scene, camera = cornell_box(), cornell_camera(12)
@@ -125,7 +131,7 @@ def test_the_picture_is_linear_in_the_lamp(integrator):
     assert np.array_equal(4 * one[1], two[1])
 
 
-@pytest.mark.parametrize("integrator", [*OWN, render_stock])
+@pytest.mark.parametrize("integrator", [*COARSE, render_stock])
 def test_reflections_are_counted_and_add_up(integrator):
     """0 shows the lamp alone, 1 direct light, and so on; each adds light, and the sum is the whole.
 
@@ -150,7 +156,7 @@ def test_reflections_are_counted_and_add_up(integrator):
     assert added[3] < added[2]
 
 
-@pytest.mark.parametrize("integrator", OWN)
+@pytest.mark.parametrize("integrator", COARSE)
 @pytest.mark.parametrize("max_bounces", [0, None])
 def test_the_lamps_own_picture_shows_its_pattern(integrator, max_bounces):
     """Radiance e + (1 - e)(1 - X^2)(1 - Z^2) over its mean, times cos^n of the angle, at points seen, to 1%."""
@@ -174,9 +180,9 @@ def test_the_lamps_own_picture_shows_its_pattern(integrator, max_bounces):
 def test_one_solution_serves_all_cameras():
     """Light solved once and gathered through two cameras: the pictures that each would get on its own."""
     scene = cornell_box()
-    light = solve_light(scene, BANDS, seed=3)
+    light = solve_light(scene, BANDS, patch_edge_mm=150.0, seed=3)
     for camera in (cornell_camera(12), replace(cornell_camera(16), k1=-0.1)):
-        own = render_final_gather(scene, camera, BANDS, samples=16, batches=2, seed=3)
+        own = render_final_gather(scene, camera, BANDS, 16, 2, seed=3, patch_edge_mm=150.0)
         shared = gather(light, camera, samples=16, batches=2, seed=3)
         assert np.array_equal(own.coefficients, shared.coefficients)
         assert np.array_equal(own.spectra, shared.spectra)
