@@ -82,7 +82,11 @@ def main() -> None:
             start = time.perf_counter()
             diagnosis = diagnose(validate(path, Model()))
             seconds = time.perf_counter() - start
-        found = [right(e, diagnosis) for e in effects] if count == 1 else [e.id in diagnosis.selected for e in effects]
+        found = (
+            [right(e, diagnosis) for e in effects]
+            if count == 1
+            else [e.id in diagnosis.selected for e in effects]
+        )
         row = {
             "seed": seed,
             "truth": [(e.id, dict(e.values)) for e in effects],

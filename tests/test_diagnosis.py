@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from cboxlab.validate.demo import DEMO_CAPTURE
 from cboxlab.validate.diagnosis import diagnose
-from cboxlab.validate.diagnosis_output import diagnosis_record, diagnosis_sections, path_steps, write_diagnosis
+from cboxlab.validate.diagnosis_output import (
+    diagnosis_record,
+    diagnosis_sections,
+    path_steps,
+    write_diagnosis,
+)
 from cboxlab.validate.effects import apply_checked, catalogue
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.model import Model, RenderSettings, load_model, write_model

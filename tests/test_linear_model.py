@@ -16,7 +16,9 @@ def parts():
     v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
     base = 1000 * (1 + 0.3 * u)[None] * np.array([0.6, 1.0, 1.4])[:, None, None]
     derivative = np.array([np.sin((k + 1) * (u + 0.3 * k * v)) * base for k in range(10)])
-    camera = Camera(48, 48, 60.0, np.array([23.5, 23.5]), 0.0, REFERENCE_ROTATION, np.zeros(3), 1e-4 * np.eye(10))
+    camera = Camera(
+        48, 48, 60.0, np.array([23.5, 23.5]), 0.0, REFERENCE_ROTATION, np.zeros(3), 1e-4 * np.eye(10)
+    )
     return generator, base, derivative, camera
 
 
@@ -53,7 +55,9 @@ def test_signature_keeps_only_what_nuisances_cannot_imitate(parts):
     _, base, derivative, camera = parts
     model = model_of(base, base, derivative, camera)
     own = np.random.default_rng(1).standard_normal(SHAPE)
-    assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(base / 5)  # the lamp's scale is a nuisance
+    assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(
+        base / 5
+    )  # the lamp's scale is a nuisance
     whitened = model.whiten(own)
     assert np.allclose(model.project(whitened), whitened)
     assert np.allclose(model.basis.T @ whitened, 0, atol=1e-9)

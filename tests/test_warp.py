@@ -53,7 +53,7 @@ def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
     """Change looked up against change rendered with the same random numbers.
 
     Both are noisy, so their sizes are compared (the slope of the major axis), to 4%: noise of the edges'
-    coverage, 64 rays a pixel, adds about 2%. And they go together, with a correlation above 0.94. Pixels
+    coverage, sampled by rays, adds about 2%. And they go together, with a correlation above 0.94. Pixels
     beside the lamp stay out: there a rendered pixel's noise is as large as its signal.
     """
     light, image, signal, own = warp

@@ -135,9 +135,7 @@ def _frames(
     return counts, (gain * _uniform(null, alike, sensing.reference_radiance))[:, 0, 0]
 
 
-def _corrected(
-    counts: Counts, sensing: Sensing, reference_level: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _corrected(counts: Counts, sensing: Sensing, reference_level: NDArray[np.float64]) -> NDArray[np.float64]:
     scene, flat, reference = (
         frame - dark[:, None, None]
         for frame, dark in (
