@@ -49,13 +49,13 @@ def find_llvm() -> str | None:
 
 
 def use(device: str = "cpu") -> str:
-    """Activate and return the variant for ``device`` ("cpu" or "cuda").
+    """Activate and return the variant for ``device`` ("cpu", "cuda", or "scalar": nothing compiled).
 
     Own integrators carry their wavelengths themselves, so the compiled variants are the monochrome ones.
     """
     if device == "cuda":
         mi.set_variant("cuda_ad_mono")
-    elif library := find_llvm():
+    elif device != "scalar" and (library := find_llvm()):
         os.environ["DRJIT_LIBLLVM_PATH"] = library
         mi.set_variant("llvm_ad_mono")
     else:

@@ -6,12 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from cboxlab.render import variant
 from cboxlab.render.sensor_cameras import load_camera
 
 from .blocks import ReportSection
 from .console import bar, say
 from .diagnosis import diagnose
 from .diagnosis_output import diagnosis_sections, path_steps, print_diagnosis, write_diagnosis
+from .metrics import PathStep
 from .model import Model, write_model
 from .pipeline import Validation, validate, write_validation
 from .plots import picture_row
@@ -39,14 +41,9 @@ def run_demo(out: Path, model: Model | None = None) -> None:
         result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
     print_validation(result)
-    say("5. What is missing? Every effect of the catalogue is tried, camera and lamp refitted with each.")
-    with bar("diagnosing") as report:
-        diagnosis = diagnose(result, report)
-    print_diagnosis(diagnosis)
+    sections, path = _diagnosed(result, out)
     shot = _other_camera(result)
-    write_validation(result, out, (*diagnosis_sections(diagnosis), _raw_section(shot)), path_steps(diagnosis))
-    write_diagnosis(out / "diagnosis.json", diagnosis)
-    write_model(out / "model.toml", diagnosis.model)
+    write_validation(result, out, (*sections, _raw_section(shot)), path)
     write_shot(out / "raw.tif", shot)
     write_preview(out / "raw.png", shot)
     say(
@@ -55,6 +52,20 @@ def run_demo(out: Path, model: Model | None = None) -> None:
         f"({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
     )
     say(f"Open {out / 'report.html'} in a browser.")
+
+
+def _diagnosed(result: Validation, out: Path) -> tuple[list[ReportSection], list[PathStep]]:
+    """What is missing, told and written; the report's sections and path. Nothing where nothing can be compiled."""
+    if result.rendered.predictor is None:
+        say(f"5. What is missing cannot be found without LLVM: {variant.HINT}")
+        return [], []
+    say("5. What is missing? Every effect of the catalogue is tried, camera and lamp refitted with each.")
+    with bar("diagnosing") as report:
+        diagnosis = diagnose(result, report)
+    print_diagnosis(diagnosis)
+    write_diagnosis(out / "diagnosis.json", diagnosis)
+    write_model(out / "model.toml", diagnosis.model)
+    return diagnosis_sections(diagnosis), path_steps(diagnosis)
 
 
 def _raw_section(shot: RawShot) -> ReportSection:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.render import variant
+from cboxlab.scenes.errors import InputError
 
 from .compare import Comparison
 from .effects import AppliedEffect
@@ -91,6 +93,8 @@ class Diagnosis:
 def diagnose(validation: Validation, progress: Progress | None = None) -> Diagnosis:
     """Find what a validation's residual is made of."""
     report = progress or (lambda part: None)
+    if validation.rendered.predictor is None:
+        raise InputError("diagnosis", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
     prepared, model = validation.prepared, validation.model
     given = model.effects
     bench = build_bench(prepared, validation.rendered, given)
@@ -145,12 +149,12 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
 
 
 def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signature]:
-    scene = bench.rendered.predictor.scene
-    bands = bench.rendered.predictor.sensing.curves.bands
+    scene = bench.predictor.scene
+    bands = bench.predictor.sensing.curves.bands
     known = hypotheses(bands, tuple(scene.materials), tuple(s.name for s in scene.surfaces), truncated)
     found = []
     for index, hypothesis in enumerate(known):
-        one = signature(bench.rendered.predictor, bench.given, bench.rendered.used, hypothesis)
+        one = signature(bench.predictor, bench.given, bench.rendered.used, hypothesis)
         if one is not None:
             found.append(one)
         report(0.6 * (index + 1) / len(known))
@@ -168,7 +172,9 @@ def _about_better_camera(validation: Validation, bench: Bench, chosen: Sequence[
     if np.sqrt(np.nanmean(moved**2)) < _STALE_PX and not resolve:
         return bench
     settings = validation.model.render
-    light = solved_light(prepared, settings, effects) if resolve else validation.light
+    light = (
+        solved_light(prepared, settings, effects) if resolve or validation.light is None else validation.light
+    )
     fresh = polished(prepared, rendered_from(prepared, light, camera, settings, effects), effects)
     # the signatures are known at the pixels used first
     return build_bench(prepared, replace(fresh, used=rendered.used), bench.given)
@@ -178,7 +184,7 @@ def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> 
     """The model with these effects, compared; the lamp's scale is fitted with them in place."""
     prepared, rendered = validation.prepared, bench.rendered
     applied = tuple(c.applied for c in chosen)
-    signal = rendered.predictor.signal((*bench.given, *applied)) + bench.moved
+    signal = bench.predictor.signal((*bench.given, *applied)) + bench.moved
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, _ = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
     return Step(

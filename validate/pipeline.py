@@ -9,11 +9,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from cboxlab.calibration.band_images import Mask, band_images
 from cboxlab.calibration.calibrate import Calibration, calibrate
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
+from cboxlab.render import variant
+from cboxlab.render.bands import render_bands
 from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.warp import warp_change
@@ -26,11 +29,13 @@ from numpy.typing import NDArray
 from .blocks import ReportSection
 from .compare import Comparison, compare
 from .effects import AppliedEffect
+from .expected import expected_signal
 from .forward import after_stage
 from .maps import write_maps
 from .metrics import PathStep, Run, write_metrics
 from .model import Model, RenderSettings
 from .nuisances import NuisanceFit, fit_lamp_scale, fit_nuisances
+from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor
 from .rendering import Progress, render_to_noise
 from .report import ReportInputs, build_report
@@ -75,9 +80,11 @@ class Rendered:
     """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error.
 
     signal : (band, y, x) DN with the model's effects, at the lamp's stated power. used : pixels that count.
+    predictor : None where nothing can be compiled.
     """
 
-    predictor: Predictor
+    image: RenderedImage
+    predictor: Predictor | None
     fit: NuisanceFit
     signal: NDArray[np.float64]
     variance: NDArray[np.float64]
@@ -90,7 +97,7 @@ class Validation:
 
     prepared: Prepared
     model: Model
-    light: LightField
+    light: LightField | None
     rendered: Rendered
     comparison: Comparison
     seconds: float
@@ -98,7 +105,7 @@ class Validation:
     @property
     def image(self) -> RenderedImage:
         """The base picture, without the effects that act after the scene."""
-        return self.rendered.predictor.image
+        return self.rendered.image
 
     @property
     def fit(self) -> NuisanceFit:
@@ -152,8 +159,12 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     start = time.perf_counter()
     report = progress or (lambda part: None)
     prepared = prepare(folder, model)
-    light = solved_light(prepared, model.render, model.effects)
     report(0.05)
+    if not variant.compiled():
+        rendered = _rendered_plainly(prepared, model, report)
+        comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
+        return Validation(prepared, model, None, rendered, comparison, time.perf_counter() - start)
+    light = solved_light(prepared, model.render, model.effects)
     camera = prepared.calibrated_camera
     for draft in range(_DRAFTS):
         settings = replace(model.render, noise=_DRAFT_NOISE)
@@ -170,6 +181,32 @@ def validate(folder: Path, model: Model, progress: Progress | None = None) -> Va
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     report(1.0)
     return Validation(prepared, model, light, rendered, comparison, time.perf_counter() - start)
+
+
+def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
+    calibration, camera, effects = prepared.calibration, prepared.calibrated_camera, model.effects
+    later = [e.id for e in effects if e.effect.stage in ("transport", "camera")]
+    if later:
+        raise InputError(
+            "model", f"the effect {later[0]}", "effects that need no compiled variant", variant.HINT
+        )
+    scene = after_stage(prepared.scene, effects, "scene")
+    bounces = after_stage(model.render, effects, "settings").max_bounces
+    image = render_plainly(scene, camera, bounces, model.render.seed, progress)
+    assert calibration.responses is not None
+    bands = render_bands(image, calibration.responses)
+    signal = expected_signal(image, sensing(calibration, camera), effects, camera)
+    return _scaled(prepared, image, None, camera, signal, bands)
+
+
+def _scaled(
+    prepared: Prepared, image: RenderedImage, predictor: Predictor | None, camera: Camera, signal: NDArray,
+    bands: xr.Dataset,
+) -> Rendered:  # fmt: skip
+    used = prepared.usable & (bands.mask.values == 0)
+    variance = prepared.calibration.predicted_variance(signal) + bands.variance.values
+    scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, used, prepared.lamp_sigma)
+    return Rendered(image, predictor, NuisanceFit(camera, scale, sigma), signal, bands.variance.values, used)
 
 
 def rendered_from(
@@ -191,19 +228,17 @@ def rendered_from(
     predictor = build_predictor(
         light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
     )
-    signal = predictor.signal(effects)
-    used = prepared.usable & (bands.mask.values == 0)
-    variance = calibration.predicted_variance(signal) + bands.variance.values
-    scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, used, prepared.lamp_sigma)
-    return Rendered(predictor, NuisanceFit(camera, scale, sigma), signal, bands.variance.values, used)
+    return _scaled(prepared, image, predictor, camera, predictor.signal(effects), bands)
 
 
 def refitted(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEffect]) -> NuisanceFit:
     """Camera and lamp fitted to the measured picture, starting from a rendered one under these effects."""
-    signal = rendered.predictor.signal(effects)
+    predictor = rendered.predictor
+    assert predictor is not None
+    signal = predictor.signal(effects)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     return fit_nuisances(
-        prepared.measured, variance, rendered.used, signal, rendered.predictor.warp, prepared.calibrated_camera,
+        prepared.measured, variance, rendered.used, signal, predictor.warp, prepared.calibrated_camera,
         prepared.lamp_sigma,
     )  # fmt: skip
 
@@ -211,6 +246,7 @@ def refitted(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEf
 def polished(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEffect]) -> Rendered:
     """The last hundredth of a pixel: camera and lamp refitted, and the picture warped instead of rendered again."""
     fit = refitted(prepared, rendered, effects)
+    assert rendered.predictor is not None
     signal = rendered.signal + warp_change(rendered.predictor.warp, fit.camera)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
@@ -219,7 +255,7 @@ def polished(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEf
 
 def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
     """The comparison of the measured picture with a modelled ``signal`` (band, y, x) DN, lamp scale included."""
-    calibration, image = prepared.calibration, rendered.predictor.image
+    calibration, image = prepared.calibration, rendered.image
     responses, weights = calibration.responses, calibration.weights
     assert responses is not None and weights is not None
     variance = rendered.variance * rendered.fit.lamp_scale**2

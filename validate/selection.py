@@ -13,6 +13,7 @@ from .effects import AppliedEffect
 from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
 from .nuisances import camera_jacobian
 from .pipeline import Prepared, Rendered
+from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
@@ -61,6 +62,12 @@ class Bench:
     moved: NDArray[np.float64]
 
     @property
+    def predictor(self) -> Predictor:
+        """Of the rendered picture."""
+        assert self.rendered.predictor is not None
+        return self.rendered.predictor
+
+    @property
     def scale(self) -> float:
         """The lamp's fitted scale."""
         return self.rendered.fit.lamp_scale
@@ -68,12 +75,13 @@ class Bench:
     def task(self, chosen: Sequence[Candidate]) -> Problem:
         """What a further effect is fitted to, with these in place."""
         others = (*self.given, *(c.applied for c in chosen))
-        return problem(self.rendered.predictor, self.model, others, self.scale)
+        return problem(self.predictor, self.model, others, self.scale)
 
 
 def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> Bench:
     """Linearise about the rendered picture's camera. The predictor's base may hold more effects than ``given``."""
     fit_, predictor = rendered.fit, rendered.predictor
+    assert predictor is not None
     base = predictor.signal(given)
     moved = warp_change(predictor.warp, fit_.camera)
     signal = base + moved
@@ -151,7 +159,7 @@ def left_over(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
     """(n + 11,) projected residual with these effects in place."""
     if not chosen:
         return bench.model.residual
-    signal = bench.rendered.predictor.signal((*bench.given, *(c.applied for c in chosen)))
+    signal = bench.predictor.signal((*bench.given, *(c.applied for c in chosen)))
     return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.base))
 
 
