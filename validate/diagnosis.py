@@ -141,7 +141,7 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         final_chi2_per_dof=float(residual @ residual) / bench.model.count,
         ranking=_ranking(singles, start, left, selected),
         selected=selected,
-        indistinguishable=groups(singles) if added else (),
+        indistinguishable=groups(singles, start.chi2) if added else (),
         path=tuple(steps),
         heldout_gain=heldout,
         model=replace(model, effects=(*model.effects, *added)),

@@ -21,7 +21,7 @@ __all__ = ["LinearModel", "build_linear_model", "model_variance", "smooth_excess
 #: What the base picture itself may be off by: its relative error, and how far its edges may lie aside, px.
 #: Measured against an independent simulator: surface means within 0.15 %, edges within 0.005 px.
 _RELATIVE_ERROR = 0.0015
-_EDGE_ERROR_PX = 0.01
+_EDGE_ERROR_PX = 0.005
 
 
 def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from .predictor import Predictor
 
 __all__ = ["Candidate", "Problem", "Signature", "fit", "problem", "screen", "signature"]
 
-_ROUNDS = 5
+_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candi
             trial_candidate = _evaluate(task, hypothesis, moved, residual)
             if trial_candidate.chi2 < best.chi2:
                 gain = best.chi2 - trial_candidate.chi2
-                best, improved = trial_candidate, gain > max(1.0, 1e-5 * best.chi2)
+                best, improved = trial_candidate, gain > max(1.0, 1e-4 * best.chi2)
                 break
         if not improved:
             break

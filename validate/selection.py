@@ -26,9 +26,10 @@ UNKNOWN = "unknown"
 #: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
 SMALLEST_GAIN = 0.012
 
-#: Effects that only the priors speak against (they imitate a nuisance): gain in chi2 needed, per free number.
+#: Effects that only the priors speak against (they imitate a nuisance): gain in chi2 needed, and per free number.
+#: By chance the first is exceeded about once in 100,000 captures.
 _PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
-_PRIOR_GAIN = 25.0
+_PRIOR_GAIN, _PRIOR_GAIN_EACH = 16.0, 4.0
 
 #: Block means may exceed noise by this much of chi2 per sample before something is said to remain, and by this
 #: part of what they exceeded it by at first (the error of the effects' own shapes).
@@ -39,6 +40,9 @@ MOST_OF_IT = 0.8
 
 #: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
 _INDISTINGUISHABLE = 9.2
+
+#: Part of its gain by which the error of an effect's shape may change an effect's chi2.
+_SHAPE_ERROR = 0.002
 
 #: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
 _HOPELESS = 0.4
@@ -121,7 +125,8 @@ def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
     if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
         before, after = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
         return (
-            float(before @ before - after @ after) > _PRIOR_GAIN + 5 * len(candidate.hypothesis.free)
+            float(before @ before - after @ after)
+            > _PRIOR_GAIN + _PRIOR_GAIN_EACH * len(candidate.hypothesis.free)
             and gain > 0
         )
     return gain > SMALLEST_GAIN * count
@@ -189,13 +194,12 @@ def explained_part(singles: Sequence[Candidate], start: float, floor: float) -> 
     return (start - singles[0].chi2) / max(start - floor, 1e-9) if singles else 0.0
 
 
-def groups(singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
-    """The best effect together with those whose fitted predictions this capture cannot tell from it."""
+def groups(singles: Sequence[Candidate], start: float) -> tuple[tuple[str, ...], ...]:
+    """The best effect together with those that this capture, or the accuracy of their shapes, cannot tell from it.
+
+    start : chi2 without any effect.
+    """
     best = singles[0]
-    same = [
-        c.hypothesis.effect.id
-        for c in singles[1:]
-        if c.chi2 - best.chi2 < _INDISTINGUISHABLE
-        and float(np.sum((c.predicted - best.predicted) ** 2)) < 4 * _INDISTINGUISHABLE
-    ]
+    allowed = max(_INDISTINGUISHABLE, _SHAPE_ERROR * (start - best.chi2))
+    same = [c.hypothesis.effect.id for c in singles[1:] if c.chi2 - best.chi2 < allowed]
     return ((best.hypothesis.effect.id, *same),) if same else ()
