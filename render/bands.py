@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.calibration.band_images import Mask, band_images
 from cboxlab.calibration.sensor_equation import BandResponse, sensor_matrix
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, uniform_filter
 
 from .image import RenderedImage
 
@@ -24,9 +24,23 @@ def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> x
     if not np.array_equal(image.wavelength_nm, grid):
         raise ValueError("the image and the responses have different wavelengths")
     mean, variance = image.project(sensor_matrix(responses).T)
+    variance = _pooled(mean, variance, image.pure)
     near_lamp = binary_dilation(image.sees_lamp, np.ones((3, 3)))
     mask = np.where(near_lamp, np.uint8(Mask.LAMP), np.uint8(0))
     stack = np.broadcast_to(mask, (len(responses), *mask.shape))
     return band_images(
         [r.band for r in responses], np.moveaxis(mean, -1, 0), np.moveaxis(variance, -1, 0), stack
     )
+
+
+def _pooled(mean: np.ndarray, variance: np.ndarray, pure: np.ndarray) -> np.ndarray:
+    """Variances (y, x, band) with their relative values averaged over 3 x 3 pixels inside faces.
+
+    A variance from a few batches is itself noisy, and a chi-square that divides by it comes out too large;
+    neighbouring pixels of one face have nearly the same.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(pure[..., None] & (mean > 0), variance / mean**2, 0.0)
+        share = uniform_filter(pure.astype(float), 3)
+        smooth = uniform_filter(relative, (3, 3, 0)) / share[..., None]
+    return np.where(pure[..., None] & (mean > 0), smooth * mean**2, variance)

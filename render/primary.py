@@ -10,7 +10,7 @@ from cboxlab.scenes.camera import Camera
 from .sampling import SobolPoints
 from .tracer import Tracer, camera_ray, intersect
 
-__all__ = ["facet_coverage"]
+__all__ = ["facet_coverage", "pixel_coverage"]
 
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
@@ -18,8 +18,17 @@ def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int 
 
     What is missing to 1 sees no face. samples : low-discrepancy camera rays a pixel.
     """
-    count = camera.width_px * camera.height_px
-    lane = dr.arange(mi.UInt32, count)
+    pixels = np.arange(camera.width_px * camera.height_px)
+    shape = (camera.height_px, camera.width_px, len(tracer.facet_surface))
+    return pixel_coverage(tracer, camera, pixels, samples, seed).reshape(shape)
+
+
+def pixel_coverage(
+    tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int = 0
+) -> np.ndarray:
+    """(n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows."""
+    count = len(pixels)
+    lane = mi.UInt32(np.asarray(pixels, np.uint32))
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
     points = SobolPoints(2, samples, lane, seed)
     faces = len(tracer.facet_surface)
@@ -35,5 +44,4 @@ def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int 
     start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(faces)])
     _, sums = dr.while_loop(start, lambda i, _: i < total, body)
     dr.eval(sums)
-    stacked = np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)
-    return stacked.reshape(camera.height_px, camera.width_px, faces)
+    return np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)

@@ -3,25 +3,26 @@
 In a pixel I = Sum_f c_f L_f, with c_f the part that flat face f covers and L_f that face's own signal there.
 Moving the camera changes c_f, which camera rays alone tell (always with the same random numbers), and
 moves the point seen on each face, for which L_f is looked up where the first camera saw it. The change
-between two cameras so found is added to the rendered picture.
+between two cameras so found is added to the rendered picture. Rays are cast near borders of faces only.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 
 from .image import RenderedImage
-from .primary import facet_coverage
+from .primary import pixel_coverage
 from .tracer import Tracer
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change"]
 
-_COVERAGE_SAMPLES = 64
+# A border that moves changes the coverage in steps of 1 over this: with 64 they outweighed a camera's noise.
+_COVERAGE_SAMPLES = 512
 
 # A face's part of a pixel from which the pixel tells the face's signal.
 _MOST = 0.5
@@ -29,10 +30,17 @@ _MOST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """A picture taken apart by faces. layers : per face, signals (band, y, x) continued beyond its border."""
+    """A picture taken apart by faces.
+
+    coverage : (y, x, f) of the first camera. border : (n,) pixels, counted along the rows, in which another
+    camera's coverage may differ. layers : per face, signals (band, y, x) continued beyond its border.
+    base : (band, y, x) the picture put together again.
+    """
 
     tracer: Tracer
     camera: Camera
+    coverage: NDArray[np.float32]
+    border: NDArray[np.int64]
     layers: dict[int, NDArray[np.float64]]
     base: NDArray[np.float64]
 
@@ -44,16 +52,19 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     several lacks is laid to the face that covers most of it: a shadow along a border is not lost. Beside the
     lamp nothing is: there a little error of what it covers outweighs all else.
     """
-    seen = [f for f in range(len(tracer.facet_surface)) if image.coverage[..., f].any()]
-    coverage = {f: image.coverage[..., f] for f in seen}
-    pure = {f: c == 1 if (c == 1).any() else c == c.max() for f, c in coverage.items()}
-    layers = {f: _continued(signal, pure[f]) for f in seen}
-    lacking = signal - sum(coverage[f] * layers[f] for f in seen)
-    for f in seen:
-        most = (coverage[f] >= _MOST) & ~image.sees_lamp
-        own = layers[f] + lacking / np.where(most, coverage[f], 1.0)
+    border = _border(image.coverage)
+    coverage = _coverage(tracer, camera, image.coverage, border)
+    faces = [f for f in range(coverage.shape[-1]) if coverage[..., f].any()]
+    parts = {f: coverage[..., f] for f in faces}
+    pure = {f: part == part.max() for f, part in parts.items()}
+    layers = {f: _continued(signal, pure[f]) for f in faces}
+    lacking = signal - sum(parts[f] * layers[f] for f in faces)
+    for f in faces:
+        most = (parts[f] >= _MOST) & ~image.sees_lamp
+        own = layers[f] + lacking / np.where(most, parts[f], 1.0)
         layers[f] = _continued(np.where(pure[f], signal, own), pure[f] | most)
-    return Warp(tracer, camera, layers, _assemble(tracer, camera, layers, camera))
+    still = Warp(tracer, camera, coverage, border, layers, np.zeros_like(signal))
+    return replace(still, base=warp_change(still, camera))
 
 
 def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
@@ -61,19 +72,28 @@ def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
 
     Good for motions up to about a pixel; what comes into sight only by the motion is not known.
     """
-    return _assemble(warp.tracer, warp.camera, warp.layers, camera) - warp.base
-
-
-def _assemble(
-    tracer: Tracer, seen_by: Camera, layers: dict[int, NDArray], camera: Camera
-) -> NDArray[np.float64]:
-    coverage = facet_coverage(tracer, camera, _COVERAGE_SAMPLES)
-    result = np.zeros_like(next(iter(layers.values())))
-    for face, layer in layers.items():
+    coverage = _coverage(warp.tracer, camera, warp.coverage, warp.border)
+    result = np.zeros_like(warp.base)
+    for face, layer in warp.layers.items():
         where = coverage[..., face] > 0
-        rows, columns = _seen_at(tracer, face, seen_by, camera, where)
+        rows, columns = _seen_at(warp.tracer, face, warp.camera, camera, where)
         result[:, where] += coverage[..., face][where] * _interpolated(layer, rows, columns)
-    return result
+    return result - warp.base
+
+
+def _coverage(tracer: Tracer, camera: Camera, elsewhere: NDArray, border: NDArray) -> NDArray[np.float32]:
+    """(y, x, f) as ``camera`` sees it in the pixels ``border``, as given ``elsewhere``."""
+    coverage = elsewhere.copy()
+    rows, columns = np.divmod(border, camera.width_px)
+    coverage[rows, columns] = pixel_coverage(tracer, camera, border, _COVERAGE_SAMPLES)
+    return coverage
+
+
+def _border(coverage: NDArray) -> NDArray[np.int64]:
+    """(n,) pixels, counted along the rows, that do not see one face alone or touch one that sees another."""
+    face = np.where(coverage.max(axis=-1) == 1, coverage.argmax(axis=-1), -1)
+    face[~coverage.any(axis=-1)] = -2
+    return np.flatnonzero((maximum_filter(face, 3) != minimum_filter(face, 3)) | (face == -1))
 
 
 def _interpolated(layer: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:

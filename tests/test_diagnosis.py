@@ -58,7 +58,9 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
     assert record == diagnosis_record(diagnosis)
     names = [entry["effect"] for entry in record["ranking"]]
     assert len(set(names)) == len(names) and "unknown" in names
-    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(1.0)  # nothing missing is ruled out
+    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(
+        1.0
+    )  # nothing missing is ruled out
     assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
     assert any("veiling-glare" in text for text in diagnosis_sections(diagnosis)[0].paragraphs)
 
@@ -67,7 +69,9 @@ def test_final_model_is_written_and_read_back(outcome, tmp_path):
     _, diagnosis = outcome
     write_model(tmp_path / "model.toml", diagnosis.model)
     again = load_model(tmp_path / "model.toml")
-    assert [(e.id, dict(e.values)) for e in again.effects] == [(e.id, dict(e.values)) for e in diagnosis.model.effects]
+    assert [(e.id, dict(e.values)) for e in again.effects] == [
+        (e.id, dict(e.values)) for e in diagnosis.model.effects
+    ]
 
 
 def test_model_with_the_true_effect_is_adequate():
