@@ -15,7 +15,7 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
 from .final_gather import LightField
-from .lamp import lamp_point
+from .lamp import lamp_pattern, lamp_point
 from .patches import patch_of
 from .sampling import SobolPoints
 from .tracer import RAY_OFFSET_MM, camera_ray, intersect, visible
@@ -148,7 +148,8 @@ def changed_reflection(
             )
             lamp_cosine = -dr.dot(frame.to_world(mirrored), light.lamp.normal)
             lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
-            lobe += dr.select(on_lamp, strength * pdf / (pdf + lamp_pdf), 0)
+            glow = lamp_pattern(light.lamp, near.position, lamp_cosine)
+            lobe += dr.select(on_lamp, strength * glow * pdf / (pdf + lamp_pdf), 0)
             change = [
                 c + lobe + dr.select(valid, strength * b, 0)
                 for c, b in zip(change, seen(near, valid), strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from cboxlab.scenes.scene import Scene
@@ -40,7 +41,7 @@ class PatchLight:
     max_bounces: int | None
     samples: int
 
-    def change(self, **values: NDArray) -> PatchLight:
+    def change(self, **values: Any) -> PatchLight:
         """A copy with other arrays."""
         return replace(self, **values)
 

@@ -30,7 +30,7 @@ def outcome():
 
 
 def test_hidden_glare_is_found_and_sized(outcome):
-    """The bundled capture hides veiling glare of 0.004: 0.4 % of all light, twenty times the error of its measurement."""
+    """The bundled capture hides veiling glare of 0.004: 0.4 % of all light, 20 times its measurement's error."""
     _, diagnosis = outcome
     assert not diagnosis.adequate
     assert diagnosis.selected == ("veiling-glare",)

@@ -30,7 +30,7 @@ def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
 
 
 def test_nuisances_within_their_priors_leave_nothing(parts):
-    """A shift of one prior sigma in a camera parameter and of the lamp costs its prior and no more: chi2 is of order 2."""
+    """A shift of one prior sigma in a camera parameter and of the lamp costs its prior, no more: chi2 of order 2."""
     _, base, derivative, camera = parts
     measured = base + 0.01 * derivative[3] + 0.02 * base
     model = model_of(measured, base, derivative, camera)

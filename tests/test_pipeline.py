@@ -199,7 +199,6 @@ def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
         validate(folder, Model())
 
 
-@pytest.mark.slow
 def test_the_baseline_is_met(shared):
     """The promised figures on a capture by another simulator; the true camera stands in its answers."""
     result = validate(shared / "captures" / "baseline", Model(render=RenderSettings(noise=0.5)))

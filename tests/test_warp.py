@@ -53,7 +53,7 @@ def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
     """Change looked up against change rendered with the same random numbers.
 
     Both are noisy, so their sizes are compared (the slope of the major axis), to 4%, and they go together, with
-    a correlation above 0.96: what the motion alone brings into sight is not known. Pixels beside the lamp stay
+    a correlation above 0.95: what the motion alone brings into sight is not known. Pixels beside the lamp stay
     out: there a rendered pixel's noise is as large as its signal.
     """
     light, image, signal, own = warp
@@ -62,5 +62,5 @@ def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
     rendered = np.moveaxis(again.project(np.eye(1))[0], -1, 0) - signal
     far = ~binary_dilation(image.sees_lamp | again.sees_lamp, np.ones((3, 3)))
     looked_up, rendered = warp_change(own, camera)[:, far].ravel(), rendered[:, far].ravel()
-    assert np.corrcoef(looked_up, rendered)[0, 1] > 0.96
+    assert np.corrcoef(looked_up, rendered)[0, 1] > 0.95
     assert np.sqrt(np.mean(looked_up**2) / np.mean(rendered**2)) == pytest.approx(1.0, abs=0.04)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +65,14 @@ def hypotheses(
             continue
         named = [p for p in effect.parameters if p.choices]
         started = [p for p in effect.numbers if p.null is None]
-        options = [[c for c in p.choices if p.name not in present or c in present[p.name]] for p in named]
-        starts = [_STARTS.get(p.name, (p.default or 0.5 * (p.low + p.high),)) for p in started]
-        for values in itertools.product(*options, *starts):
-            fixed = dict(zip([p.name for p in (*named, *started)], values, strict=True))
+        options: list[Sequence[str | float]] = []
+        for p in named:
+            options.append([c for c in p.choices if p.name not in present or c in present[p.name]])
+        for p in started:
+            options.append(_STARTS.get(p.name, (p.default or 0.5 * (p.low + p.high),)))
+        for values in itertools.product(*options):
+            fixed: dict[str, str | float] = dict(
+                zip([p.name for p in (*named, *started)], values, strict=True)
+            )
             found.append(Hypothesis(effect, tuple(p for p in effect.numbers if p.null is not None), fixed))
     return found

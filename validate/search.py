@@ -117,7 +117,7 @@ def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Ca
     elif len(amplitude) == 1:
         p = hypothesis.free[0]
         ends = sorted((end - _null_coordinate(p)) / known.steps[0] for end in _bounds(p))
-        amplitude = np.clip(amplitude, *ends)
+        amplitude = np.clip(amplitude, ends[0], ends[1])
     numbers = {
         p.name: _from_coordinate(p, _null_coordinate(p) + a * step)
         for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)

@@ -106,7 +106,8 @@ def best_singles(
     for candidate in sorted((screen(task, s, residual) for s in signatures), key=_penalised):
         best.setdefault(candidate.hypothesis.effect.id, candidate)
     ranked = sorted(best.values(), key=_penalised)
-    start, done = float(residual @ residual), []
+    start = float(residual @ residual)
+    done: list[Candidate] = []
     for candidate in ranked[:refined]:
         lowest = min((c.chi2 for c in done), default=np.inf)
         if done and start - candidate.chi2 < _HOPELESS * (start - lowest):

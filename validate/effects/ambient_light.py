@@ -13,7 +13,8 @@ __all__ = ["EFFECT"]
 
 def _fluorescent(wavelength_nm: np.ndarray) -> np.ndarray:
     lines = ((436.0, 1.0, 5.0), (488.0, 0.6, 7.0), (545.0, 2.2, 6.0), (611.0, 1.6, 7.0))
-    return 0.35 + sum(h * np.exp(-0.5 * ((wavelength_nm - c) / s) ** 2) for c, h, s in lines)
+    bells = [h * np.exp(-0.5 * ((wavelength_nm - c) / s) ** 2) for c, h, s in lines]
+    return 0.35 + np.sum(bells, axis=0)
 
 
 def _spectrum(name: str, wavelength_nm: np.ndarray) -> np.ndarray:
@@ -23,7 +24,7 @@ def _spectrum(name: str, wavelength_nm: np.ndarray) -> np.ndarray:
     return planck(wavelength_nm, {"daylight": 6500.0, "tungsten": 2900.0}[name])
 
 
-def _apply(light: PatchLight, spectrum: str, radiance: float) -> PatchLight:
+def _apply(light: PatchLight, radiance: float, spectrum: str) -> PatchLight:
     level = light.over_lamp(radiance * _spectrum(spectrum, light.grid_nm))
     return light.change(surround=light.surround + level)
 
@@ -34,8 +35,8 @@ EFFECT = Effect(
     summary="A uniform surround of the given spectral radiance at 550 nm, seen through the open front and past "
     "the box's front edges.",
     parameters=(
-        Parameter("spectrum", choices=("daylight", "tungsten", "fluorescent")),
         Parameter("radiance", "W m^-2 sr^-1 nm^-1", null=0.0, low=0.0, high=1.0, step=1e-7),
+        Parameter("spectrum", choices=("daylight", "tungsten", "fluorescent")),
     ),
     apply=_apply,
     confirm="Take one more frame of every band with the lamp off: what it shows above dark is ambient light.",
