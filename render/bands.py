@@ -41,6 +41,6 @@ def _pooled(mean: np.ndarray, variance: np.ndarray, pure: np.ndarray) -> np.ndar
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(pure[..., None] & (mean > 0), variance / mean**2, 0.0)
-        share = uniform_filter(pure.astype(float), 3)
+        share = np.maximum(uniform_filter(pure.astype(float), 3), 1 / 9)
         smooth = np.maximum(uniform_filter(relative, (3, 3, 1)), 0) / share[..., None]
     return np.where(pure[..., None] & (mean > 0), smooth * mean**2, variance)
