@@ -201,7 +201,7 @@ def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
 
 def test_the_baseline_is_met(shared):
     """The promised figures on a capture by another simulator; the true camera stands in its answers."""
-    result = validate(shared / "captures" / "baseline", Model(render=RenderSettings(noise=0.5)))
+    result = validate(shared / "captures" / "baseline", Model(render=RenderSettings(noise=0.8)))
     fit, c = result.prepared.calibration.camera_fit, result.comparison
     answer = json.loads((shared / "captures" / "answers.json").read_text())["baseline"]["true_camera"]
     true = Camera(
