@@ -25,7 +25,7 @@ _HUBER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class NuisanceFit:
-    """camera : refitted, its covariance that of image and survey together. lamp_scale : on the lamp's stated power."""
+    """camera : refitted, without a covariance. lamp_scale : on the lamp's stated power."""
 
     camera: Camera
     lamp_scale: float
@@ -108,9 +108,6 @@ def fit_nuisances(
         camera, scale, current, gain, lowest = there, factor, values, lowest - reached, reached
         if gain < _SMALLEST_GAIN or np.max(np.abs(step[:10]) * pixels) < 1e-3:
             break
-    covariance = np.linalg.inv(information)
-    return NuisanceFit(
-        camera=replace(camera, covariance=covariance[:10, :10]),
-        lamp_scale=scale,
-        lamp_scale_sigma=float(np.sqrt(covariance[10, 10])),
-    )
+    # noise alone would leave the camera good to less than a thousandth of a pixel; what it is really good to
+    # is set by the picture's own flaws, so no covariance is stated
+    return NuisanceFit(replace(camera, covariance=None), scale, float(np.sqrt(np.linalg.inv(information)[10, 10])))
