@@ -16,17 +16,12 @@ from numpy.typing import NDArray
 
 from .effects import AppliedEffect, Stage
 from .model import Model
+from .rendering import BATCHES, CONVERGENCE, PILOT_SAMPLES
 
 __all__ = ["BATCHES", "after_stage", "labelled_cube", "model_cube_inputs", "render_to_precision"]
 
-#: Batches, whose scatter gives the standard error; samples of the trial that tells how many it takes; the
-#: most.
-BATCHES = 8
-PILOT_SAMPLES = 64
+#: The most samples of one batch.
 MOST_SAMPLES = 2**15
-
-#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/engine.md).
-_CONVERGENCE = 0.7
 
 
 def after_stage(value: Any, effects: Sequence[AppliedEffect], stage: Stage) -> Any:
@@ -73,7 +68,7 @@ def render_to_precision(
     A trial of few samples tells how many it takes; never more than MOST_SAMPLES per pixel and batch.
     """
     image = render(scene, camera, wavelength_nm, PILOT_SAMPLES, BATCHES, seed, max_bounces)
-    wanted = PILOT_SAMPLES * (_relative_error(image) / relative_error) ** (1 / _CONVERGENCE)
+    wanted = PILOT_SAMPLES * (_relative_error(image) / relative_error) ** (1 / CONVERGENCE)
     samples = int(min(2 ** np.ceil(np.log2(max(wanted, 1.0))), MOST_SAMPLES))
     if samples <= PILOT_SAMPLES:
         return image

@@ -110,4 +110,6 @@ def fit_nuisances(
             break
     # noise alone would leave the camera good to less than a thousandth of a pixel; what it is really good to
     # is set by the picture's own flaws, so no covariance is stated
-    return NuisanceFit(replace(camera, covariance=None), scale, float(np.sqrt(np.linalg.inv(information)[10, 10])))
+    return NuisanceFit(
+        replace(camera, covariance=None), scale, float(np.sqrt(np.linalg.inv(information)[10, 10]))
+    )

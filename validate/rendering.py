@@ -13,16 +13,16 @@ from cboxlab.render.image import RenderedImage
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-__all__ = ["Progress", "noise_ratio", "render_to_noise"]
+__all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Progress", "noise_ratio", "render_to_noise"]
 
 Progress = Callable[[float], None]
 
-_BATCHES = 8
-_PILOT_SAMPLES = 64
+BATCHES = 8
+PILOT_SAMPLES = 64
 _MOST_SAMPLES = 8192
 
 #: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/engine.md).
-_CONVERGENCE = 0.7
+CONVERGENCE = 0.7
 
 
 def noise_ratio(rendered: xr.Dataset, sensor_variance: NDArray, used: NDArray) -> float:
@@ -51,11 +51,11 @@ def render_to_noise(
         image = gather(light, camera, samples, batches, seed, report)
         return image, render_bands(image, responses)
 
-    image, bands = rendered(_PILOT_SAMPLES, _BATCHES, None)
+    image, bands = rendered(PILOT_SAMPLES, BATCHES, None)
     ratio = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
     if ratio <= noise:
         return image, bands
-    wanted = _PILOT_SAMPLES * (ratio / noise) ** (1 / _CONVERGENCE)
-    samples = int(np.clip(2 ** np.floor(np.log2(wanted)), _PILOT_SAMPLES, _MOST_SAMPLES))
-    expected = ratio * (_PILOT_SAMPLES / samples) ** _CONVERGENCE
-    return rendered(samples, int(np.ceil(_BATCHES * max(1.0, expected / noise) ** 2)), progress)
+    wanted = PILOT_SAMPLES * (ratio / noise) ** (1 / CONVERGENCE)
+    samples = int(np.clip(2 ** np.floor(np.log2(wanted)), PILOT_SAMPLES, _MOST_SAMPLES))
+    expected = ratio * (PILOT_SAMPLES / samples) ** CONVERGENCE
+    return rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress)
