@@ -21,7 +21,6 @@ from .rendering import Progress
 from .search import Candidate, Signature, signature
 from .selection import (
     MOST_OF_IT,
-    SMALLEST_GAIN,
     UNKNOWN,
     Bench,
     best_singles,
@@ -37,6 +36,9 @@ from .selection import (
 )
 
 __all__ = ["Diagnosis", "Ranked", "Step", "diagnose"]
+
+#: Probability that nothing is missing where no effect was accepted.
+NOTHING_MISSING = 0.95
 
 _MOST_EFFECTS = 3
 _REFINED = 6
@@ -200,20 +202,17 @@ def _ranking(
 ) -> tuple[Ranked, ...]:
     """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain).
 
-    That nothing is missing competes too, with the smallest gain that counts as its handicap; the
-    probabilities add up to less than 1 by its share.
+    Where no effect was accepted, that nothing is missing takes NOTHING_MISSING of the sum.
     """
     best = min((c.chi2 for c in singles), default=model.chi2)
     softness = 1.0 + 0.01 * max(model.chi2 - best, 0.0)
-    levels = np.array([*(c.chi2 for c in singles), model.chi2 - SMALLEST_GAIN * model.count])
-    if selected:
-        levels[-1] = np.inf
-    weights = np.exp(-0.5 * (levels - levels.min()) / softness)
+    weights = np.exp(-0.5 * np.array([c.chi2 - best for c in singles]) / softness)
     unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
-    weights = (1 - unknown) * weights / weights.sum()
+    share = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
+    weights = share * weights / weights.sum()
     entries = [
         Ranked(c.hypothesis.effect.id, dict(c.applied.values), dict(c.sigma), c.chi2 / model.count, float(w))
-        for c, w in zip(singles, weights, strict=False)
+        for c, w in zip(singles, weights, strict=True)
     ]
     entries.append(Ranked(UNKNOWN, {}, {}, best / model.count, unknown))
     return tuple(sorted(entries, key=lambda r: -r.probability))
