@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.band_images import Mask, band_images
 from cboxlab.validate.colour_difference import White, delta_e_2000, delta_e_ab, lab
 from cboxlab.validate.compare import compare
-from cboxlab.validate.regions import edge_distance_px, edges, interiors, radial_distance_px
+from cboxlab.validate.regions import edge_distance_px, edges, interiors
 from cboxlab.validate.verdict import verdict, warnings
 from fake_box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
@@ -181,4 +181,3 @@ def test_regions_of_a_half_plane():
     assert edge_distance_px(surface, pure)[5, 9] == 0
     assert np.isinf(edge_distance_px(np.zeros((4, 4), int), np.ones((4, 4), bool))).all()
     assert not interiors(np.full((9, 9), -1), np.ones((9, 9), bool)).any()
-    np.testing.assert_allclose(radial_distance_px((3, 4), (3.0, 0.0))[:, 0], np.hypot(3, [0, 1, 2]))

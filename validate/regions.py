@@ -1,4 +1,4 @@
-"""Where in the picture: distance from edges of surfaces, interiors against edges, distance from the axis.
+"""Where in the picture: distance from edges of surfaces, interiors against edges.
 
 Everywhere ``surface`` is an integer image [y, x] that indexes the tuple of surface names; the lamp and
 whatever lies outside the box are -1. ``pure`` [y, x] is False where a pixel sees more than one surface, or
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
-__all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px", "edges", "interiors", "radial_distance_px"]
+__all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px", "edges", "interiors"]
 
 #: How far inside a surface a pixel has to lie to count as interior.
 INTERIOR_DISTANCE_PX = 3.0
@@ -48,10 +48,3 @@ def edges(
 ) -> NDArray[np.bool_]:
     """Pixels (y, x) nearer than ``distance_px`` to an edge, on either side of it."""
     return edge_distance_px(surface, pure) < distance_px
-
-
-def radial_distance_px(shape: tuple[int, int], principal_point_px: ArrayLike) -> NDArray[np.float64]:
-    """Distance (y, x) in px from the principal point (u, v), for shape (height, width)."""
-    u, v = np.asarray(principal_point_px, float)
-    rows, columns = np.indices(shape)
-    return np.hypot(columns - u, rows - v)
