@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,12 @@ from cboxlab.validate.diagnosis_output import (
     write_diagnosis,
 )
 from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.model import Model, RenderSettings, load_model, write_model
 from cboxlab.validate.pipeline import validate
+from cboxlab.validate.search import fit, screen, signature
+from cboxlab.validate.selection import Place, build_bench
 
 SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-block")
 
@@ -87,6 +91,35 @@ def test_model_with_the_true_effect_is_adequate(monkeypatch):
     effect = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
     validation = validate(DEMO_CAPTURE, Model(effects=(effect,), render=RenderSettings(noise=0.7)))
     assert diagnose(validation).adequate
+
+
+def test_a_capped_frame_tells_an_offset_from_glare(outcome):
+    """Glare needs light, an offset does not: frames with the lens capped and the lamp on separate the two.
+
+    An offset of d DN in n capped frames' samples of variance v makes at least n d^2 / v of chi2, glare nothing.
+    """
+    validation, _ = outcome
+    bench = build_bench(validation.prepared, validation.rendered, ())
+    task, residual = bench.task(()), bench.model.residual
+    known = {
+        h.effect.id: h
+        for h in hypotheses(bench.predictor.sensing.curves.bands, (), (), False)
+        if h.effect.id in ("dark-offset", "veiling-glare")
+    }
+    fitted = {
+        name: fit(task, screen(task, signature(bench.predictor, (), bench.model.used, h), residual), residual)
+        for name, h in known.items()
+    }
+    glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
+    place = Place(offset, (replace(glare, chi2=offset.chi2),), bench.model.chi2)
+    (found,) = separations(validation.prepared, bench, [place])
+    assert (found.effect, found.rival, found.enough) == ("dark-offset", "veiling-glare", True)
+    capped = next(c for c in further_captures(validation.prepared, bench) if c.capped)
+    dark = validation.prepared.calibration.predicted_variance(np.zeros(bench.base.shape))[bench.model.used]
+    least = np.sum(offset.numbers["dn"] ** 2 / dark)
+    reached = distance(validation.prepared, bench, capped, (), offset, glare)
+    now = distance(validation.prepared, bench, None, (), offset, glare)
+    assert 0.9 * least < reached - now < 1.2 * least
 
 
 def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():

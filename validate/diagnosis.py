@@ -12,6 +12,7 @@ from cboxlab.scenes.errors import InputError
 from .compare import Comparison
 from .effects import AppliedEffect
 from .forward import after_stage
+from .further_captures import Separation, separations
 from .hypotheses import hypotheses
 from .linear_model import LinearModel, smooth_excess
 from .model import Model
@@ -23,8 +24,10 @@ from .selection import (
     MOST_OF_IT,
     UNKNOWN,
     Bench,
+    Place,
     best_singles,
     build_bench,
+    exchanged,
     explained_part,
     groups,
     heldout_gain,
@@ -77,8 +80,8 @@ class Diagnosis:
     effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
     the model as given and with the selected effects, nuisances at their best, the base picture's own error
     counted. indistinguishable : groups this capture cannot separate. heldout_gain : gain in pixels held out
-    from the fit over that in those fitted, of the last effect tried. model : the given one with the selected
-    effects.
+    from the fit over that in those fitted, of the last effect tried. separations : the captures that would
+    separate those groups. model : the given one with the selected effects.
     """
 
     adequate: bool
@@ -89,6 +92,7 @@ class Diagnosis:
     indistinguishable: tuple[tuple[str, ...], ...]
     path: tuple[Step, ...]
     heldout_gain: float
+    separations: tuple[Separation, ...]
     model: Model
 
 
@@ -121,9 +125,9 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         candidates = best_singles(bench.task(chosen), rest, residual, 3)
-    chosen = without_idle(bench, chosen)
+    chosen, known = exchanged(bench, without_idle(bench, chosen), signatures)
     residual = left_over(bench, chosen)
-    left = remains(bench.model, residual, first_excess)
+    left = remains(bench.model, residual)
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
         enough = explained_part(singles, start.chi2, float(residual @ residual)) > MOST_OF_IT
@@ -141,11 +145,12 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         adequate=not selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(residual @ residual) / bench.model.count,
-        ranking=_ranking(singles, start, left, selected),
+        ranking=_ranking(singles, known, start, left, selected),
         selected=selected,
-        indistinguishable=groups(singles, start.chi2) if added else (),
+        indistinguishable=groups(known) if added else (),
         path=tuple(steps),
         heldout_gain=heldout,
+        separations=separations(prepared, bench, known) if added else (),
         model=replace(model, effects=(*model.effects, *added)),
     )
 
@@ -198,21 +203,39 @@ def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> 
 
 
 def _ranking(
-    singles: Sequence[Candidate], model: LinearModel, left: bool, selected: tuple[str, ...]
-) -> tuple[Ranked, ...]:
-    """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain).
+    singles: Sequence[Candidate], known: Sequence[Place], start: LinearModel, left: bool, selected: tuple[str, ...]
+) -> tuple[Ranked, ...]:  # fmt: skip
+    """The selected effects by what leaving them out costs, then what could stand in their places, then the rest.
 
-    Where no effect was accepted, that nothing is missing takes NOTHING_MISSING of the sum.
+    An effect's probability is its share of its place. Where no effect was accepted, that nothing is missing
+    takes NOTHING_MISSING of the sum.
     """
-    best = min((c.chi2 for c in singles), default=model.chi2)
-    softness = 1.0 + 0.01 * max(model.chi2 - best, 0.0)
-    weights = np.exp(-0.5 * np.array([c.chi2 - best for c in singles]) / softness)
     unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
-    share = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
-    weights = share * weights / weights.sum()
-    entries = [
-        Ranked(c.hypothesis.effect.id, dict(c.applied.values), dict(c.sigma), c.chi2 / model.count, float(w))
-        for c, w in zip(singles, weights, strict=True)
-    ]
-    entries.append(Ranked(UNKNOWN, {}, {}, best / model.count, unknown))
-    return tuple(sorted(entries, key=lambda r: -r.probability))
+    entries = {c.hypothesis.effect.id: _ranked(c, start, 0.0) for c in reversed(singles)}
+    if set(selected) - {UNKNOWN}:
+        for place in sorted(known, key=lambda p: p.empty):
+            everyone = [place.candidate, *place.rivals]
+            for candidate, share in zip(everyone, _shares(everyone, place.empty), strict=True):
+                one = _ranked(candidate, start, (1 - unknown) * share)
+                other = entries.get(one.effect)
+                if candidate is place.candidate or other is None or one.probability > other.probability:
+                    entries[one.effect] = one
+    else:
+        rest = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
+        for candidate, share in zip(singles, _shares(singles, start.chi2), strict=True):
+            entries[candidate.hypothesis.effect.id] = _ranked(candidate, start, rest * share)
+    lowest = min((c.chi2 for c in singles), default=start.chi2)
+    entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
+    return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
+
+
+def _ranked(candidate: Candidate, start: LinearModel, probability: float) -> Ranked:
+    values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
+    return Ranked(candidate.hypothesis.effect.id, values, sigma, candidate.chi2 / start.count, probability)
+
+
+def _shares(candidates: Sequence[Candidate], empty: float) -> list[float]:
+    """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain)."""
+    chi2 = np.array([c.chi2 for c in candidates])
+    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (1.0 + 0.01 * max(empty - chi2.min(), 0.0)))
+    return [float(w) for w in weights / weights.sum()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "indistinguishable": [list(group) for group in diagnosis.indistinguishable],
         "heldout_gain": _finite(diagnosis.heldout_gain),
+        "separations": [asdict(s) for s in diagnosis.separations],
     }
 
 
@@ -104,8 +106,16 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
             )
         if diagnosis.selected[-1] == "unknown":
             sentences.append("Something remains that none of the catalogue explains; the maps show where.")
-    for group in diagnosis.indistinguishable:
-        sentences.append(f"This capture cannot tell apart {', '.join(group)}; each one's own test would.")
+    for s in diagnosis.separations:
+        further = (
+            f"Cheapest way to do so: {s.words} ({s.seconds:.0f} s), which would set them {s.chi2:.0f} apart."
+            if s.enough
+            else f"None of the further captures considered would do so; the best one, {s.words}, would set them "
+            f"{s.chi2:.1f} apart."
+        )
+        sentences.append(
+            f"This capture cannot tell {s.effect} from {s.rival}: {s.now:.1f} apart in χ², 25 are needed. {further}"
+        )
     first = diagnosis.path[0].comparison
     c = last.comparison
     sentences.append(

@@ -12,16 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from .nuisances import NuisanceFit
 
-__all__ = ["LinearModel", "build_linear_model", "model_variance", "smooth_excess"]
+__all__ = ["LinearModel", "build_linear_model", "model_variance", "nuisance_priors", "smooth_excess"]
 
 #: What the base picture itself may be off by: its relative error, and how far its edges may lie aside, px.
 #: Measured against an independent simulator: surface means within 0.15 %, edges within 0.005 px.
 _RELATIVE_ERROR = 0.0015
 _EDGE_ERROR_PX = 0.005
+
+#: How far from faces' edges a pixel lies that counts as interior, px: contact shadows hang on sub-millimetre gaps.
+_FROM_EDGE_PX = 2
 
 
 def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,12 +35,14 @@ def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """used : (band, y, x). sigma : (n,) DN of the used pixels. basis : (n + 11, 11) orthonormal, of the nuisances.
+    """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. sigma : (n,) DN of
+    the used pixels. basis : (n + 11, 11) orthonormal, of the nuisances.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
 
     used: NDArray[np.bool_]
+    interior: NDArray[np.bool_]
     sigma: NDArray[np.float64]
     basis: NDArray[np.float64]
     residual: NDArray[np.float64]
@@ -72,44 +77,53 @@ class LinearModel:
 
 
 def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: int = 8) -> float:
-    """What the means over blocks of pixels exceed noise by, in units of chi2 per sample.
+    """What interior block means scatter by beyond the scatter within blocks, in units of chi2 per sample.
 
     Noise averages out in a block, a flaw of the model does not: a tenth of a standard deviation everywhere is
-    invisible in chi2 and plain here. 0 is expected of noise.
+    invisible in chi2 and plain here. 0 is expected of noise, also of noise larger than it was taken for.
     """
-    picture = model.image(residual)
+    picture = model.image(np.where(model.interior, residual[: model.count], np.nan))
     bands, height, width = picture.shape
     rows, columns = height // block_px, width // block_px
     cut = picture[:, : rows * block_px, : columns * block_px]
     blocks = cut.reshape(bands, rows, block_px, columns, block_px).swapaxes(2, 3).reshape(-1, block_px**2)
     counts = np.isfinite(blocks).sum(axis=1)
-    full = counts >= block_px**2 // 2
-    sums = np.nansum(blocks[full], axis=1)
-    return float(np.sum(sums**2 / counts[full] - 1) / counts[full].sum())
+    full = counts >= block_px**2 // 4
+    if not full.any():
+        return 0.0
+    means, scatter = np.nanmean(blocks[full], axis=1), np.nanvar(blocks[full], axis=1, ddof=1)
+    return float(np.sum(counts[full] * means**2 - scatter) / counts[full].sum())
+
+
+def nuisance_priors(calibrated: Camera, lamp_sigma: float | None) -> NDArray[np.float64]:
+    """(11, 11) rows that bind camera and lamp scale to what is known of them; zero where nothing is."""
+    rows = np.zeros((11, 11))
+    if calibrated.covariance is not None:
+        rows[:10, :10] = np.linalg.inv(np.linalg.cholesky(calibrated.covariance))
+    if lamp_sigma is not None:
+        rows[10, 10] = 1 / lamp_sigma
+    return rows
 
 
 def build_linear_model(
-    measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, camera_derivative: NDArray,
-    fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
+    measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, pure: NDArray,
+    camera_derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
 ) -> LinearModel:  # fmt: skip
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
-    camera_derivative : (10, band, y, x).
+    pure : (y, x) pixels that see one flat face only. camera_derivative : (10, band, y, x).
     """
+    inside = binary_erosion(pure, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
     rows = [np.append(d[used] * fit.lamp_scale / sigma, np.zeros(11)) for d in camera_derivative]
     rows.append(np.append(base[used] / sigma, np.zeros(11)))
     design = np.array(rows).T
     count = len(sigma)
+    priors = nuisance_priors(calibrated, lamp_sigma)
+    design[count:] = priors
     residual = np.zeros(count + 11)
     residual[:count] = (measured - fit.lamp_scale * base)[used] / sigma
-    if calibrated.covariance is not None:
-        root = np.linalg.inv(np.linalg.cholesky(calibrated.covariance))
-        design[count : count + 10, :10] = root
-        residual[count : count + 10] = root @ (calibrated.parameters - fit.camera.parameters)
-    if lamp_sigma is not None:
-        design[count + 10, 10] = 1 / lamp_sigma
-        residual[count + 10] = (1 - fit.lamp_scale) / lamp_sigma
+    residual[count:] = priors @ np.append(calibrated.parameters - fit.camera.parameters, 1 - fit.lamp_scale)
     basis = np.linalg.qr(design / np.linalg.norm(design, axis=0))[0]
     projected = residual - basis @ (basis.T @ residual)
-    return LinearModel(used, sigma, basis, projected)
+    return LinearModel(used, np.broadcast_to(inside, used.shape)[used], sigma, basis, projected)

@@ -58,6 +58,10 @@ class Predictor:
 
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
+        return expected_signal(self.before_optics(effects), self.sensing, effects, self.camera)
+
+    def before_optics(self, effects: Sequence[AppliedEffect]) -> Light:
+        """The same before optics and counts: in proportion to the exposure, whatever the effects."""
         filters = [e for e in effects if e.effect.stage == "filter"]
         light = scene_light(self.image, self.sensing, filters, self.camera) if filters else self.base
         changed = light.signal
@@ -70,7 +74,7 @@ class Predictor:
                 camera = effect.apply(camera)
         if camera is not self.camera:
             changed = changed + warp_change(self.warp, camera)
-        return expected_signal(light.with_signal(changed), self.sensing, effects, self.camera)
+        return light.with_signal(changed)
 
     def _picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """(band, y, x) DN of the patches' picture."""

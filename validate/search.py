@@ -14,7 +14,7 @@ from .hypotheses import Hypothesis
 from .linear_model import LinearModel
 from .predictor import Predictor
 
-__all__ = ["Candidate", "Problem", "Signature", "fit", "problem", "screen", "signature"]
+__all__ = ["Candidate", "Problem", "Signature", "fit", "numeric_steps", "problem", "screen", "signature"]
 
 _ROUNDS = 4
 
@@ -34,6 +34,16 @@ class Candidate:
     def applied(self) -> AppliedEffect:
         """The effect with its fitted numbers."""
         return self.hypothesis.at(self.numbers)
+
+
+def numeric_steps(candidate: Candidate) -> dict[str, float]:
+    """Small steps of a candidate's fitted numbers, inside their bounds."""
+    steps = {}
+    for p in candidate.hypothesis.effect.numbers:
+        if p.name in candidate.numbers and np.isfinite(candidate.numbers[p.name]):
+            inside = candidate.numbers[p.name] + p.step <= p.high
+            steps[p.name] = p.step if inside else -p.step
+    return steps
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.render.warp import warp_change
@@ -17,29 +17,32 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
-    "MOST_OF_IT", "UNKNOWN", "Bench", "best_singles", "build_bench", "explained_part", "groups", "heldout_gain",
-    "left_over", "refitted_together", "remains", "without_idle", "worth",
+    "MOST_OF_IT", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged", "explained_part",
+    "groups", "heldout_gain", "left_over", "places", "refitted_together", "remains", "without_idle", "worth",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
 
 #: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
-SMALLEST_GAIN = 0.012
+SMALLEST_GAIN = 0.015
 
 #: Effects that only the priors speak against (they imitate a nuisance): gain in chi2 needed, and per free number.
 #: By chance the first is exceeded about once in 100,000 captures.
 _PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
 _PRIOR_GAIN, _PRIOR_GAIN_EACH = 16.0, 4.0
 
-#: Block means may exceed noise by this much of chi2 per sample before something is said to remain, and by this
-#: part of what they exceeded it by at first (the error of the effects' own shapes).
-_REMAINS, _REMAINS_PART = 0.012, 0.1
+#: Interior block means may exceed noise by this much of chi2 per sample before something is said to remain, all
+#: pixels by the second, and by this part of what they exceeded it by at first (the error of the effects' shapes).
+_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.1
 
 #: Below this part of the excess, what one effect explains may be a coincidence of shapes.
 MOST_OF_IT = 0.8
 
 #: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
 _INDISTINGUISHABLE = 9.2
+
+#: So many of the effects that could stand in another's place are fitted in full.
+_RIVALS = 3
 
 #: Part of its gain by which the error of an effect's shape may change an effect's chi2.
 _SHAPE_ERROR = 0.002
@@ -56,7 +59,7 @@ class Bench:
     """A rendered picture and the linear model about its camera. given : the model's own effects.
 
     base : (band, y, x) what the predictor says under them, which effects' changes are counted from. moved :
-    what the last refit of the camera adds to it.
+    what the last refit of the camera adds to it. derivative : (10, band, y, x) by the camera's parameters.
     """
 
     rendered: Rendered
@@ -64,6 +67,7 @@ class Bench:
     given: tuple[AppliedEffect, ...]
     base: NDArray[np.float64]
     moved: NDArray[np.float64]
+    derivative: NDArray[np.float64]
 
     @property
     def predictor(self) -> Predictor:
@@ -92,10 +96,10 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance + model_variance(signal)
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
-        prepared.measured, signal, variance, rendered.used, derivative, fit_, prepared.calibrated_camera,
-        prepared.lamp_sigma,
+        prepared.measured, signal, variance, rendered.used, rendered.image.pure, derivative, fit_,
+        prepared.calibrated_camera, prepared.lamp_sigma,
     )  # fmt: skip
-    return Bench(rendered, model, tuple(given), base, moved)
+    return Bench(rendered, model, tuple(given), base, moved, derivative)
 
 
 def best_singles(
@@ -186,8 +190,65 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
     return current
 
 
-def remains(model: LinearModel, residual: NDArray, first_excess: float) -> bool:
-    return smooth_excess(model, residual) > max(_REMAINS, _REMAINS_PART * first_excess)
+def remains(model: LinearModel, residual: NDArray) -> bool:
+    """Whether the residual that is left is more than noise, flaws of the base picture and of the effects' shapes."""
+    first, excess = model.chi2 / model.count - 1, float(residual @ residual) / model.count - 1
+    return smooth_excess(model, residual) > max(
+        _REMAINS, _REMAINS_PART * smooth_excess(model, model.residual)
+    ) or excess > max(_REMAINS_ANYWHERE, _REMAINS_PART * first)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """One of several effects, and what else could stand in its place. rivals : best first, without itself.
+
+    empty : chi2 with nothing there, the other effects staying.
+    """
+
+    candidate: Candidate
+    rivals: tuple[Candidate, ...]
+    empty: float
+
+    @property
+    def alike(self) -> list[Candidate]:
+        """Rivals that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
+        allowed = max(_INDISTINGUISHABLE, _SHAPE_ERROR * (self.empty - self.candidate.chi2))
+        return [c for c in self.rivals if c.chi2 - self.candidate.chi2 < allowed]
+
+
+def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signature]) -> list[Place]:
+    """For every chosen effect the others of the catalogue in its place."""
+    found = []
+    together = left_over(bench, chosen)
+    for index, candidate in enumerate(chosen):
+        others = [c for i, c in enumerate(chosen) if i != index]
+        taken = {c.hypothesis.effect.id for c in chosen}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
+        residual = left_over(bench, others)
+        best = best_singles(bench.task(others), rest, residual, _RIVALS)
+        fitted = replace(candidate, chi2=float(together @ together))
+        found.append(Place(fitted, tuple(best), float(residual @ residual)))
+    return found
+
+
+def exchanged(
+    bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signature]
+) -> tuple[list[Candidate], list[Place]]:
+    """Effects replaced while another does better in one's place: the first of several is chosen while the others
+    are still missing, and may be a mixture of them."""
+    current, known = list(chosen), places(bench, chosen, signatures)
+    for _ in range(len(current)):
+        better = [
+            (place.candidate.chi2 - place.rivals[0].chi2, index)
+            for index, place in enumerate(known)
+            if place.rivals and place.rivals[0].chi2 < place.candidate.chi2 - _INDISTINGUISHABLE
+        ]
+        if not better:
+            break
+        index = max(better)[1]
+        current = refitted_together(bench, [*current[:index], known[index].rivals[0], *current[index + 1 :]])
+        known = places(bench, current, signatures)
+    return current, known
 
 
 def explained_part(singles: Sequence[Candidate], start: float, floor: float) -> float:
@@ -195,12 +256,10 @@ def explained_part(singles: Sequence[Candidate], start: float, floor: float) -> 
     return (start - singles[0].chi2) / max(start - floor, 1e-9) if singles else 0.0
 
 
-def groups(singles: Sequence[Candidate], start: float) -> tuple[tuple[str, ...], ...]:
-    """The best effect together with those that this capture, or the accuracy of their shapes, cannot tell from it.
-
-    start : chi2 without any effect.
-    """
-    best = singles[0]
-    allowed = max(_INDISTINGUISHABLE, _SHAPE_ERROR * (start - best.chi2))
-    same = [c.hypothesis.effect.id for c in singles[1:] if c.chi2 - best.chi2 < allowed]
-    return ((best.hypothesis.effect.id, *same),) if same else ()
+def groups(known: Sequence[Place]) -> tuple[tuple[str, ...], ...]:
+    """Each chosen effect together with those that it cannot be told from."""
+    found = []
+    for place in known:
+        if place.alike:
+            found.append(tuple(c.hypothesis.effect.id for c in (place.candidate, *place.alike)))
+    return tuple(found)

@@ -1,0 +1,203 @@
+"""The cheapest further capture that would tell two effects apart, from what each predicts for it.
+
+Both captures are fitted together: what separates two effects is how far one's prediction stays from the other's
+with camera, lamp and the other's numbers at their best for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .effects import AppliedEffect
+from .expected import expected_signal
+from .linear_model import model_variance, nuisance_priors
+from .pipeline import Prepared
+from .search import Candidate, numeric_steps
+from .selection import Bench, Place
+
+__all__ = ["FurtherCapture", "Separation", "distance", "further_captures", "separations"]
+
+#: Difference in chi2 that counts as told apart: five standard deviations.
+_ENOUGH = 25.0
+
+#: Time that a frame takes beside its exposure: filter, focus, file.
+_HANDLING_S = 5.0
+
+#: The brightest pixel of a frame of the lamp, as a part of full scale.
+_LAMP_LEVEL = 0.8
+
+#: How a blur by the lens changes with the aperture's diameter: the cone of light grows in proportion.
+_BLURS = ("defocus", "chromatic-focus")
+
+#: Further frames are averaged over so many times as many as there were.
+_AGAIN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherCapture:
+    """words : what to photograph. seconds : what it takes. exposure : (band,) factor on the exposure times.
+
+    aperture : factor on the aperture's diameter. capped : light is kept out, the lamp stays on. minutes : (band,)
+    when. frames : factor on the number of frames. used : (band, y, x).
+    """
+
+    words: str
+    seconds: float
+    exposure: NDArray[np.float64]
+    minutes: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    aperture: float = 1.0
+    capped: bool = False
+    frames: int = 1
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What tells ``rival`` from ``effect``. now : chi2 between them in this capture. chi2 : with the further one.
+
+    words, seconds : of the cheapest capture that is expected to be enough, or of the best one tried; enough :
+    which of the two.
+    """
+
+    effect: str
+    rival: str
+    now: float
+    words: str
+    seconds: float
+    chi2: float
+    enough: bool
+
+
+def further_captures(prepared: Prepared, bench: Bench) -> list[FurtherCapture]:
+    """What a laboratory could photograph next with the same camera, filters and box."""
+    sensing, used = bench.predictor.sensing, bench.model.used
+    frames = np.array([len(b.frames) for b in prepared.calibration.capture.manifest.band])
+    one, time = np.ones(len(frames)), sensing.exposure_scene
+
+    def seconds(exposure: NDArray, bands: NDArray, count: int = 1) -> float:
+        return float(np.sum((count * frames * (time * exposure + _HANDLING_S))[bands]))
+
+    every, later = np.arange(len(frames)), sensing.minutes.max() + 1.0
+    is_first = sensing.minutes == sensing.minutes.min()
+    first = used & is_first[:, None, None]
+    peak = np.max(bench.scale * bench.base, axis=(1, 2))
+    short = np.minimum(_LAMP_LEVEL * sensing.full_scale / np.maximum(peak, 1e-9), 1.0)
+    whole = np.broadcast_to(np.isfinite(bench.base).all(axis=0), used.shape)
+    return [
+        FurtherCapture("the first band once more, after the last one", seconds(one, every[is_first]),
+                       one, np.full(len(frames), later), first),
+        FurtherCapture("frames with the lens capped and the lamp on, at the same exposures", seconds(one, every),
+                       one, sensing.minutes, used, capped=True),
+        FurtherCapture("all bands with exposures so short that the lamp itself is not clipped",
+                       seconds(short, every), short, sensing.minutes + later, whole),
+        FurtherCapture("all bands at half the exposure", seconds(0.5 * one, every), 0.5 * one,
+                       sensing.minutes + later, used),
+        FurtherCapture("all bands at half the aperture's diameter and four times the exposure",
+                       seconds(4 * one, every), 4 * one, sensing.minutes + later, used, aperture=0.5),
+        FurtherCapture(f"all bands again, {_AGAIN} times as many frames", seconds(one, every, _AGAIN), one,
+                       sensing.minutes, used, frames=_AGAIN),
+    ]  # fmt: skip
+
+
+def _signal(bench: Bench, effects: Sequence[AppliedEffect], capture: FurtherCapture) -> NDArray[np.float64]:
+    """(band, y, x) DN that a further capture would show."""
+    altered = [_stopped_down(effect, capture.aperture) for effect in effects]
+    predictor, sensing = bench.predictor, bench.predictor.sensing
+    light = predictor.before_optics(altered)
+    factor = capture.exposure * capture.aperture**2
+    there = replace(
+        sensing,
+        curves=replace(sensing.curves, factor=sensing.curves.factor * factor),
+        exposure_scene=sensing.exposure_scene * capture.exposure,
+        minutes=capture.minutes,
+    )
+    arriving = 0.0 if capture.capped else factor[:, None, None]
+    scene = light.with_signal(bench.scale * arriving * light.signal)
+    return expected_signal(scene, there, altered, predictor.camera)
+
+
+def _stopped_down(effect: AppliedEffect, aperture: float) -> AppliedEffect:
+    if effect.id not in _BLURS or aperture == 1:
+        return effect
+    values = {p.name: aperture * float(effect.values[p.name]) for p in effect.effect.numbers}
+    return replace(effect, values={**effect.values, **values})
+
+
+def _whitened(
+    prepared: Prepared, bench: Bench, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
+    one: Candidate, rival: Candidate,
+) -> tuple[NDArray, NDArray]:  # fmt: skip
+    """Difference (n,) between the predictions of two effects over sigma, and what else could make it (n, k)."""
+    given = (*bench.given, *others)
+
+    def signal(effect: AppliedEffect) -> NDArray[np.float64]:
+        if capture is None:
+            return bench.scale * bench.predictor.signal((*given, effect))
+        return _signal(bench, (*given, effect), capture)
+
+    here = signal(rival.applied)
+    steps = numeric_steps(rival)
+    moved = [
+        (signal(rival.hypothesis.at({**rival.numbers, name: rival.numbers[name] + step})) - here) / step
+        for name, step in steps.items()
+    ]
+    used = bench.model.used if capture is None else capture.used
+    factor = np.ones(len(used)) if capture is None else capture.exposure * capture.aperture**2
+    light = 0.0 if capture is not None and capture.capped else factor[:, None, None]
+    frames = 1 if capture is None else capture.frames
+    lit = np.maximum(here, 0.0)
+    variance = prepared.calibration.predicted_variance(lit) / frames + model_variance(lit)
+    sigma = np.sqrt(variance[used])
+    nuisances = [light * picture for picture in (*bench.scale * bench.derivative, bench.base)]
+    columns = [picture[used] / sigma for picture in (*nuisances, *moved)]
+    return (signal(one.applied) - here)[used] / sigma, np.array(columns).T
+
+
+def distance(
+    prepared: Prepared, bench: Bench, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
+    one: Candidate, rival: Candidate,
+) -> float:  # fmt: skip
+    """Chi2 between the predictions of two effects, camera, lamp and the rival's numbers at their best, in the capture
+    at hand and a further one. others : effects in the model with either."""
+    parts = [_whitened(prepared, bench, c, others, one, rival) for c in dict.fromkeys([None, capture])]
+    priors = nuisance_priors(prepared.calibrated_camera, prepared.lamp_sigma)
+    free = parts[0][1].shape[1] - priors.shape[1]
+    difference = np.concatenate([*(d for d, _ in parts), np.zeros(len(priors))])
+    design = np.concatenate([*(x for _, x in parts), np.hstack([priors, np.zeros((len(priors), free))])])
+    size = np.linalg.norm(design, axis=0)
+    design = design[:, size > 0] / size[size > 0]
+    part = design.T @ difference
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-10, hermitian=True)
+    return float(difference @ difference - part @ inverse @ part)
+
+
+def separations(prepared: Prepared, bench: Bench, known: Sequence[Place]) -> tuple[Separation, ...]:
+    """For each chosen effect and each it cannot be told from, the capture that would do so."""
+    captures = sorted(further_captures(prepared, bench), key=lambda c: c.seconds)
+    found: list[Separation] = []
+    for place in known:
+        others = [p.candidate.applied for p in known if p is not place]
+        for rival in place.alike:
+            tried = []
+            for capture in captures:
+                reached = distance(prepared, bench, capture, others, place.candidate, rival)
+                tried.append((reached, capture))
+                if reached > _ENOUGH:
+                    break
+            best, capture = max(tried, key=lambda item: item[0])
+            found.append(
+                Separation(
+                    effect=place.candidate.hypothesis.effect.id,
+                    rival=rival.hypothesis.effect.id,
+                    now=distance(prepared, bench, None, others, place.candidate, rival),
+                    words=capture.words,
+                    seconds=capture.seconds,
+                    chi2=best,
+                    enough=best > _ENOUGH,
+                )
+            )
+    return tuple(found)
