@@ -25,7 +25,15 @@ def parts():
 def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
     fit = NuisanceFit(camera, scale, 0.001)
     return build_linear_model(
-        measured, base, np.full(SHAPE, 25.0), np.ones(SHAPE, bool), np.ones(SHAPE[1:], bool), derivative, fit, camera, sigma
+        measured,
+        base,
+        np.full(SHAPE, 25.0),
+        np.ones(SHAPE, bool),
+        np.ones(SHAPE[1:], bool),
+        derivative,
+        fit,
+        camera,
+        sigma,
     )
 
 

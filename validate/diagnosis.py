@@ -130,7 +130,7 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     left = remains(bench.model, residual)
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
-        enough = explained_part(singles, start.chi2, float(residual @ residual)) > MOST_OF_IT
+        enough = explained_part(bench.model, residual) > MOST_OF_IT
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     added = tuple(c.applied for c in chosen) if selected != (UNKNOWN,) else ()
     steps = [Step((), (), first_excess, validation.comparison)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.render.warp import warp_change
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from .effects import AppliedEffect
 from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
@@ -26,17 +27,17 @@ UNKNOWN = "unknown"
 #: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
 SMALLEST_GAIN = 0.015
 
-#: Effects that only the priors speak against (they imitate a nuisance): gain in chi2 needed, and per free number.
-#: By chance the first is exceeded about once in 100,000 captures.
+#: Effects that only the priors speak against (they imitate a nuisance), and how often chance alone may relieve the
+#: priors by as much as is asked for.
 _PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
-_PRIOR_GAIN, _PRIOR_GAIN_EACH = 16.0, 4.0
+_PRIOR_CHANCE = 3e-4
 
 #: Interior block means may exceed noise by this much of chi2 per sample before something is said to remain, all
 #: pixels by the second, and by this part of what they exceeded it by at first (the error of the effects' shapes).
-_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.1
+_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.03
 
-#: Below this part of the excess, what one effect explains may be a coincidence of shapes.
-MOST_OF_IT = 0.8
+#: Below this part of the excess over noise, what effects explain together may be a coincidence of shapes.
+MOST_OF_IT = 0.9
 
 #: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
 _INDISTINGUISHABLE = 9.2
@@ -129,11 +130,8 @@ def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
     gain = float(residual @ residual) - candidate.chi2
     if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
         before, after = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
-        return (
-            float(before @ before - after @ after)
-            > _PRIOR_GAIN + _PRIOR_GAIN_EACH * len(candidate.hypothesis.free)
-            and gain > 0
-        )
+        needed = chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
+        return gain > 0 and float(before @ before - after @ after) > needed
     return gain > SMALLEST_GAIN * count
 
 
@@ -251,9 +249,10 @@ def exchanged(
     return current, known
 
 
-def explained_part(singles: Sequence[Candidate], start: float, floor: float) -> float:
-    """Part of the explicable excess that the best single effect explains."""
-    return (start - singles[0].chi2) / max(start - floor, 1e-9) if singles else 0.0
+def explained_part(model: LinearModel, residual: NDArray) -> float:
+    """Part of what chi2 exceeded its expectation by that the effects have explained."""
+    left = float(residual @ residual)
+    return (model.chi2 - left) / max(model.chi2 - model.count, model.chi2 - left, 1e-9)
 
 
 def groups(known: Sequence[Place]) -> tuple[tuple[str, ...], ...]:
