@@ -41,7 +41,8 @@ def test_hidden_glare_is_found_and_sized(outcome):
     assert diagnosis.ranking[0].effect == "veiling-glare"
     fraction = diagnosis.path[-1].effects[0].values["fraction"]
     assert fraction == pytest.approx(0.004, rel=0.05)
-    assert diagnosis.heldout_gain > 0.9
+    assert diagnosis.heldout_pixels > 0.9
+    assert diagnosis.heldout_bands > 0.9
 
 
 def test_error_falls_to_the_noise(outcome):

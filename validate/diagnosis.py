@@ -30,8 +30,8 @@ from .selection import (
     exchanged,
     explained_part,
     groups,
-    heldout_gain,
     left_over,
+    predictive,
     refitted_together,
     remains,
     without_idle,
@@ -79,9 +79,9 @@ class Diagnosis:
     adequate : whether the model as given is. ranking : every effect tried alone, best first. selected :
     effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
     the model as given and with the selected effects, nuisances at their best, the base picture's own error
-    counted. indistinguishable : groups this capture cannot separate. heldout_gain : gain in pixels held out
-    from the fit over that in those fitted, of the last effect tried. separations : the captures that would
-    separate those groups. model : the given one with the selected effects.
+    counted. indistinguishable : groups this capture cannot separate. heldout_pixels, heldout_bands : gain where
+    held out from the fit over that where fitted, of the selected effect for which it is least. separations : the
+    captures that would separate those groups. model : the given one with the selected effects.
     """
 
     adequate: bool
@@ -91,7 +91,8 @@ class Diagnosis:
     selected: tuple[str, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
     path: tuple[Step, ...]
-    heldout_gain: float
+    heldout_pixels: float
+    heldout_bands: float
     separations: tuple[Separation, ...]
     model: Model
 
@@ -112,12 +113,8 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     report(0.75)
     start = bench.model
     chosen: list[Candidate] = []
-    heldout = float("nan")
     candidates, residual = singles, bench.model.residual
     while candidates and len(chosen) < _MOST_EFFECTS and worth(candidates[0], residual, bench.model.count):
-        heldout = heldout_gain(bench.model, residual, candidates[0].predicted)
-        if heldout < 0.5:
-            break
         bench = _about_better_camera(validation, bench, [*chosen, candidates[0]])
         chosen = refitted_together(bench, [*chosen, candidates[0]])
         residual = left_over(bench, chosen)
@@ -126,13 +123,16 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         candidates = best_singles(bench.task(chosen), rest, residual, 3)
     chosen, known = exchanged(bench, without_idle(bench, chosen), signatures)
+    chosen, known = predictive(bench, chosen, known, signatures)
     residual = left_over(bench, chosen)
     left = remains(bench.model, residual)
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
         enough = explained_part(bench.model, residual) > MOST_OF_IT
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
-    added = tuple(c.applied for c in chosen) if selected != (UNKNOWN,) else ()
+    if selected == (UNKNOWN,):
+        chosen, known, residual = [], [], bench.model.residual
+    added = tuple(c.applied for c in chosen)
     steps = [Step((), (), first_excess, validation.comparison)]
     for count in range(1, len(chosen) + 1):
         steps.append(
@@ -147,10 +147,11 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         final_chi2_per_dof=float(residual @ residual) / bench.model.count,
         ranking=_ranking(singles, known, start, left, selected),
         selected=selected,
-        indistinguishable=groups(known) if added else (),
+        indistinguishable=groups(known),
         path=tuple(steps),
-        heldout_gain=heldout,
-        separations=separations(prepared, bench, known) if added else (),
+        heldout_pixels=min((p.heldout_pixels for p in known), default=float("nan")),
+        heldout_bands=min((p.heldout_bands for p in known), default=float("nan")),
+        separations=separations(prepared, bench, known),
         model=replace(model, effects=(*model.effects, *added)),
     )
 

@@ -42,7 +42,8 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "indistinguishable": [list(group) for group in diagnosis.indistinguishable],
-        "heldout_gain": _finite(diagnosis.heldout_gain),
+        "heldout_pixels": _finite(diagnosis.heldout_pixels),
+        "heldout_bands": _finite(diagnosis.heldout_bands),
         "separations": [asdict(s) for s in diagnosis.separations],
     }
 
@@ -122,10 +123,16 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
         f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {c.chi2.per_dof:.3g}, mean ΔE*ab from "
         f"{first.delta_e_ab.mean:.2f} to {c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f})."
     )
-    if np.isfinite(diagnosis.heldout_gain):
+    if np.isfinite(diagnosis.heldout_pixels):
+        bands = diagnosis.heldout_bands
         sentences.append(
-            "In pixels held out from the fit the last effect gains "
-            f"{100 * diagnosis.heldout_gain:.0f} % of what it gains in the others."
+            f"In pixels held out from the fit the last effect gains {100 * diagnosis.heldout_pixels:.0f} % of what it "
+            "gains in the others"
+            + (
+                f", in bands held out {100 * bands:.0f} % of what it gains fitted to all."
+                if np.isfinite(bands)
+                else "."
+            )
         )
     return sentences
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from .effects import AppliedEffect
+from .heldout import PREDICTS, heldout_bands, heldout_pixels
 from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
 from .nuisances import camera_jacobian
 from .pipeline import Prepared, Rendered
@@ -19,7 +20,7 @@ from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
     "MOST_OF_IT", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged", "explained_part",
-    "groups", "heldout_gain", "left_over", "places", "refitted_together", "remains", "without_idle", "worth",
+    "groups", "left_over", "predictive", "refitted_together", "remains", "without_idle", "worth",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
@@ -135,23 +136,6 @@ def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
     return gain > SMALLEST_GAIN * count
 
 
-def heldout_gain(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
-    """Gain per pixel in blocks held out from the amplitude's fit, over that in the others; 1 is perfect."""
-    rows, columns = np.nonzero(np.ones(model.used.shape[1:], bool))
-    board = ((rows // 16 + columns // 16) % 2).reshape(model.used.shape[1:]).astype(bool)
-    one = np.broadcast_to(board, model.used.shape)[model.used]
-    halves = []
-    for part in (one, ~one):
-        inside = np.append(part, np.ones(11, bool))
-        outside = np.append(~part, np.zeros(11, bool))
-        amplitude = (predicted[inside] @ residual[inside]) / max(predicted[inside] @ predicted[inside], 1e-30)
-        left = residual - amplitude * predicted
-        own = np.sum(residual[inside] ** 2 - left[inside] ** 2)
-        other = np.sum(residual[outside] ** 2 - left[outside] ** 2)
-        halves.append((own, other))
-    return float(sum(other for _, other in halves) / max(sum(own for own, _ in halves), 1e-30))
-
-
 def refitted_together(bench: Bench, chosen: Sequence[Candidate], rounds: int = 2) -> list[Candidate]:
     """All chosen effects' numbers fitted in turn, each with the others in place."""
     current = list(chosen)
@@ -200,12 +184,15 @@ def remains(model: LinearModel, residual: NDArray) -> bool:
 class Place:
     """One of several effects, and what else could stand in its place. rivals : best first, without itself.
 
-    empty : chi2 with nothing there, the other effects staying.
+    empty : chi2 with nothing there, the other effects staying. heldout_pixels, heldout_bands : what it gains where
+    it was not fitted, see ``heldout``; NaN where that cannot be tried.
     """
 
     candidate: Candidate
     rivals: tuple[Candidate, ...]
     empty: float
+    heldout_pixels: float
+    heldout_bands: float
 
     @property
     def alike(self) -> list[Candidate]:
@@ -225,7 +212,13 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         residual = left_over(bench, others)
         best = best_singles(bench.task(others), rest, residual, _RIVALS)
         fitted = replace(candidate, chi2=float(together @ together))
-        found.append(Place(fitted, tuple(best), float(residual @ residual)))
+        shape = residual - together
+        found.append(
+            Place(
+                fitted, tuple(best), float(residual @ residual),
+                heldout_pixels(bench.model, residual, shape), heldout_bands(bench.model, residual, shape),
+            )
+        )  # fmt: skip
     return found
 
 
@@ -247,6 +240,22 @@ def exchanged(
         current = refitted_together(bench, [*current[:index], known[index].rivals[0], *current[index + 1 :]])
         known = places(bench, current, signatures)
     return current, known
+
+
+def predictive(
+    bench: Bench, chosen: Sequence[Candidate], known: Sequence[Place], signatures: Sequence[Signature]
+) -> tuple[list[Candidate], list[Place]]:
+    """Without effects that do not hold in pixels or bands held out: something else has merely a similar shape."""
+    kept = [
+        candidate
+        for candidate, place in zip(chosen, known, strict=True)
+        if candidate.hypothesis.effect.id in _PRIOR_EFFECTS
+        or not (place.heldout_pixels < PREDICTS or place.heldout_bands < PREDICTS)
+    ]
+    if len(kept) == len(chosen):
+        return list(chosen), list(known)
+    kept = refitted_together(bench, kept) if kept else []
+    return kept, places(bench, kept, signatures)
 
 
 def explained_part(model: LinearModel, residual: NDArray) -> float:
