@@ -21,6 +21,7 @@ from .pipeline import Validation, compared, polished, refitted, rendered_from, s
 from .rendering import Progress
 from .search import Candidate, Signature, signature
 from .selection import (
+    HOPELESS,
     MOST_OF_IT,
     UNKNOWN,
     Bench,
@@ -118,6 +119,9 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         bench = _about_better_camera(validation, bench, [*chosen, candidates[0]])
         chosen = refitted_together(bench, [*chosen, candidates[0]])
         residual = left_over(bench, chosen)
+        if explained_part(bench.model, residual) < HOPELESS * len(chosen) and remains(bench.model, residual):
+            chosen, residual = [], bench.model.residual
+            break
         report(0.75 + 0.2 * len(chosen) / _MOST_EFFECTS)
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]

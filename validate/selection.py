@@ -19,7 +19,7 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
-    "MOST_OF_IT", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged", "explained_part",
+    "HOPELESS", "MOST_OF_IT", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged", "explained_part",
     "groups", "left_over", "predictive", "refitted_together", "remains", "without_idle", "worth",
 ]  # fmt: skip
 
@@ -40,6 +40,9 @@ _REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.03
 #: Below this part of the excess over noise, what effects explain together may be a coincidence of shapes.
 MOST_OF_IT = 0.9
 
+#: Effects that together explain less than this part of the excess each are no beginning of an answer.
+HOPELESS = 0.25
+
 #: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
 _INDISTINGUISHABLE = 9.2
 
@@ -50,7 +53,7 @@ _RIVALS = 3
 _SHAPE_ERROR = 0.002
 
 #: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
-_HOPELESS = 0.4
+_OUTDONE = 0.4
 
 #: Prior rows at the end of every whitened vector: ten of the camera, one of the lamp.
 _PRIOR_ROWS = 11
@@ -116,7 +119,7 @@ def best_singles(
     done: list[Candidate] = []
     for candidate in ranked[:refined]:
         lowest = min((c.chi2 for c in done), default=np.inf)
-        if done and start - candidate.chi2 < _HOPELESS * (start - lowest):
+        if done and start - candidate.chi2 < _OUTDONE * (start - lowest):
             break
         done.append(fit(task, candidate, residual))
     return sorted([*done, *ranked[len(done) :]], key=_penalised)
