@@ -5,7 +5,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 from cboxlab.render.brdf_change import Coat, changed_reflection, fresnel
-from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.patch_light import PatchLight, with_albedo
+from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter
 
@@ -21,12 +22,20 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     transport = light.transport
     paint = list(light.scene.materials).index(material)
     rho = light.scene.materials[material].reflectance.at(light.wavelength_nm)
-    coated = (transport.light.patches.material == paint)[:, None]
-    lost = specular * _DIFFUSE_FRESNEL
-    changed = light.change(
-        patch_reflectance=np.where(
-            coated, light.patch_reflectance * (1 - lost) ** 2 + lost, light.patch_reflectance
-        )
+    coat = Coat(specular, roughness)
+    cosine = np.linspace(0.02, 1.0, 50)
+    reflected = coat.albedo(cosine)
+    passed = 1 - specular * np.array(fresnel(mi.Float(cosine.astype(np.float32))))
+    through = 1 - specular * _DIFFUSE_FRESNEL
+
+    def albedo(rho: NDArray, base: NDArray | float, mirrored: NDArray | float) -> NDArray:
+        return rho * base * through + mirrored
+
+    changed = with_albedo(
+        light,
+        paint,
+        lambda rho: albedo(rho, through, 2 * float(np.trapezoid(reflected * cosine, cosine))),
+        lambda rho, c: albedo(rho, np.interp(c, cosine, passed), np.interp(c, cosine, reflected)),
     )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
@@ -39,7 +48,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         rho,
         paint,
         base,
-        Coat(specular, roughness),
+        coat,
         light.samples,
     )
     return changed.change(added=changed.added + added)
