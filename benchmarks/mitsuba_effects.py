@@ -78,7 +78,9 @@ def reference(
             }  # fmt: skip
             sensor["medium"] = medium
         depth = -1 if max_bounces is None else max_bounces + 1
-        integrator = mi.load_dict({"type": "path" if air is None else "volpath", "max_depth": depth, "rr_depth": 8})
+        integrator = mi.load_dict(
+            {"type": "path" if air is None else "volpath", "max_depth": depth, "rr_depth": 8}
+        )
         loaded = mi.load_dict({"type": "scene", **parts}, optimize=False)
         eye = mi.load_dict(sensor)
         for batch in range(batches):

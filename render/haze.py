@@ -92,7 +92,9 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     eye = camera.position_mm[2]
     if eye < low[2]:
         aside = np.array([_ASIDE_MM, _ASIDE_MM, 0.0])
-        zones.append(_cells(np.append((low - aside)[:2], eye), np.append((high + aside)[:2], low[2]), _BEFORE))
+        zones.append(
+            _cells(np.append((low - aside)[:2], eye), np.append((high + aside)[:2], low[2]), _BEFORE)
+        )
     corner, size = (np.concatenate([zone[i] for zone in zones]) for i in (1, 2))
     count, surfaces = len(corner), len(tracer.scene.surfaces)
     lane = dr.arange(mi.UInt32, count)
@@ -177,7 +179,9 @@ def _along_rays(
         return i + 1, total + _from_lamp(tracer, lamp, point, random.point(i, 1), random.point(i, 2))
 
     limit = dr.opaque(mi.UInt32, _RAY_SAMPLES)
-    _, total = dr.while_loop((dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), lambda i, _: i < limit, body)
+    _, total = dr.while_loop(
+        (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), lambda i, _: i < limit, body
+    )
     return np.array(total, float).reshape(*depth.shape, STEPS) / _RAY_SAMPLES
 
 

@@ -93,7 +93,10 @@ def patch_light(
 
 
 def with_albedo(
-    light: PatchLight, paint: int, diffuse: Callable[[NDArray], NDArray], direct: Callable[[NDArray, NDArray], NDArray]
+    light: PatchLight,
+    paint: int,
+    diffuse: Callable[[NDArray], NDArray],
+    direct: Callable[[NDArray, NDArray], NDArray],
 ) -> PatchLight:
     """The patches of one paint with another albedo, and one of its own for light from the lamp's direction.
 

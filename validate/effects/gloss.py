@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.render.brdf_change import Coat, changed_reflection, fresnel
@@ -15,13 +16,16 @@ __all__ = ["EFFECT"]
 #: Fresnel's reflectance of index 1.5 for diffuse light from outside: 2 Int F(c) c dc over cosines 0 to 1.
 _DIFFUSE_FRESNEL = 0.0918
 
+#: Lobes narrower than this alpha take more samples: they bundle light.
+_BROAD = 0.15
+
 
 def _apply(light: PatchLight, material: str, specular: float, roughness: float) -> PatchLight:
     if specular == 0:
         return light
     transport = light.transport
     paint = list(light.scene.materials).index(material)
-    rho = light.scene.materials[material].reflectance.at(light.wavelength_nm)
+    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in light.scene.materials.values()])
     coat = Coat(specular, roughness)
     cosine = np.linspace(0.02, 1.0, 50)
     reflected = coat.albedo(cosine)
@@ -41,6 +45,15 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
         return (1 - specular * fresnel(incoming.z)) * (1 - specular * fresnel(outgoing.z))
 
+    table = mi.Float(reflected.astype(np.float32))
+
+    def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
+        place = dr.clip((cosine_in - cosine[0]) / (cosine[1] - cosine[0]), 0, len(cosine) - 1.001)
+        index = mi.UInt32(place)
+        part = place - mi.Float(index)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return (1 - specular * fresnel(cosine_in)) * through, low + part * (high - low)
+
     added = changed_reflection(
         transport.light,
         transport.camera,
@@ -49,7 +62,8 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         paint,
         base,
         coat,
-        light.samples,
+        2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
+        albedo=means,
     )
     return changed.change(added=changed.added + added)
 

@@ -101,9 +101,7 @@ def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.f
     return result
 
 
-def _towards_camera(
-    eye: NDArray, air: AirTransport, smooth: NDArray, sigma: float
-) -> NDArray[np.float64]:
+def _towards_camera(eye: NDArray, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
     """(y, x, w) mean radiance in the air times mm of way, as it arrives at the camera.
 
     smooth : (v, w) of it all that is not the lamp's own.

@@ -53,12 +53,29 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         )
         across = incoming.x * outgoing.x + incoming.y * outgoing.y
         # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
-        lobe = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
-        return a + b * dr.select((sine_in > 0) & (sine_out > 0), lobe, 0)
+        backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
+        return a + b * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
-    rho = materials[material].reflectance.at(light.wavelength_nm)
+    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in materials.values()])
+    table = mi.Float(lobe.astype(np.float32))
+
+    def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+        place = dr.clip((cosine - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)
+        index = mi.UInt32(place)
+        part = place - mi.Float(index)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return a + b * (low + part * (high - low)), mi.Float(0)
+
     added = changed_reflection(
-        transport.light, transport.camera, changed.patch_radiance(), rho, paint, base, None, light.samples
+        transport.light,
+        transport.camera,
+        changed.patch_radiance(),
+        rho,
+        paint,
+        base,
+        None,
+        light.samples,
+        albedo=means,
     )
     return changed.change(added=changed.added + added)
 
