@@ -1,7 +1,8 @@
 """What a paint's angular reflection adds to a picture beyond Lambert's: rough-diffuse and glossy paints.
 
 Exact at the surface that the camera sees: direct light and light from the patches meet the changed
-reflection there. At further reflections the paint counts as Lambertian with the changed albedo.
+reflection there. At the reflection before, the lamp's own light does; all other counts as reflected diffusely
+with the changed albedo.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .tracer import RAY_OFFSET_MM, camera_ray, intersect, visible
 
 __all__ = ["Coat", "changed_reflection", "fresnel"]
 
+Albedo = Callable[[mi.Float], tuple[mi.Float, mi.Float]]
 Base = Callable[[mi.Vector3f, mi.Vector3f], mi.Float]
 
 
@@ -69,6 +71,19 @@ class Coat:
             0,
         )
 
+    def albedo(self, cosine: NDArray, strata: int = 96) -> NDArray[np.float64]:
+        """(n,) part of the light from directions at ``cosine`` (n,) to the normal that is reflected."""
+        place = (np.arange(strata) + 0.5) / strata
+        u, v = (mi.Float(x.astype(np.float32).ravel()) for x in np.meshgrid(place, place))
+        result = []
+        for c in np.asarray(cosine, float):
+            outgoing = mi.Vector3f(float(np.sqrt(max(1 - c * c, 0))), 0, float(c))
+            incoming = self.sample(outgoing, u, v)
+            pdf = self.density(incoming, outgoing)
+            part = dr.select(pdf > 0, self.value(incoming, outgoing) * incoming.z / pdf, 0)
+            result.append(float(dr.mean(part, axis=None).numpy().item()))
+        return np.array(result)
+
     def _density(self, half: mi.Vector3f) -> mi.Float:
         square = self.alpha * self.alpha
         cosine = half.z * half.z
@@ -89,22 +104,25 @@ def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
 
 
 def changed_reflection(
-    light: LightField, camera: Camera, radiance: NDArray, reflectance: NDArray, material: int,
-    base: Base, coat: Coat | None, samples: int = 256, seed: int = 0,
+    light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, material: int,
+    base: Base, coat: Coat | None, samples: int = 256, seed: int = 0, albedo: Albedo | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, over the lamp's, where the camera sees paint ``material``.
 
-    radiance : (p, w) of the patches, over the lamp's. reflectance : (w,) of the paint. base : diffuse reflection
+    radiance : (p, w) of the patches, over the lamp's. reflectances : (material, w) of all paints. base : diffuse reflection
     over Lambert's, as a function of the directions of incoming and outgoing light in the surface's frame.
+    albedo : of base (over Lambert's) and coat for light from a cosine, which ``radiance`` holds for the lamp's; where
+    given, what leaves a surface towards the surfaces that the camera sees gets its true direction.
     """
     tracer, patches = light.tracer, light.patches
     bands = radiance.shape[1]
     table = mi.Float(radiance.astype(np.float32).ravel())
-    rho = [dr.opaque(mi.Float, float(r)) for r in reflectance]
+    rho = [dr.opaque(mi.Float, float(r)) for r in reflectances[material]]
+    table_rho = mi.Float(np.asarray(reflectances).astype(np.float32).ravel())
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
-    points = SobolPoints(8, samples, lane, seed)
+    points = SobolPoints(8 if albedo is None else 12, samples, lane, seed)
     surfaces = len(tracer.scene.surfaces)
 
     def seen(hit, active) -> list[mi.Float]:
@@ -135,26 +153,63 @@ def changed_reflection(
         factor = base(gathered, outgoing) - 1
         change = [c + r * factor * b for c, r, b in zip(change, rho, seen(far, mine), strict=True)]
         if coat is not None:
-            pdf = coat.density(incoming, outgoing)
-            share = dr.select(per_area > 0, per_area / (per_area + pdf), 0)
-            lobe = weight * np.pi * coat.value(incoming, outgoing) * share
-            mirrored = coat.sample(outgoing, points.point(i, 6), points.point(i, 7))
-            valid = mine & (mirrored.z > 1e-6)
-            pdf = coat.density(mirrored, outgoing)
-            strength = dr.select(pdf > 0, coat.value(mirrored, outgoing) * mirrored.z / pdf, 0)
-            near = intersect(tracer, mi.Ray3f(origin, frame.to_world(mirrored)), valid)
-            on_lamp = near.front & (
-                dr.gather(mi.UInt32, tracer.packed_surface, near.triangle, near.front) == surfaces
+            u, v = points.point(i, 6), points.point(i, 7)
+            lobe, strength, near, valid = mirrored(
+                coat, frame, origin, incoming, outgoing, weight, per_area, u, v, mine
             )
-            lamp_cosine = -dr.dot(frame.to_world(mirrored), light.lamp.normal)
-            lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
-            glow = lamp_pattern(light.lamp, near.position, lamp_cosine)
-            lobe += dr.select(on_lamp, strength * glow * pdf / (pdf + lamp_pdf), 0)
             change = [
                 c + lobe + dr.select(valid, strength * b, 0)
                 for c, b in zip(change, seen(near, valid), strict=True)
             ]
-        return i + 1, [s + dr.select(mine, c, 0) for s, c in zip(sums, change, strict=True)]
+        change = [dr.select(mine, c, 0) for c in change]
+        if albedo is not None:
+            change = [
+                c + d for c, d in zip(change, turned(i, hit, origin, frame.to_world(gathered)), strict=True)
+            ]
+        return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
+
+    def mirrored(coat, frame, origin, incoming, outgoing, weight, per_area, u, v, active):
+        """The lamp by the coat, by both ways of sampling; and the coat's own direction with its strength."""
+        pdf = coat.density(incoming, outgoing)
+        share = dr.select(per_area > 0, per_area / (per_area + pdf), 0)
+        lobe = weight * np.pi * coat.value(incoming, outgoing) * share
+        direction = coat.sample(outgoing, u, v)
+        valid = active & (direction.z > 1e-6)
+        pdf = coat.density(direction, outgoing)
+        strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
+        near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
+        on_lamp = near.front & (
+            dr.gather(mi.UInt32, tracer.packed_surface, near.triangle, near.front) == surfaces
+        )
+        lamp_cosine = -dr.dot(frame.to_world(direction), light.lamp.normal)
+        lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
+        glow = lamp_pattern(light.lamp, near.position, lamp_cosine)
+        return lobe + dr.select(on_lamp, strength * glow * pdf / (pdf + lamp_pdf), 0), strength, near, valid
+
+    def turned(i, hit, origin, direction) -> list[mi.Float]:
+        """The lamp's light by way of the paint: what leaves it this way less the mean over all ways."""
+        assert albedo is not None
+        shaded = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
+        far = intersect(tracer, mi.Ray3f(origin, direction), shaded)
+        theirs = far.front & (
+            dr.gather(mi.UInt32, tracer.packed_material, far.triangle, far.front) == material
+        )
+        frame = mi.Frame3f(far.normal)
+        outgoing = frame.to_local(-direction)
+        there = far.position + far.normal * RAY_OFFSET_MM
+        weight, to_lamp, per_area = lamp_point(
+            light.lamp, there, far.normal, points.point(i, 8), points.point(i, 9), theirs
+        )
+        incoming = frame.to_local(dr.normalize(to_lamp))
+        weight = dr.select(visible(tracer, there, there + to_lamp, theirs & (weight > 0)), weight, 0)
+        base_mean, coat_mean = albedo(incoming.z)
+        diffuse, lobe = weight * (base(incoming, outgoing) - base_mean), -weight * coat_mean
+        if coat is not None:
+            u, v = points.point(i, 10), points.point(i, 11)
+            lobe += mirrored(coat, frame, there, incoming, outgoing, weight, per_area, u, v, theirs)[0]
+        paint = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
+        first = [dr.gather(mi.Float, table_rho, paint * bands + k, shaded) for k in range(bands)]
+        return [dr.select(theirs, f * (r * diffuse + lobe), 0) for f, r in zip(first, rho, strict=True)]
 
     total = dr.opaque(mi.UInt32, samples)
     start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(bands)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from .patch_transport import PatchTransport
 from .radiosity import solve
 
-__all__ = ["PatchLight", "patch_light"]
+__all__ = ["PatchLight", "patch_light", "with_albedo"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +90,28 @@ def patch_light(
         max_bounces=max_bounces,
         samples=samples,
     )  # fmt: skip
+
+
+def with_albedo(
+    light: PatchLight,
+    paint: int,
+    diffuse: Callable[[NDArray], NDArray],
+    direct: Callable[[NDArray, NDArray], NDArray],
+) -> PatchLight:
+    """The patches of one paint with another albedo, and one of its own for light from the lamp's direction.
+
+    diffuse : albedo for light from everywhere, of the paint's reflectance (n, w). direct : of (n, w) and the
+    cosines (n, 1) under which the lamp's centre is seen. What is reflected counts as diffuse.
+    """
+    field = light.transport.light
+    own = field.patches.material == paint
+    rho = light.patch_reflectance[own]
+    triangle = field.patches.triangle[own]
+    way = field.lamp.centre - field.patches.centre[own]
+    cosine = np.einsum("px,px->p", way, field.tracer.normals[triangle]) / np.linalg.norm(way, axis=1)
+    reflectance, emission = light.patch_reflectance.copy(), light.patch_emission.copy()
+    reflectance[own] = diffuse(rho)
+    if light.max_bounces is None or light.max_bounces > 1:
+        more = direct(rho, np.clip(cosine, 0, 1)[:, None]) - reflectance[own]
+        emission[own] += more * field.exchange.direct[own][:, None]
+    return light.change(patch_reflectance=reflectance, patch_emission=emission)

@@ -140,7 +140,7 @@ def test_an_unchanged_paint_changes_nothing(bright_box):
     """Lambert's own reflection, without a coat or with one of scale 0: exactly zero."""
     light, camera, radiance = bright_box
     for coat in (None, Coat(0.0, 0.2)):
-        change = changed_reflection(light, camera, radiance, np.array([0.5, 0.2]), 0, lambert, coat, 16)
+        change = changed_reflection(light, camera, radiance, np.array([[0.5, 0.2]]), 0, lambert, coat, 16)
         assert change.shape == (2, 12, 12)
         assert np.all(change == 0)
 
@@ -150,7 +150,7 @@ def test_other_paints_are_left_alone():
     scene, camera = cornell_box(), cornell_camera(16)
     light = solve_light(scene, BANDS[:2], patch_edge_mm=300.0, patch_samples=64)
     radiance, red = np.ones((len(light.patches), 2)), list(scene.materials).index("red")
-    change = changed_reflection(light, camera, radiance, np.ones(2), red, lambert, Coat(1.0, 0.2), 64)
+    change = changed_reflection(light, camera, radiance, np.ones((3, 2)), red, lambert, Coat(1.0, 0.2), 64)
     image = gather(light, camera, 4, 1)
     covered = image.coverage[
         ..., [scene.surfaces[f].material == "red" for f in image.facet_surface[:-1]] + [False]
@@ -164,7 +164,7 @@ def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
     light, camera, radiance = bright_box
     rho = np.array([0.5, 0.2])
     change = changed_reflection(
-        light, camera, radiance, rho, 0, lambda i, o: mi.Float(0.5), None, 256, seed=3
+        light, camera, radiance, rho[None], 0, lambda i, o: mi.Float(0.5), None, 256, seed=3
     )
     walls = gather(light, camera, 4, 1).coverage[..., -1] == 0
     for band, expected in zip(change, -0.5 * rho, strict=True):
@@ -182,7 +182,7 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
     """
     light, camera, radiance = bright_box
     coat = Coat(1.0, alpha)
-    change = changed_reflection(light, camera, radiance, np.zeros(2), 0, lambert, coat, 256, seed=4)
+    change = changed_reflection(light, camera, radiance, np.zeros((1, 2)), 0, lambert, coat, 256, seed=4)
     assert np.array_equal(change[0], change[1])
     image = gather(light, camera, 4, 1)
     used = image.pure & (image.surface >= 0)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.render.brdf_change import Coat, changed_reflection, fresnel
-from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.patch_light import PatchLight, with_albedo
+from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter
 
@@ -14,23 +16,43 @@ __all__ = ["EFFECT"]
 #: Fresnel's reflectance of index 1.5 for diffuse light from outside: 2 Int F(c) c dc over cosines 0 to 1.
 _DIFFUSE_FRESNEL = 0.0918
 
+#: Lobes narrower than this alpha take more samples: they bundle light.
+_BROAD = 0.15
+
 
 def _apply(light: PatchLight, material: str, specular: float, roughness: float) -> PatchLight:
     if specular == 0:
         return light
     transport = light.transport
     paint = list(light.scene.materials).index(material)
-    rho = light.scene.materials[material].reflectance.at(light.wavelength_nm)
-    coated = (transport.light.patches.material == paint)[:, None]
-    lost = specular * _DIFFUSE_FRESNEL
-    changed = light.change(
-        patch_reflectance=np.where(
-            coated, light.patch_reflectance * (1 - lost) ** 2 + lost, light.patch_reflectance
-        )
+    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in light.scene.materials.values()])
+    coat = Coat(specular, roughness)
+    cosine = np.linspace(0.02, 1.0, 50)
+    reflected = coat.albedo(cosine)
+    passed = 1 - specular * np.array(fresnel(mi.Float(cosine.astype(np.float32))))
+    through = 1 - specular * _DIFFUSE_FRESNEL
+
+    def albedo(rho: NDArray, base: NDArray | float, mirrored: NDArray | float) -> NDArray:
+        return rho * base * through + mirrored
+
+    changed = with_albedo(
+        light,
+        paint,
+        lambda rho: albedo(rho, through, 2 * float(np.trapezoid(reflected * cosine, cosine))),
+        lambda rho, c: albedo(rho, np.interp(c, cosine, passed), np.interp(c, cosine, reflected)),
     )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
         return (1 - specular * fresnel(incoming.z)) * (1 - specular * fresnel(outgoing.z))
+
+    table = mi.Float(reflected.astype(np.float32))
+
+    def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
+        place = dr.clip((cosine_in - cosine[0]) / (cosine[1] - cosine[0]), 0, len(cosine) - 1.001)
+        index = mi.UInt32(place)
+        part = place - mi.Float(index)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return (1 - specular * fresnel(cosine_in)) * through, low + part * (high - low)
 
     added = changed_reflection(
         transport.light,
@@ -39,8 +61,9 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         rho,
         paint,
         base,
-        Coat(specular, roughness),
-        light.samples,
+        coat,
+        2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
+        albedo=means,
     )
     return changed.change(added=changed.added + added)
 

@@ -5,77 +5,76 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.haze import mean_radiance
+from cboxlab.render.haze import STEPS, AirTransport, air_transport
 from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.patch_transport import PatchTransport
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
+from scipy.spatial import KDTree
 
 from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
-_STEPS_ALONG_RAY = 12
-_CELLS = 7
+#: Between patches, what the air sends onto a surface is interpolated from so many of the nearest.
+_NEIGHBOURS = 4
+
+#: Exchanges between air and surfaces; each adds a part extinction times way of the one before.
+_ROUNDS = 6
 
 
 def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLight:
-    """Attenuation on every way; light scattered once, with the picture's own light in the air; isotropic."""
+    """Attenuation on every way; all orders of scattering between cells of air, patches and lamp."""
     if extinction_per_m == 0:
         return light
     sigma = extinction_per_m * 1e-3
     transport = light.transport
-    field, patches = transport.light, transport.light.patches
-    corners = np.concatenate([s.vertices_mm for s in light.scene.surfaces])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    eye = transport.camera.position_mm
-    axes = [np.linspace(low[i] + 1, high[i] - 1, _CELLS) for i in range(2)]
-    axes.append(np.linspace(min(eye[2], low[2]) + 1, high[2] - 1, 2 * _CELLS))
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    air = mean_radiance(field, light.patch_radiance(), grid.reshape(-1, 3)).reshape(*grid.shape[:3], -1)
-    lookup = RegularGridInterpolator(tuple(axes), air, bounds_error=False, fill_value=None)
-    inside = air[:, :, axes[2] > low[2]].mean(axis=(0, 1, 2))
+    patches = transport.light.patches
+    air = air_transport(transport)
+    hazy = _attenuated(transport, air.lamp_centre, sigma)
+    changed = light.change(transport=hazy)
 
-    lamp_centre = field.tracer.lamp_triangles.reshape(-1, 3).mean(axis=0)
+    passed = np.exp(-sigma * _distances(air.centres, patches.centre))
+    seen = air.seen * passed
+    # reciprocity: what a cell sends to a patch is what it sees of it
+    onto_patches = 4 * (air.volume[:, None] * seen).T / patches.area[:, None]
+    lamp = air.lamp * np.exp(-sigma * np.linalg.norm(air.centres - air.lamp_centre, axis=1))
+    surround = np.outer(air.escape, light.surround)
+    between = air.between_cells(sigma)
+    source = np.zeros((len(air.volume), len(light.surround)))
+    for _ in range(_ROUNDS):
+        arriving = onto_patches @ source
+        lit = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
+        smooth = surround + seen @ lit.patch_radiance() + between @ source
+        source = sigma * albedo * (lamp[:, None] + smooth)
+    onto_fragments = _between_patches(transport, onto_patches @ source)
+    lit = lit.change(fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments)
+    scattered = albedo * sigma * _towards_camera(transport.camera.position_mm, air, smooth, sigma)
+    picture = lit.picture()
+    added = picture * (np.exp(-sigma * air.depth) - 1) + np.moveaxis(scattered, -1, 0)
+    return lit.change(added=lit.added + added)
 
-    def exchange(matrix: NDArray, positions: NDArray, direct: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """The matrix and direct light with attenuation, and the part of the hemisphere that scatters."""
-        passed = np.exp(-sigma * _distances(positions, patches.centre)).astype(np.float32)
-        kept = matrix * passed
-        lost = matrix.sum(axis=1) - kept.sum(axis=1)
-        return (
-            kept,
-            direct * np.exp(-sigma * np.linalg.norm(positions - lamp_centre, axis=1)).astype(np.float32),
-            lost,
-        )
 
-    form_factors, direct, patch_lost = exchange(
-        field.exchange.form_factors, patches.centre, field.exchange.direct
+def _attenuated(transport: PatchTransport, lamp_centre: NDArray, sigma: float) -> PatchTransport:
+    field = transport.light
+    centre = field.patches.centre
+
+    def passed(positions: NDArray) -> tuple[NDArray, NDArray]:
+        to_lamp = np.linalg.norm(positions - lamp_centre, axis=1)
+        return np.exp(-sigma * _distances(positions, centre)), np.exp(-sigma * to_lamp).astype(np.float32)
+
+    among, patch_lamp = passed(centre)
+    onto, fragment_lamp = passed(transport.position)
+    exchange = replace(
+        field.exchange,
+        form_factors=field.exchange.form_factors * among,
+        direct=field.exchange.direct * patch_lamp,
     )
-    gather, fragment_direct, fragment_lost = exchange(transport.gather, transport.position, transport.direct)
-    hazy = replace(
+    return replace(
         transport,
-        light=replace(field, exchange=replace(field.exchange, form_factors=form_factors, direct=direct)),
-        gather=gather,
-        direct=fragment_direct,
+        light=replace(field, exchange=exchange),
+        gather=transport.gather * onto,
+        direct=transport.direct * fragment_lamp,
     )
-    scattered = albedo * inside
-    changed = light.change(
-        transport=hazy,
-        patch_emission=light.patch_emission + light.patch_reflectance * np.outer(patch_lost, scattered),
-        fragment_emission=light.fragment_emission
-        + light.fragment_reflectance * np.outer(fragment_lost, scattered),
-    )
-    depth, direction = _depth(light, lamp_centre, high[2])
-    arrived = np.exp(-sigma * depth)
-    seen = changed.picture()
-    added = seen * (arrived - 1)
-    for step in range(_STEPS_ALONG_RAY):
-        along = (step + 0.5) / _STEPS_ALONG_RAY * depth
-        source = lookup(eye + along[..., None] * direction)
-        added += np.moveaxis(
-            source * (albedo * sigma * np.exp(-sigma * along) * depth / _STEPS_ALONG_RAY)[..., None], -1, 0
-        )
-    return changed.change(added=changed.added + added)
 
 
 def _distances(a: NDArray, b: NDArray) -> NDArray[np.float32]:
@@ -85,18 +84,37 @@ def _distances(a: NDArray, b: NDArray) -> NDArray[np.float32]:
     return np.sqrt(np.maximum(square, 0))
 
 
-def _depth(light: PatchLight, lamp_centre: NDArray, back_mm: float) -> tuple[NDArray, NDArray]:
-    """(y, x) mm to what each pixel sees (the back wall's plane where it sees nothing), and directions (y, x, 3)."""
-    t, camera = light.transport, light.transport.camera
-    rows, columns = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(float)
-    direction = camera.directions(columns, rows)
-    reach = np.linalg.norm(t.position - camera.position_mm, axis=1)
-    flat = np.bincount(t.pixel, t.coverage * reach, minlength=rows.size).reshape(rows.shape)
-    lamp = np.maximum(
-        t.covered - np.bincount(t.pixel, t.coverage, minlength=rows.size).reshape(rows.shape), 0
-    )
-    empty = (back_mm - camera.position_mm[2]) / np.maximum(direction[..., 2], 1e-3)
-    return flat + lamp * np.linalg.norm(lamp_centre - camera.position_mm) + (1 - t.covered) * empty, direction
+def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.float64]:
+    """(f, w) at the fragments from (p, w) at the patches of the same face, nearer ones more."""
+    patches, tracer = transport.light.patches, transport.light.tracer
+    facet = tracer.facet[patches.triangle]
+    result = np.zeros((len(transport.face), values.shape[1]))
+    for face in np.unique(transport.face):
+        own, here = transport.face == face, np.flatnonzero(facet == face)
+        distance, nearest = KDTree(patches.centre[here]).query(
+            transport.position[own], min(_NEIGHBOURS, len(here))
+        )
+        distance, nearest = distance.reshape(own.sum(), -1), nearest.reshape(own.sum(), -1)
+        weight = 1 / np.maximum(distance, 1.0) ** 2
+        weight /= weight.sum(axis=1, keepdims=True)
+        result[own] = np.einsum("fk,fkw->fw", weight, values[here[nearest]])
+    return result
+
+
+def _towards_camera(eye: NDArray, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
+    """(y, x, w) mean radiance in the air times mm of way, as it arrives at the camera.
+
+    smooth : (v, w) of it all that is not the lamp's own.
+    """
+    total = np.zeros((*air.depth.shape, smooth.shape[1]))
+    length = air.depth / STEPS
+    for step in range(STEPS):
+        along = (step + 0.5) * length
+        point = eye + along[..., None] * air.direction
+        lamp = air.ray_lamp[..., step] * np.exp(-sigma * np.linalg.norm(point - air.lamp_centre, axis=-1))
+        radiance = air.at(point, smooth) + lamp[..., None]
+        total += radiance * (np.exp(-sigma * along) * length)[..., None]
+    return total
 
 
 EFFECT = Effect(
@@ -111,5 +129,8 @@ EFFECT = Effect(
     apply=_apply,
     confirm="Photograph a black trap near the camera and one at the back wall: haze makes the far one brighter, "
     "glare in the lens both alike.",
-    sources=("single scattering: Chandrasekhar, 'Radiative Transfer', 1950",),
+    sources=(
+        "Chandrasekhar, 'Radiative Transfer', 1950",
+        "zones of gas and surface: Hottel and Sarofim, 'Radiative Transfer', 1967",
+    ),
 )

@@ -8,22 +8,25 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.render.brdf_change import changed_reflection
-from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.patch_light import PatchLight, with_albedo
+from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
 
+_COSINES = np.linspace(0.01, 1.0, 60)
+
+
 @lru_cache(maxsize=1)
-def _mean_of_lobe() -> float:
-    """Mean over both cosine-weighted hemispheres of max(0, cos phi) sin(larger) tan(smaller angle)."""
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+def _lobe_albedo() -> NDArray[np.float64]:
+    """Mean over the cosine-weighted hemisphere of max(0, cos phi) sin(larger) tan(smaller angle), at _COSINES."""
+    nodes, weights = np.polynomial.legendre.leggauss(96)
     angle, weight = (nodes + 1) * np.pi / 4, weights * np.pi / 4
-    a, b = np.meshgrid(angle, angle)
+    a, b = np.meshgrid(np.arccos(_COSINES), angle, indexing="ij")
     lobe = np.sin(np.maximum(a, b)) * np.tan(np.minimum(a, b))
-    cosine_weight = 2 * np.sin(angle) * np.cos(angle) * weight
-    return float(cosine_weight @ lobe @ cosine_weight) / np.pi
+    return lobe @ (2 * np.sin(angle) * np.cos(angle) * weight) / np.pi
 
 
 def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
@@ -34,10 +37,13 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     paint = list(materials).index(material)
     square = sigma_rad**2
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
-    rough = (transport.light.patches.material == paint)[:, None]
-    albedo = a + b * _mean_of_lobe()
-    changed = light.change(
-        patch_reflectance=np.where(rough, light.patch_reflectance * albedo, light.patch_reflectance)
+    lobe = _lobe_albedo()
+    mean = 2 * float(np.trapezoid(lobe * _COSINES, _COSINES))
+    changed = with_albedo(
+        light,
+        paint,
+        lambda rho: rho * (a + b * mean),
+        lambda rho, cosine: rho * (a + b * np.interp(cosine, _COSINES, lobe)),
     )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
@@ -47,12 +53,29 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         )
         across = incoming.x * outgoing.x + incoming.y * outgoing.y
         # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
-        lobe = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
-        return a + b * dr.select((sine_in > 0) & (sine_out > 0), lobe, 0)
+        backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
+        return a + b * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
-    rho = materials[material].reflectance.at(light.wavelength_nm)
+    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in materials.values()])
+    table = mi.Float(lobe.astype(np.float32))
+
+    def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+        place = dr.clip((cosine - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)
+        index = mi.UInt32(place)
+        part = place - mi.Float(index)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return a + b * (low + part * (high - low)), mi.Float(0)
+
     added = changed_reflection(
-        transport.light, transport.camera, changed.patch_radiance(), rho, paint, base, None, light.samples
+        transport.light,
+        transport.camera,
+        changed.patch_radiance(),
+        rho,
+        paint,
+        base,
+        None,
+        light.samples,
+        albedo=means,
     )
     return changed.change(added=changed.added + added)
 
