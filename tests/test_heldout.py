@@ -13,7 +13,12 @@ COUNT = int(np.prod(SHAPE))
 def model():
     everywhere = np.ones(SHAPE, bool)
     return LinearModel(
-        everywhere, np.ones(COUNT, bool), np.ones(COUNT), np.zeros((COUNT + 11, 11)), np.zeros(COUNT + 11)
+        everywhere,
+        np.ones(COUNT, bool),
+        np.zeros(COUNT, int),
+        np.ones(COUNT),
+        np.zeros((COUNT + 11, 11)),
+        np.zeros(COUNT + 11),
     )
 
 

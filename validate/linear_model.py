@@ -27,6 +27,10 @@ _EDGE_ERROR_PX = 0.005
 _FROM_EDGE_PX = 2
 
 
+#: Patches of the image across and down, within which what the model lacks may go together.
+_PATCHES = 8
+
+
 def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     """(band, y, x) DN^2: variance of the base picture's own error, by level and by local contrast."""
     contrast = maximum_filter(signal, (0, 3, 3)) - minimum_filter(signal, (0, 3, 3))
@@ -35,14 +39,15 @@ def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. sigma : (n,) DN of
-    the used pixels. basis : (n + 11, 11) orthonormal, of the nuisances.
+    """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
+    of the patch of the image that it lies in. sigma : (n,) DN. basis : (n + 11, 11) orthonormal, of the nuisances.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
 
     used: NDArray[np.bool_]
     interior: NDArray[np.bool_]
+    patch: NDArray[np.int64]
     sigma: NDArray[np.float64]
     basis: NDArray[np.float64]
     residual: NDArray[np.float64]
@@ -126,4 +131,6 @@ def build_linear_model(
     residual[count:] = priors @ np.append(calibrated.parameters - fit.camera.parameters, 1 - fit.lamp_scale)
     basis = np.linalg.qr(design / np.linalg.norm(design, axis=0))[0]
     projected = residual - basis @ (basis.T @ residual)
-    return LinearModel(used, np.broadcast_to(inside, used.shape)[used], sigma, basis, projected)
+    rows, columns = np.indices(used.shape[1:]) * _PATCHES // np.array(used.shape[1:])[:, None, None]
+    patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]
+    return LinearModel(used, np.broadcast_to(inside, used.shape)[used], patch, sigma, basis, projected)

@@ -14,7 +14,17 @@ from .hypotheses import Hypothesis
 from .linear_model import LinearModel
 from .predictor import Predictor
 
-__all__ = ["Candidate", "Problem", "Signature", "fit", "numeric_steps", "problem", "screen", "signature"]
+__all__ = [
+    "Candidate",
+    "Problem",
+    "Signature",
+    "clustered_variance",
+    "fit",
+    "numeric_steps",
+    "problem",
+    "screen",
+    "signature",
+]
 
 _ROUNDS = 4
 
@@ -153,6 +163,19 @@ def _solve(columns: NDArray, residual: NDArray) -> tuple[NDArray, NDArray]:
     return covariance @ (unit.T @ residual) / size, covariance / np.outer(size, size)
 
 
+def clustered_variance(
+    model: LinearModel, design: NDArray, inverse: NDArray, residual: NDArray
+) -> NDArray[np.float64]:
+    """(parameter,) variances that hold for residuals which go together within patches of the image and over bands.
+
+    What is left is not noise alone, and its flaws are those of neighbourhoods: Liang and Zeger, "Longitudinal data
+    analysis using generalized linear models", Biometrika 73(1), 1986, with patches as clusters.
+    """
+    scores = design[: model.count] * residual[: model.count, None]
+    sums = np.array([np.bincount(model.patch, weights=column) for column in scores.T])
+    return np.diag(inverse @ (sums @ sums.T) @ inverse)
+
+
 def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candidate:
     """Refine a screened candidate by Gauss-Newton on its exact predictions; peaks and lobes may move too."""
     hypothesis = start.hypothesis
@@ -177,10 +200,14 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candi
             moved = {**best.numbers, p.name: _from_coordinate(p, here + step)}
             columns.append(task.change(hypothesis.at(moved)) - best.predicted)
             steps.append(step)
-        shift, covariance = _solve(np.array(columns).T, residual - best.predicted)
+        design = np.array(columns).T
+        shift, covariance = _solve(design, residual - best.predicted)
+        spread = np.maximum(
+            np.diag(covariance), clustered_variance(task.model, design, covariance, residual - best.predicted)
+        )
         sigma = {
-            p.name: abs(s) * float(np.sqrt(max(c, 0.0)))
-            for p, s, c in zip(numeric, steps, np.diag(covariance), strict=True)
+            p.name: abs(s) * float(np.sqrt(max(v, 0.0)))
+            for p, s, v in zip(numeric, steps, spread, strict=True)
         }
         improved = False
         for damping in (1.0, 0.4, 0.15):

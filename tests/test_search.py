@@ -1,0 +1,39 @@
+"""The stated errors of an effect's parameters, for residuals that are more than independent noise."""
+
+import numpy as np
+from cboxlab.validate.linear_model import LinearModel
+from cboxlab.validate.search import clustered_variance
+
+PATCHES, EACH, TRIALS = 64, 30, 600
+
+
+def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
+    """Residuals with a common part in each patch: estimates over their stated error have unit variance.
+
+    The variance of 600 standard normal numbers is 1 +- 0.058; a few per cent are lost to 64 patches. With
+    independent noise assumed it would be 1 + 0.25 * 29 * (pattern's share), several times too much.
+    """
+    generator = np.random.default_rng(11)
+    count = PATCHES * EACH
+    patch = np.repeat(np.arange(PATCHES), EACH)
+    everything = np.ones((1, PATCHES, EACH), bool)
+    model = LinearModel(
+        everything,
+        np.ones(count, bool),
+        patch,
+        np.ones(count),
+        np.zeros((count + 11, 11)),
+        np.zeros(count + 11),
+    )
+    column = np.append(1 + 0.3 * generator.standard_normal(count), np.zeros(11))
+    inverse = np.array([[1 / (column @ column)]])
+    honest, naive = [], []
+    for _ in range(TRIALS):
+        flaw = 0.5 * generator.standard_normal(PATCHES)[patch]
+        residual = np.append(flaw + generator.standard_normal(count), np.zeros(11))
+        estimate = float(column @ residual) * inverse[0, 0]
+        left = residual - estimate * column
+        honest.append(estimate / np.sqrt(clustered_variance(model, column[:, None], inverse, left)[0]))
+        naive.append(estimate / np.sqrt(inverse[0, 0]))
+    assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
+    assert np.var(naive) > 4
