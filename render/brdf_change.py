@@ -109,8 +109,8 @@ def changed_reflection(
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, over the lamp's, where the camera sees paint ``material``.
 
-    radiance : (p, w) of the patches, over the lamp's. reflectances : (material, w) of all paints. base : diffuse reflection
-    over Lambert's, as a function of the directions of incoming and outgoing light in the surface's frame.
+    radiance : (p, w) of the patches, over the lamp's. reflectances : (material, w) of all paints. base : diffuse
+    reflection over Lambert's, as a function of the directions of incoming and outgoing light in the surface's frame.
     albedo : of base (over Lambert's) and coat for light from a cosine, which ``radiance`` holds for the lamp's; where
     given, what leaves a surface towards the surfaces that the camera sees gets its true direction.
     """

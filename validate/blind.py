@@ -43,17 +43,25 @@ class Answer:
 def draw_effect(generator: np.random.Generator, allowed: Sequence[str] = ()) -> AppliedEffect:
     """One effect of the catalogue with parameters by chance; ``allowed`` : identifiers, all where empty.
 
+    Interreflection, which only a model that stops too early can lack, is drawn only where it is named.
+
     A number lies step * 10^U away from its null, U uniform from 0 to log10(STRONGEST_STEPS), on either side
     that its bounds leave; without a finite null, as far from its lower bound. Names are drawn evenly.
     Raises InputError for an unknown identifier, or an effect that no capture can contain.
     """
     known = catalogue()
-    possible = {name: effect for name, effect in known.items() if effect.stage in SIMULATED_STAGES}
+    possible = {
+        name: effect
+        for name, effect in known.items()
+        if effect.stage in SIMULATED_STAGES or (name in allowed and name == "interreflection")
+    }
     for name in allowed:
         if name not in possible:
             hint = suggestion(name, possible)
             raise InputError("--effects", repr(name), f"one or more of {', '.join(possible)}", hint)
     effect = possible[str(generator.choice(sorted(allowed or possible)))]
+    if effect.stage == "settings":
+        return AppliedEffect(effect, {"max_bounces": np.inf})
     return AppliedEffect(effect, {p.name: _drawn(p, generator) for p in effect.parameters})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,9 +22,12 @@ from .console import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from cboxlab.render.laboratory import CaptureSettings
     from cboxlab.scenes.camera import Camera
 
     from .blind import Answer, Score
+    from .effects import AppliedEffect
     from .model import Model
 
 __all__ = ["capture", "render", "reveal", "simulate"]
@@ -34,6 +38,9 @@ ModelArgument = Annotated[
         metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box.", show_default=False
     ),
 ]
+
+#: Effects drawn until one can be made as strong as asked for.
+_DRAWS = 8
 
 #: Cubes and captures that take more memory than this are refused before anything is computed.
 LARGEST_SIZE = 8192
@@ -159,39 +166,87 @@ def capture(
         bool, typer.Option("--hide", help="Seal what is in it: the model's effects, or one by chance.")
     ] = False,
     effects: Annotated[str | None, typer.Option(help="With --hide: draw one of these (id,id).")] = None,
+    strength: Annotated[
+        str | None, typer.Option(help="With --hide: weak, medium or strong, by chi2 at this size.")
+    ] = None,
 ) -> None:
-    """A synthetic capture by the forward model, openly or with a hidden effect and a sealed answer."""
+    """A synthetic capture by the forward model, openly or with a hidden effect and a sealed answer.
+
+    With --hide the laboratory's camera, exposures and survey vary too, and the blocks stand a little beside their
+    surveyed places. For the hidden effect interreflection a model that stops too early lies in the capture's folder.
+    """
     import numpy as np
     from cboxlab.render.laboratory import CaptureSettings
     from cboxlab.scenes.files import replacing_folder
 
-    from .blind import draw_effect, seal
+    from .blind import seal
+    from .model import write_model
     from .synthetic import perturbed_camera, write_model_capture
+    from .varied import settled, varied_settings
 
     error = positive_number(noise, "--noise")
-    if effects is not None and not hide:
-        raise InputError(
-            "--effects", "no --hide", "--hide with it", "`cbox add` puts effects into a model openly."
-        )
+    for option, value in (("--effects", effects), ("--strength", strength)):
+        if value is not None and not hide:
+            hint = "`cbox add` puts effects into a model openly."
+            raise InputError(option, "no --hide", "--hide with it", hint)
     require_folder(out.parent)
     chosen = _model(model)
     number = secrets.randbits(63) if seed is None else seed
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
-    if hide and (effects is not None or not chosen.effects):
-        chosen = chosen.with_effect(draw_effect(generator, tuple(effects.split(",")) if effects else ()))
+    camera = perturbed_camera(size, number)
+    settings = varied_settings(number) if hide else CaptureSettings()
     require_compiled()
+    truncated = None
+    if hide and (effects is not None or strength is not None or not chosen.effects):
+        names = tuple(effects.split(",")) if effects else ()
+        drawn = _drawn(chosen, names, strength, generator, camera, settings, number)
+        if drawn.effect.stage == "settings":
+            bounces = int(generator.integers(1, 4))
+            truncated = replace(chosen, render=replace(chosen.render, max_bounces=bounces), name="truncated")
+        chosen = chosen.with_effect(drawn)
     with replacing_folder(out) as temporary:
         with bar("rendering") as report:
+            inside = [effect for effect in chosen.effects if effect.effect.stage != "settings"]
             write_model_capture(
-                temporary, chosen, perturbed_camera(size, number), CaptureSettings(), number, error, report
-            )
+                temporary, replace(chosen, effects=tuple(inside)), camera, settings, number, error, report,
+                (lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
+            )  # fmt: skip
+        if truncated is not None:
+            write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, chosen.effects, generator) if hide else ""
     if hide:
         say(f"Sealed. Keep this hash, so that no answer can change unnoticed: {digest}")
         say(f"Open it with: cbox reveal {out}")
+        if truncated is not None:
+            say(f"Its model is not the published box: cbox diagnose {out} --model {out / 'model.toml'}")
     elif chosen.effects:
         say(f"Effects in it: {', '.join(effect.id for effect in chosen.effects)}")
     say(f"Capture: {out} ({size} x {size} px" + ("" if hide else f", seed {number}") + ")")
+
+
+def _drawn(
+    model: Model, names: tuple[str, ...], strength: str | None, generator: np.random.Generator, camera: Camera,
+    settings: CaptureSettings, seed: int,
+) -> AppliedEffect:  # fmt: skip
+    """An effect by chance, as strong as asked for. Raises InputError where none of those named can be."""
+    from .blind import draw_effect
+    from .strengths import STRENGTHS, at_strength, scale_of
+
+    if strength is None:
+        return draw_effect(generator, names)
+    if strength not in STRENGTHS:
+        raise InputError("--strength", repr(strength), f"one of {', '.join(STRENGTHS)}")
+    first = draw_effect(generator, names)
+    with bar("weighing effects"):
+        scale = scale_of(model, camera, settings, seed)
+        for _ in range(_DRAWS):
+            found = at_strength(first, STRENGTHS[strength], scale)
+            if found is not None:
+                return found
+            first = draw_effect(generator, names)
+    raise InputError(
+        "--strength", f"'{strength}', which {first.id} does not reach", "less, or another effect"
+    )
 
 
 def reveal(

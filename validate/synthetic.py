@@ -35,6 +35,7 @@ from .expected import integral_responses
 from .forward import after_stage, render_to_precision
 from .model import Model
 from .sensing import CURVE_NM, FIELD_ANGLES, field_sine_squared
+from .transported import transported
 
 __all__ = [
     "SIMULATED_STAGES",
@@ -45,7 +46,7 @@ __all__ = [
 ]
 
 #: Stages whose effects a capture can contain; "settings" are the model's own shortcomings, not the box's.
-SIMULATED_STAGES = ("scene", "camera", "filter", "optics", "counts")
+SIMULATED_STAGES = ("scene", "transport", "camera", "filter", "optics", "counts")
 
 #: Effects of the stage "counts" that act on counts as they are read out; all others act on charge.
 READOUT_EFFECTS = frozenset({"nonlinearity", "dark-offset"})
@@ -201,11 +202,13 @@ def write_model_capture(
     seed: int,
     relative_error: float = 1e-3,
     progress: Callable[[float], None] | None = None,
+    box: Callable[[Scene], Scene] = lambda scene: scene,
 ) -> None:
     """Render the model with all its effects through ``camera`` and photograph it; all or nothing.
 
     camera : the true one when the points are surveyed. relative_error : of the render, median over pixels; it
-    is not part of the noise that the capture states. Repeatable by ``seed``.
+    is not part of the noise that the capture states. box : how the real box differs from the surveyed scene.
+    Repeatable by ``seed``.
 
     Raises InputError for effects that no capture can contain, and see ``write_photographs``.
     """
@@ -216,9 +219,10 @@ def write_model_capture(
                 f"effects on {', '.join(SIMULATED_STAGES)}",
             )  # fmt: skip
     scene = photographed_scene(model)
-    altered = after_stage(scene, model.effects, "scene")
+    altered = after_stage(box(scene), model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
     image = render_to_precision(altered, moved, WAVELENGTH_NM, relative_error, None, seed, progress)
+    image = transported(image, altered, moved, model.effects, seed)
     photograph_image(folder, image, model.effects, scene, camera, settings, seed)
 
 
