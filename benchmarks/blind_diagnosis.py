@@ -1,9 +1,10 @@
-"""Blind practice: captures with hidden effects drawn by chance, diagnosed, and scored.
+"""Blind practice: captures with hidden effects, diagnosed and scored as a stranger would.
 
-Each capture has its own camera, lamp error, exposures and noise. Every ``--none-every``-th holds no effect, every
-``--pair-every``-th two. Only effects that the simulated laboratory can photograph are drawn; those of light
-transport (gloss, haze, fluorescence ...) share their formulas with the diagnosis, so a test on them would prove
-nothing. The last line printed with --json is one JSON object.
+Every capture has its own camera, detector, exposures, survey and noise, and its blocks stand a little beside where
+they were surveyed. Kinds: every effect of the catalogue by itself at every strength (chi2 per sample of 0.06, 1 and
+8), pairs of effects, nothing at all, and effects that the catalogue does not hold. Finished captures are kept in
+--results (JSON lines), so that an interrupted run goes on where it stopped; --part K/N does a share of the set. The
+last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations
@@ -13,111 +14,240 @@ import json
 import os
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from cboxlab.render.laboratory import CaptureSettings
 from cboxlab.validate.blind import draw_effect
 from cboxlab.validate.diagnosis import Diagnosis, diagnose
-from cboxlab.validate.effects import AppliedEffect
+from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model, RenderSettings
 from cboxlab.validate.pipeline import validate
+from cboxlab.validate.strengths import STRENGTHS, Scale, at_strength, scale_of
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validate.varied import settled, varied_settings
+from outside_effects import OUTSIDE
+
+_DRAWS = 8
+
+#: A fitted number is right within this part of its distance from null, or within so many standard deviations.
+_CLOSE, _SIGMAS = 0.15, 2.0
 
 
-def right(truth: AppliedEffect, diagnosis: Diagnosis) -> bool:
-    """The first answer is the effect, or its group holds it; a named paint, surface or band must be right too."""
-    if not diagnosis.selected or diagnosis.selected[0] == "unknown":
-        return False
-    names = {diagnosis.selected[0]}
-    for group in diagnosis.indistinguishable:
-        names |= set(group) if diagnosis.selected[0] in group else set()
-    if truth.id not in names:
-        return False
-    answer = diagnosis.path[-1].effects[0]
-    chosen = {k: v for k, v in truth.values.items() if isinstance(v, str)}
-    return answer.id != truth.id or all(answer.values[k] == v for k, v in chosen.items())
+@dataclass(frozen=True)
+class Case:
+    """One capture. kind : single, pair, none or outside. names : what is in it. strength : one of STRENGTHS."""
+
+    kind: str
+    names: tuple[str, ...]
+    strength: str
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Names the capture in the results."""
+        return f"{self.kind}:{'+'.join(self.names)}:{self.strength}:{self.seed}"
 
 
-def worst_parameter(truth: AppliedEffect, diagnosis: Diagnosis) -> float:
-    """Largest of the parameters' errors, relative to the distance from null; NaN where the effect was not chosen."""
-    for answer in diagnosis.path[-1].effects:
-        if answer.id == truth.id:
-            errors = []
+def cases(options: argparse.Namespace) -> list[Case]:
+    """The whole set, the same for the same options."""
+    names = options.effects.split(",") if options.effects else [*catalogue()]
+    strengths = options.strengths.split(",")
+    found = []
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        found += [Case("single", (name,), strength, seed) for name in names for strength in strengths]
+    generator = np.random.default_rng(options.first_seed)
+    able = [name for name in names if catalogue()[name].stage != "settings"]
+    for index in range(options.pairs):
+        pair = tuple(str(name) for name in generator.choice(able, 2, replace=False))
+        found.append(Case("pair", pair, "medium", options.first_seed + 1000 + index))
+    found += [Case("none", (), "", options.first_seed + 2000 + index) for index in range(options.nones)]
+    for index in range(options.outside):
+        name = [*OUTSIDE][index % len(OUTSIDE)]
+        strength = ("medium", "strong")[(index // len(OUTSIDE)) % 2]
+        found.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
+    return found
+
+
+def drawn(name: str, strength: str, generator: np.random.Generator, scale: Scale) -> AppliedEffect | None:
+    """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
+    for _ in range(_DRAWS):
+        if name in OUTSIDE:
+            place = {"row": float(generator.uniform()), "column": float(generator.uniform())}
+            trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **place})
+        else:
+            trial = draw_effect(generator, (name,))
+        found = at_strength(trial, STRENGTHS[strength], scale)
+        if found is not None:
+            return found
+    return None
+
+
+def run(case: Case) -> dict[str, Any] | None:
+    """Make one capture, diagnose it, and score the answer; None where the effect cannot be so strong."""
+    generator = np.random.default_rng([case.seed, len(case.key)])
+    camera, settings = perturbed_camera(128, case.seed), varied_settings(case.seed)
+    model = Model(render=RenderSettings(seed=case.seed))
+    given, effects = Model(), []
+    if case.names == ("interreflection",):
+        given = Model(render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
+        effects = [AppliedEffect(catalogue()["interreflection"], {"max_bounces": np.inf})]
+    elif case.names:
+        scale = scale_of(model, camera, settings, case.seed)
+        for name in case.names:
+            one = drawn(name, case.strength, generator, scale)
+            if one is None:
+                return None
+            effects.append(one)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "capture"
+        inside = tuple(e for e in effects if e.effect.stage != "settings")
+        write_model_capture(
+            path, replace(model, effects=inside), camera, settings, case.seed, 0.002, None,
+            lambda scene: settled(scene, case.seed),
+        )  # fmt: skip
+        start = time.perf_counter()
+        diagnosis = diagnose(validate(path, given))
+        seconds = time.perf_counter() - start
+    return {
+        "key": case.key,
+        "kind": case.kind,
+        "strength": case.strength,
+        "truth": {e.id: dict(e.values) for e in effects},
+        "selected": list(diagnosis.selected),
+        "groups": [list(g) for g in diagnosis.indistinguishable],
+        "first": diagnosis.ranking[0].effect,
+        "first_three": [r.effect for r in diagnosis.ranking[:3]],
+        "probability": diagnosis.ranking[0].probability,
+        "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},
+        "parameters_right": _parameters_right(effects, diagnosis),
+        "chi2_per_dof": diagnosis.chi2_per_dof,
+        "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
+        "seconds": seconds,
+    }
+
+
+def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> list[bool]:
+    """For every number of an effect that was found, whether it is close to the truth or within its stated error."""
+    last, right = diagnosis.path[-1], []
+    for truth in effects:
+        for answer, sigma in zip(last.effects, last.sigma, strict=True):
+            if answer.id != truth.id or truth.id not in catalogue():
+                continue
             for p in truth.effect.numbers:
-                null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
                 true, found = float(truth.values[p.name]), float(answer.values[p.name])
-                if np.isfinite(true) and np.isfinite(found) and true != null:
-                    errors.append(abs(found - true) / abs(true - null))
-            return max(errors, default=float("nan"))
-    return float("nan")
+                if not (np.isfinite(true) and np.isfinite(found)):
+                    continue
+                null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
+                allowed = max(_CLOSE * abs(true - null), _SIGMAS * sigma.get(p.name, 0.0))
+                right.append(bool(abs(found - true) <= allowed))
+    return right
+
+
+def named(row: dict[str, Any]) -> bool:
+    """Whether the answer is right: the effect, its group, both of a pair, nothing, or unknown."""
+    if row["kind"] == "none":
+        return not row["selected"]
+    if row["kind"] == "outside":
+        return row["selected"][:1] == ["unknown"]
+    if row["kind"] == "pair":
+        return all(name in _with_groups(row, row["selected"]) for name in row["truth"])
+    return bool(set(row["truth"]) & _with_groups(row, row["selected"][:1]))
+
+
+def _with_groups(row: dict[str, Any], names: Sequence[str]) -> set[str]:
+    return set(names).union(*(g for g in row["groups"] if g[0] in names)) - {"unknown"}
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Shares of right answers by kind and strength, and what else the issue of trust asks for."""
+
+    def share(chosen: Sequence[dict[str, Any]], of: Callable[[dict[str, Any]], bool] = named) -> list[float]:
+        return [float(np.mean([of(r) for r in chosen])) if chosen else float("nan"), len(chosen)]
+
+    singles = [r for r in rows if r["kind"] == "single"]
+    numbers = [right for r in singles for right in r["parameters_right"]]
+    sizes = [len(next((g for g in r["groups"] if g[0] == r["first"]), [1])) for r in singles if r["selected"]]
+    return {
+        **{f"right_{s}": share([r for r in singles if r["strength"] == s]) for s in STRENGTHS},
+        "first_three": share(singles, lambda r: bool(set(r["truth"]) & set(r["first_three"]))),
+        "none_right": share([r for r in rows if r["kind"] == "none"]),
+        "outside_unknown": share([r for r in rows if r["kind"] == "outside"]),
+        "pairs_both": share([r for r in rows if r["kind"] == "pair"]),
+        "parameters_right": [float(np.mean(numbers)) if numbers else float("nan"), len(numbers)],
+        "mean_group": float(np.mean(sizes)) if sizes else float("nan"),
+        "median_seconds": float(np.median([r["seconds"] for r in rows])),
+        "reliability": reliability(singles),
+    }
+
+
+def reliability(rows: list[dict[str, Any]]) -> list[dict[str, float]]:
+    """Stated probability of the first answer against how often it was right, in bins of probability."""
+    table = []
+    for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
+        inside = [r for r in rows if low <= r["probability"] < high and r["selected"]]
+        if inside:
+            right = [r["first"] in r["truth"] for r in inside]
+            stated = float(np.mean([r["probability"] for r in inside]))
+            table.append({"stated": stated, "right": float(np.mean(right)), "captures": len(inside)})
+    return table
+
+
+def print_tables(rows: list[dict[str, Any]]) -> None:
+    """The confusion table as it is, and the summary."""
+    answers: dict[str, Counter[str]] = {}
+    for row in rows:
+        truth = "+".join(row["truth"]) or "none"
+        answers.setdefault(truth, Counter())["+".join(row["selected"]) or "none"] += 1
+    print("\ntruth -> answers")
+    for truth, counts in sorted(answers.items()):
+        print(f"  {truth:40} " + ", ".join(f"{name} {count}" for name, count in counts.most_common()))
+    print("\nmeasure: share, of how many")
+    for name, value in summary(rows).items():
+        print(f"  {name:18} {value}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--captures", type=int, default=12)
+    parser.add_argument("--effects", default="", help="identifiers, comma separated; all where empty")
+    parser.add_argument("--strengths", default=",".join(STRENGTHS))
+    parser.add_argument("--seeds", type=int, default=1, help="captures of each effect and strength")
+    parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--nones", type=int, default=10)
+    parser.add_argument("--outside", type=int, default=12)
     parser.add_argument("--first-seed", type=int, default=100)
-    parser.add_argument("--none-every", type=int, default=4)
-    parser.add_argument("--pair-every", type=int, default=6)
-    parser.add_argument("--size", type=int, default=128)
+    parser.add_argument("--part", default="1/1")
+    parser.add_argument("--results", type=Path, default=Path("blind-results.jsonl"))
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows = []
-    for index in range(options.captures):
-        seed = options.first_seed + index
-        generator = np.random.default_rng(seed)
-        count = 0 if index % options.none_every == 0 else 2 if index % options.pair_every == 5 else 1
-        effects: list[AppliedEffect] = []
-        while len(effects) < count:
-            drawn = draw_effect(generator)
-            if drawn.id not in {e.id for e in effects}:
-                effects.append(drawn)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "capture"
-            model = Model(effects=tuple(effects), render=RenderSettings(seed=seed))
-            camera = perturbed_camera(options.size, seed)
-            write_model_capture(path, model, camera, CaptureSettings(), seed, relative_error=0.002)
-            start = time.perf_counter()
-            diagnosis = diagnose(validate(path, Model()))
-            seconds = time.perf_counter() - start
-        found = (
-            [right(e, diagnosis) for e in effects]
-            if count == 1
-            else [e.id in diagnosis.selected for e in effects]
-        )
-        row = {
-            "seed": seed,
-            "truth": [(e.id, dict(e.values)) for e in effects],
-            "selected": diagnosis.selected,
-            "right": all(found) if effects else diagnosis.adequate,
-            "top3": all(e.id in [r.effect for r in diagnosis.ranking[:3]] for e in effects),
-            "probability": diagnosis.ranking[0].probability,
-            "chi2_per_dof": diagnosis.chi2_per_dof,
-            "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
-            "parameter_error": max((worst_parameter(e, diagnosis) for e in effects), default=float("nan")),
-            "seconds": seconds,
-        }
+    kept = options.results.read_text().splitlines() if options.results.exists() else []
+    rows = [json.loads(line) for line in kept]
+    done = {row["key"] for row in rows}
+    part, parts = (int(n) for n in options.part.split("/"))
+    for index, case in enumerate(cases(options)):
+        if index % parts != part - 1 or case.key in done:
+            continue
+        row = run(case)
+        if row is None:
+            print(f"{case.key}: cannot be so strong, left out", flush=True)
+            continue
         rows.append(row)
-        told = "; ".join(f"{e.id} {dict(e.values)}" for e in effects) or "none"
+        with options.results.open("a") as lines:
+            lines.write(json.dumps(row, default=str) + "\n")
         print(
-            f"{seed} {told} -> {', '.join(diagnosis.selected) or 'adequate'} {'right' if row['right'] else 'WRONG'} "
-            f"chi2/dof {diagnosis.chi2_per_dof:.3f} -> {diagnosis.final_chi2_per_dof:.3f}, {seconds:.0f} s",
+            f"{case.key} -> {', '.join(row['selected']) or 'adequate'} {'right' if named(row) else 'WRONG'} "
+            f"chi2 {row['chi2_per_dof']:.3f} -> {row['final_chi2_per_dof']:.3f}, {row['seconds']:.0f} s",
             flush=True,
         )
-    kinds = {"none": 0, "singles": 1, "pairs": 2}
-    summary = {
-        name: float(np.mean([r["right"] for r in rows if len(r["truth"]) == count] or [np.nan]))
-        for name, count in kinds.items()
-    }
-    visible = [r for r in rows if len(r["truth"]) == 1 and r["selected"]]
-    summary["singles_answered_right"] = float(np.mean([r["right"] for r in visible] or [np.nan]))
-    summary["top3"] = float(np.mean([r["top3"] for r in rows if r["truth"]] or [np.nan]))
-    summary["median_seconds"] = float(np.median([r["seconds"] for r in rows]))
-    print(f"right: {summary}")
+    if rows:
+        print_tables(rows)
     if options.json:
-        print(json.dumps({"summary": summary, "captures": rows}, default=str))
+        print(json.dumps({"summary": summary(rows) if rows else {}, "captures": rows}, default=str))
 
 
 if __name__ == "__main__":
