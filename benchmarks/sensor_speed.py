@@ -10,8 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from cboxlab.render.sensor import auto_exposure, expected_electrons, integration_weights, simulate
 from cboxlab.render.sensor_cameras import load_camera
+from cboxlab.render.sensor_light import integration_weights
+from cboxlab.render.sensor_simulation import auto_exposure, expected_electrons, simulate
 from numpy.typing import NDArray
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)

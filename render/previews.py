@@ -12,7 +12,8 @@ from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
 from .image import LAMP
-from .sensor import SensorCamera, integration_weights
+from .sensor import SensorCamera
+from .sensor_light import integration_weights
 
 __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white"]
 

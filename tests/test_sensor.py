@@ -10,17 +10,13 @@ from cboxlab.render.previews import cube_to_srgb, raw_to_srgb, scene_white
 from cboxlab.render.sensor import (
     Detector,
     SensorCamera,
-    auto_exposure,
     channel_map,
-    electron_rate,
-    expected_counts,
-    expected_electrons,
-    integration_weights,
     noisy_counts,
     quantise,
-    simulate,
 )
 from cboxlab.render.sensor_cameras import PACKAGED, load_camera, packaged_cameras
+from cboxlab.render.sensor_light import electron_rate, integration_weights
+from cboxlab.render.sensor_simulation import auto_exposure, expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
 

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 from cboxlab.render.previews import raw_to_srgb, scene_white
 from cboxlab.render.raw_files import write_raw
-from cboxlab.render.sensor import SensorCamera, auto_exposure, simulate
+from cboxlab.render.sensor import SensorCamera
+from cboxlab.render.sensor_simulation import auto_exposure, simulate
 from cboxlab.scenes.files import replacing
 from numpy.typing import NDArray
 from PIL import Image
