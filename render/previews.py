@@ -14,6 +14,7 @@ from .colour_correction import chart_reflectances, demosaic, linear_counts
 from .image import LAMP
 from .sensor import SensorCamera
 from .sensor_light import integration_weights
+from .spectral_basis import from_basis
 
 __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white"]
 
@@ -31,7 +32,12 @@ def scene_white(cube: xr.Dataset) -> Spectrum:
     lamp = cube["surface"].values == LAMP if "surface" in cube else np.zeros((1, 1), bool)
     if not lamp.any():
         return Spectrum(wavelength, np.ones(wavelength.size))
-    return Spectrum(wavelength, np.asarray(cube["radiance"].values[lamp].mean(axis=0), float))
+    lit = np.flatnonzero(lamp.any(axis=1))
+    part = cube.isel(y=lit)
+    radiance = (part if "radiance" in part else from_basis(part))["radiance"].transpose(
+        "y", "x", "wavelength"
+    )
+    return Spectrum(wavelength, np.asarray(radiance.values[lamp[lit]].mean(axis=0), float))
 
 
 def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArray[np.float64]:

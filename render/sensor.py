@@ -91,8 +91,9 @@ class SensorCamera:
 
     channels : responsivity c by letter (mosaic) or name (filters, one frame each), e- s^-1 per
         (W m^-2 sr^-1), zero beyond its table. pattern : rows of letters, repeated over the sensor; None
-        where there is no mosaic. source : where the numbers come from. f_number : working f-number that the
-        channels hold for. blur, vignetting : of the lens; None for a perfect one.
+        where there is no mosaic. source : where the numbers come from. f_number, pixel_pitch_um : that the
+        channels hold for; the f-number times image distance over focal length. blur, vignetting : of the
+        lens; None for a perfect one.
     """
 
     name: str
@@ -101,6 +102,7 @@ class SensorCamera:
     detector: Detector
     source: str
     f_number: float = 1.0
+    pixel_pitch_um: float = 1.0
     blur: Blur | None = None
     vignetting: Vignetting | None = None
 

@@ -143,7 +143,7 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
         blur = Blur(*_columns(path, "blur", lens.wavelength_nm, lens.centre_px, lens.corner_px))
     return SensorCamera(
         file.name, _channels(path, file), pattern, _detector(path, file), file.source,
-        file.optics.working_f_number, blur, vignetting,
+        file.optics.working_f_number, file.optics.pixel_pitch_um, blur, vignetting,
     )  # fmt: skip
 
 
