@@ -74,8 +74,8 @@ def write_cube_capture(
                 name = band if kind == "band" else f"flat-{band}"
                 paths = photograph(source, name, channel, seconds)
                 own: dict[str, object] = {"id": band} if kind == "band" else {"band": band}
-                if kind == "band" and channel is not None:
-                    own["transmittance"] = f"spectra/channels.csv:{band}"
+                if kind == "band":
+                    own["transmittance"] = f"spectra/channels.csv:{channel or 'one'}"
                 tables.append(toml_table(f"[[{kind}]]", **own, frames=paths, exposure_s=seconds, **stated))
         one = next(iter(bands.values()))
         curve = next(iter(camera.channels.values()))
@@ -119,7 +119,7 @@ def _head(camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: 
             read_noise_e=detector.dark(shortest_s)[1] * detector.gain_e_per_dn,
             quantum_efficiency=efficiency,
         ),
-        toml_table("[lens]", focal_length_mm=NOMINAL_FOCAL_MM),
+        toml_table("[lens]", focal_length_mm=NOMINAL_FOCAL_MM, transmittance=column("one")),
     ]  # fmt: skip
     if camera.pattern is not None:
         parts.append(toml_table("[mosaic]", pattern="".join(camera.pattern)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -72,7 +73,7 @@ def to_basis(cube: xr.Dataset, basis: SpectralBasis) -> xr.Dataset:
     inverse = np.linalg.pinv(basis.vectors)
     coefficient = np.concatenate([(block - basis.mean) @ inverse for block in _blocks(cube)])
     units = {"units": cube["radiance"].attrs.get("units", "W m^-2 sr^-1 nm^-1")}
-    data = {
+    data: dict[str, Any] = {
         "coefficient": (("y", "x", "component"), coefficient, units),
         "basis": (("component", "wavelength"), basis.vectors),
         "mean": (("wavelength",), basis.mean, units),
@@ -86,7 +87,7 @@ def from_basis(coefficients: xr.Dataset) -> xr.Dataset:
     """Radiance (y, x, wavelength) of a cube in a basis; what the basis lacks may leave it below zero."""
     coefficient = coefficients["coefficient"].transpose("y", "x", "component")
     radiance = coefficient.values @ coefficients["basis"].values + coefficients["mean"].values
-    data = {"radiance": (("y", "x", "wavelength"), radiance, coefficient.attrs)}
+    data: dict[str, Any] = {"radiance": (("y", "x", "wavelength"), radiance, coefficient.attrs)}
     if "surface" in coefficients:
         data["surface"] = coefficients["surface"]
     return xr.Dataset(data, coords={"wavelength": coefficients["wavelength"]})
