@@ -152,27 +152,29 @@ def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -
 def photon_count(result: dict) -> None:
     """Expected DN by photons as ISETCam counts them, over ours, on the chart: the largest relative difference."""
     camera = load_camera("dcs200")
-    light = chart.chart_light(chart.IndependentCamera.read("dcs200"))
-    nm = chart.NM[20:321]
-    spectra = light[:, 20:321]
-    cube = chart.as_dataset(np.repeat(spectra[:, None, ::10], chart.PATCH_PX**2, axis=1))
+    light = chart.chart_light(chart.IndependentCamera.read("dcs200"))[:, 20:321:10]
+    cube = chart.as_dataset(np.repeat(light[:, None], chart.PATCH_PX**2, axis=1))
     ours = chart.patch_rgb(expected_counts(cube, camera, 1 / 125)) - camera.detector.dark(1 / 125)[0]
     fine = np.arange(400.0, 700.05, 0.1)
     area, joule = (camera.pixel_pitch_um * 1e-6) ** 2, 6.62607015e-34 * 299792458.0
-    ratio = []
-    for square in (4 * camera.f_number**2, 1 + 4 * camera.f_number**2):
+    # quantum efficiency from responsivity: e- s^-1 per W m^-2 sr^-1 over quanta s^-1 of the same at f/N
+    quanta = np.pi / (4 * camera.f_number**2) * area * fine * 1e-9 / (6.626e-34 * 2.998e8)
+    efficiency = np.array([camera.channels[letter].at(fine) for letter in "RGB"]) / quanta
+    for name, square in (("4 N^2", 4 * camera.f_number**2), ("1 + 4 N^2", 1 + 4 * camera.f_number**2)):
         photons = (
-            np.array([np.interp(fine, nm, row) for row in spectra]) * fine * 1e-9 / joule * np.pi / square
+            np.array([np.interp(fine, chart.BANDS, row) for row in light])
+            * fine
+            * 1e-9
+            / joule
+            * np.pi
+            / square
         )
-        # quantum efficiency from responsivity: e- s^-1 per W m^-2 sr^-1 over quanta s^-1 of the same at f/N
-        quanta = np.pi / (4 * camera.f_number**2) * area * fine * 1e-9 / (6.626e-34 * 2.998e8)
-        efficiency = np.array([camera.channels[letter].at(fine) for letter in "RGB"]) / quanta
         electrons = np.trapezoid(photons[:, None] * efficiency, fine) * area / 125
-        ratio.append(float(np.abs(electrons / camera.detector.gain_e_per_dn / ours - 1).max()))
-    result["photon count"] = {"4 N^2": ratio[0], "1 + 4 N^2": ratio[1]}
+        difference = np.abs(electrons / camera.detector.gain_e_per_dn / ours - 1).max()
+        result[f"irradiance = pi L / ({name})"] = {"largest - 1": float(difference)}
 
 
-def statistics_of_draws(result: dict) -> None:
+def statistics_of_draws(results: dict[str, dict]) -> None:
     """A million draws against theory, in standard errors, and photon transfer."""
     camera = load_camera("sony-a7r2")
     detector, generator = camera.detector, np.random.default_rng(5)
@@ -185,17 +187,17 @@ def statistics_of_draws(result: dict) -> None:
             electrons / detector.gain_e_per_dn**2 + sigma**2,
         )
         fourth = 2 * variance**2 + electrons / detector.gain_e_per_dn**4
-        result[f"draws of {electrons:g} e-"] = {
-            "mean_in_sigmas": float((counts.mean() - mean) / np.sqrt(variance / DRAWS)),
-            "variance_in_sigmas": float((counts.var(ddof=1) - variance) / np.sqrt(fourth / DRAWS)),
+        results["draws"][f"{electrons:g} e-"] = {
+            "mean": float((counts.mean() - mean) / np.sqrt(variance / DRAWS)),
+            "variance": float((counts.var(ddof=1) - variance) / np.sqrt(fourth / DRAWS)),
         }
         means.append(counts.mean() - dark)
         variances.append(counts.var(ddof=1))
     weight = 1 / np.array(variances)
     slope, floor = np.polyfit(means, variances, 1, w=weight)
-    result["photon transfer"] = {
-        "gain_found": float(1 / slope), "gain_put_in": detector.gain_e_per_dn,
-        "sigma_found": float(np.sqrt(floor)), "sigma_put_in": sigma,
+    results["transfer"]["Sony ILCE-7RM2"] = {
+        "gain found": float(1 / slope), "gain put in": detector.gain_e_per_dn,
+        "sigma found": float(np.sqrt(floor)), "sigma put in": sigma,
     }  # fmt: skip
 
 
@@ -209,7 +211,7 @@ def bases(result: dict) -> None:
         coefficients = to_basis(cube, principal_components(cube, count))
         error = np.abs(expected_counts(coefficients, camera, 1 / 30) - full).max()
         result[f"{count} components"] = {
-            "spectral_error": spectral_error(cube, coefficients), "largest_error_dn": float(error)
+            "spectral": spectral_error(cube, coefficients), "largest, DN": float(error)
         }  # fmt: skip
 
 
@@ -241,7 +243,7 @@ def real_frames(folder: Path, result: dict) -> None:
 def line(name: str, *cells: object) -> None:
     """One line of a table."""
     print(
-        f"{name:58s}" + "".join(f"{c:>13.3g}" if isinstance(c, float | int) else f"{c!s:>13s}" for c in cells)
+        f"{name:66s}" + "".join(f"{c:>13.3g}" if isinstance(c, float | int) else f"{c!s:>13s}" for c in cells)
     )
 
 
@@ -299,10 +301,16 @@ def report(results: dict[str, dict]) -> None:
                 )
             else:
                 line(f"relative error {name}", values["rms"])
-    for title in ("photons", "draws", "bases"):
+    for title, key in (
+        ("Expected DN by counting photons, as ISETCam does, over ours", "photons"),
+        ("A million draws: mean and variance minus theory, in standard errors", "draws"),
+        ("Photon transfer: e-/DN and DN, found and put in", "transfer"),
+        ("The chart in a basis of its principal components", "bases"),
+    ):
         print(f"\n{title}")
-        for name, values in results[title].items():
-            line(name, *(f"{k} {v:.3g}" if len(k) < 6 else v for k, v in values.items()))
+        line("", *next(iter(results[key].values())))
+        for name, values in results[key].items():
+            line(name, *values.values())
 
 
 def main() -> None:
@@ -311,11 +319,18 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--frames", type=Path, default=FRAMES, help="the seven-band ColorChecker capture")
     arguments = parser.parse_args()
-    results: dict[str, dict] = {"sensitivities": {}, "chart": {}, "photons": {}, "draws": {}, "bases": {}}
+    results: dict[str, dict] = {
+        "sensitivities": {},
+        "chart": {},
+        "photons": {},
+        "draws": {},
+        "transfer": {},
+        "bases": {},
+    }
     cameras = sensitivity_tables(results["sensitivities"])
     chart_tables(cameras["dcs200"], results["chart"])
     photon_count(results["photons"])
-    statistics_of_draws(results["draws"])
+    statistics_of_draws(results)
     bases(results["bases"])
     if arguments.frames.is_dir():
         results["frames"] = {}

@@ -169,6 +169,8 @@ class CalibrationRun:
 GRID = np.arange(390.0, 711.0, 5.0)
 LIGHT_FWHM = 10.0
 PIXELS_READ = 1000
+#: Of the brightest light in the channel that sees it best, DN/s: even the faintest is read within 8 s.
+BRIGHTEST_DN_S = 2000.0
 #: Of each light, at its longest exposures that do not clip.
 READINGS = 3
 DIAL = np.array([1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0])
@@ -183,7 +185,7 @@ def calibrate(
     shutter's error is meant to be included. Only counts of 20 to 240 are used. simulated : for F and the dark level.
     """
     lights = np.array([bell(centre, LIGHT_FWHM) for centre in BANDS]) * planck(BANDS, TUNGSTEN_K)[:, None]
-    lights *= 150 * camera.gain / (lights @ camera.electrons.T).max()
+    lights *= BRIGHTEST_DN_S * camera.gain / (lights @ camera.electrons.T).max()
     if camera.square_root_from is not None:
         lights *= camera.square_root_from / 255
     detector = simulated.detector
