@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .charge import leak
 from .sensor import SensorCamera, channel_map
 
-__all__ = ["BLOCK_ROWS", "electron_rate", "frame_shape", "integration_weights", "rate_blocks"]
+__all__ = ["BLOCK_ROWS", "frame_shape", "integration_weights", "rate_blocks", "require_radiance"]
 
 #: Part of a channel's whole sensitivity that may lie outside a cube's wavelengths.
 LARGEST_LOSS = 0.01
@@ -61,24 +61,14 @@ def integration_weights(responsivity: Spectrum, wavelength_nm: ArrayLike) -> NDA
     return weights
 
 
-def electron_rate(
-    radiance: NDArray, weights: NDArray[np.float64], standard_error: NDArray | None = None, first_row: int = 0
-) -> NDArray[np.float64]:
-    """Electrons per second (y, x, c) >= 0 of radiance (y, x, w), W m^-2 sr^-1 nm^-1, by weights (w, c).
-
-    standard_error : (y, x, w) of a Monte Carlo radiance, which may scatter below zero by as much; 0 if None.
-    first_row : of the radiance in its cube, for the message.
-
-    Raises InputError for shapes that do not match, radiance that is negative or no finite number.
-    """
-    require_radiance(radiance, len(weights), standard_error, first_row)
-    return np.maximum(radiance @ weights, 0.0)
-
-
 def require_radiance(
     radiance: NDArray, wavelengths: int, standard_error: NDArray | None = None, first_row: int = 0
 ) -> None:
-    """Raises InputError where ``electron_rate`` would."""
+    """Raises InputError for radiance (y, x, w) of another shape, negative or no finite number.
+
+    standard_error : (y, x, w) of a Monte Carlo radiance, which may scatter below zero by as much; 0 if None.
+    first_row : of the radiance in its cube, for the message.
+    """
     if radiance.ndim != 3 or radiance.shape[-1] != wavelengths:
         found = f"shape {radiance.shape} for {wavelengths} wavelengths"
         raise InputError("cube: radiance", found, "(y, x, wavelength), as many as there are wavelengths")
@@ -127,27 +117,18 @@ def rate_blocks(
     """Electrons per second (rows, x) of BLOCK_ROWS rows after the others: optics, sensitivity, leakage.
 
     channel : the filter, of a camera without mosaic that has several. Raises InputError (see
-    integration_weights, electron_rate) for what does not fit.
+    integration_weights, require_radiance) for what does not fit.
     """
     seen = _seen(camera, channel)
     wavelength = cube["wavelength"].values
     weights = np.stack([integration_weights(camera.channels[name], wavelength) for name in seen], axis=-1)
     shape = frame_shape(cube)
-    place = None
-    if camera.pattern is not None:
-        # only one period of the mosaic has to be known, from any row on
-        period = len(camera.pattern)
-        place = channel_map(camera.pattern, seen, (BLOCK_ROWS + 2 * period + 2 * _halo(camera), shape[1]))
+    pattern = camera.pattern or ("-",)
+    cell = channel_map(pattern, seen if camera.pattern else ("-",), (len(pattern), len(pattern[0])))
     for start in range(0, shape[0], BLOCK_ROWS):
         stop = min(start + BLOCK_ROWS, shape[0])
         low, high = max(start - _halo(camera), 0), min(stop + _halo(camera), shape[0])
-        rate = _channel_rates(cube, camera, weights, wavelength, slice(low, high))
-        if place is None or camera.pattern is None:
-            plane = rate[..., 0]
-        else:
-            phase = low % len(camera.pattern)
-            index = place[phase : phase + high - low, :, None]
-            plane = np.take_along_axis(rate, index, axis=-1)[..., 0]
+        plane = _seen_light(cube, camera, weights, wavelength, slice(low, high), np.roll(cell, -low, axis=0))
         if camera.vignetting is not None:
             plane = plane * camera.vignetting.at(shape, slice(low, high))
         if any(camera.detector.leakage):
@@ -160,15 +141,18 @@ def _halo(camera: SensorCamera) -> int:
     return (0 if camera.blur is None else camera.blur.reach_px) + (1 if any(camera.detector.leakage) else 0)
 
 
-def _channel_rates(
-    cube: xr.Dataset, camera: SensorCamera, weights: NDArray[np.float64], wavelength: NDArray, rows: slice
+def _seen_light(
+    cube: xr.Dataset,
+    camera: SensorCamera,
+    weights: NDArray[np.float64],
+    wavelength: NDArray,
+    rows: slice,
+    cell: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """(rows, x, channel) behind the optics, before vignetting."""
+    """(rows, x) electrons per second behind the blur, before vignetting; ``cell`` : channels from its first row on."""
     if "radiance" in cube:
         radiance = _rows(cube, "radiance", rows)
         error = _rows(cube, "standard_error", rows) if "standard_error" in cube else None
-        if camera.blur is None:
-            return electron_rate(radiance, weights, error, rows.start)
         require_radiance(radiance, wavelength.size, error, rows.start)
     else:
         coefficient, basis = _rows(cube, "coefficient", rows), cube["basis"].values
@@ -176,7 +160,21 @@ def _channel_rates(
         if not np.isfinite(coefficient).all():
             raise InputError("cube: coefficient", "a value that is not finite", "finite numbers")
         if camera.blur is None:
-            return np.maximum(coefficient @ (basis @ weights) + mean @ weights, 0.0)
+            return _weighed(coefficient, basis @ weights, mean @ weights, cell)
         radiance = coefficient @ basis + mean
-    spread = camera.blur.spread(radiance, wavelength, frame_shape(cube), rows)
-    return np.maximum(spread @ weights, 0.0)
+    if camera.blur is not None:
+        radiance = camera.blur.spread(radiance, wavelength, frame_shape(cube), rows)
+    return _weighed(radiance, weights, np.zeros(weights.shape[1]), cell)
+
+
+def _weighed(
+    samples: NDArray, weights: NDArray[np.float64], offset: NDArray[np.float64], cell: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """(y, x) >= 0 sums of samples (y, x, k) by the weights (k, c) and offset (c,) of each pixel's channel."""
+    rate = np.empty(samples.shape[:2])
+    down, right = cell.shape
+    for y, x in np.ndindex(down, right):
+        channel = cell[y, x]
+        own = samples[y::down, x::right].astype(np.float64)
+        rate[y::down, x::right] = own @ weights[:, channel] + offset[channel]
+    return np.maximum(rate, 0.0, out=rate)

@@ -15,7 +15,7 @@ from cboxlab.render.sensor import (
     quantise,
 )
 from cboxlab.render.sensor_cameras import PACKAGED, load_camera, packaged_cameras
-from cboxlab.render.sensor_light import electron_rate, integration_weights
+from cboxlab.render.sensor_light import integration_weights, require_radiance
 from cboxlab.render.sensor_simulation import auto_exposure, expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
@@ -232,7 +232,7 @@ def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
             lambda: simulate(tungsten().isel(wavelength=slice(0, 12)), load_camera("dcs200"), 1.0, 1),
             "Render the cube over a wider range",
         ),
-        (lambda: electron_rate(np.ones((2, 2, 30)), np.ones((31, 1))), "as many as there are wavelengths"),
+        (lambda: require_radiance(np.ones((2, 2, 30)), 31), "as many as there are wavelengths"),
         (lambda: auto_exposure(tungsten() * 0, load_camera("dcs200")), "no light"),
         (lambda: load_camera("dcs2000"), "did you mean 'dcs200'"),
     ],
