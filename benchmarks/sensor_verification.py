@@ -18,11 +18,12 @@ import numpy as np
 import verification_chart as chart
 import verification_frames as frames
 import xarray as xr
+from cboxlab.calibration.colorimetry import colour_matching_functions
 from cboxlab.calibration.spectral_sensitivity import band_constant, convex_sets, least_squares, wiener
-from cboxlab.render.colour_correction import chart_reflectances, fit_correction, linear_counts
+from cboxlab.render.colour_correction import chart_reflectances, demosaic, fit_correction, linear_counts
 from cboxlab.render.sensor import SensorCamera, noisy_counts
 from cboxlab.render.sensor_cameras import load_camera
-from cboxlab.render.sensor_simulation import expected_counts, simulate
+from cboxlab.render.sensor_simulation import auto_exposure, expected_counts, simulate
 from cboxlab.render.spectral_basis import principal_components, spectral_error, to_basis
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
@@ -148,6 +149,38 @@ def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -
         "X": float(relative[0]), "Y": float(relative[1]), "Z": float(relative[2]),
         "delta_e_mean": float(difference.mean()), "delta_e_maximum": float(difference.max()),
     }  # fmt: skip
+
+
+def colour_from_truth(result: dict) -> None:
+    """Delta E*ab of the chart as each camera sees it, demosaiced and corrected to XYZ, against its true XYZ."""
+    nm = np.arange(400.0, 701.0)
+    light = chart.chart_light(chart.IndependentCamera.read("dcs200"))[:, 20:321:10]
+    cube = chart.as_dataset(np.repeat(light[:, None], chart.PATCH_PX**2, axis=1))
+    tungsten, table = Spectrum(nm, chart.planck(nm, chart.TUNGSTEN_K), "zero"), colour.SDS_ILLUMINANTS["D65"]
+    d65 = Spectrum(np.array(table.wavelengths), np.array(table.values), "zero")
+    observer = colour_matching_functions()
+    for name in ("dcs200", "dcs420", "nikon-d5100", "sony-a7r2"):
+        camera = load_camera(name)
+        seconds = auto_exposure(cube, camera)
+        white_dn = float(linear_counts(camera.detector.full_scale_dn, camera, seconds))
+        training, seen = (
+            demosaic(linear_counts(frame, camera, seconds), camera, white_dn)
+            .reshape(24, chart.PATCH_PX, chart.PATCH_PX, 3)[:, 10:-10, 10:-10]
+            for frame in (expected_counts(cube, camera, seconds), simulate(cube, camera, seconds, seed=4))
+        )  # fmt: skip
+        variance = camera.detector.dark(seconds)[1] ** 2 + training.mean() / camera.detector.gain_e_per_dn
+        for target, white in (("the lamp", tungsten), ("D65", d65)):
+            truth = (chart_reflectances() * white.at(nm)) @ observer.T / (white.at(nm) @ observer[1])
+            fitted = fit_correction(training.mean(axis=(1, 2)), chart_reflectances(), white, variance)
+            at = colour.XYZ_to_xy(white.at(nm) @ observer.T)
+            true_lab = colour.XYZ_to_Lab(truth, at)
+            patches = colour.XYZ_to_Lab(fitted.xyz(seen.mean(axis=(1, 2))), at) - true_lab
+            pixels = colour.XYZ_to_Lab(fitted.xyz(seen), at) - true_lab[:, None, None]
+            of_patches = np.linalg.norm(patches, axis=-1)
+            result[f"{camera.name}, XYZ under {target}"] = {
+                "patches": float(of_patches.mean()), "largest": float(of_patches.max()),
+                "pixels": float(np.linalg.norm(pixels, axis=-1).mean()),
+            }  # fmt: skip
 
 
 def photon_count(result: dict) -> None:
@@ -307,6 +340,7 @@ def report(results: dict[str, dict]) -> None:
             else:
                 line(f"relative error {name}", values["rms"])
     for title, key in (
+        ("Chart under tungsten, demosaiced and corrected: Delta E*ab against truth", "colour"),
         ("Expected DN by counting photons, as ISETCam does, over ours", "photons"),
         ("A million draws: mean and variance minus theory, in standard errors", "draws"),
         ("Photon transfer: e-/DN and DN, found and put in", "transfer"),
@@ -327,6 +361,7 @@ def main() -> None:
     results: dict[str, dict] = {
         "sensitivities": {},
         "chart": {},
+        "colour": {},
         "photons": {},
         "draws": {},
         "transfer": {},
@@ -334,6 +369,7 @@ def main() -> None:
     }
     cameras = sensitivity_tables(results["sensitivities"])
     chart_tables(cameras["dcs200"], results["chart"])
+    colour_from_truth(results["colour"])
     photon_count(results["photons"])
     statistics_of_draws(results)
     bases(results["bases"])

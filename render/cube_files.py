@@ -48,10 +48,7 @@ def write_cube(path: Path, cube: xr.Dataset) -> None:
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(WRITABLE)}")
-    if path.suffix.lower() == ".nc" and "coefficient" in cube:
-        _require_coefficients(cube, path)
-    else:
-        _require_cube(cube, path)
+    (_require_stored if path.suffix.lower() == ".nc" else _require_cube)(cube, path)
     try:
         writer(path, cube)
     except OSError as error:
@@ -91,12 +88,16 @@ def open_cube(path: Path) -> Iterator[xr.Dataset]:
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise InputError(path, f"a file that cannot be read ({error})", "a NetCDF-4 file") from None
     with file:
-        cube = file
-        if "coefficient" in cube:
-            _require_coefficients(cube, path)
-        else:
-            _require_cube(cube, path)
-        yield cube
+        _require_stored(file, path)
+        yield file
+
+
+def _require_stored(cube: xr.Dataset, path: Path) -> None:
+    """What a NetCDF file may hold: a cube, or one in a basis."""
+    if "coefficient" in cube:
+        _require_coefficients(cube, path)
+    else:
+        _require_cube(cube, path)
 
 
 def _require_coefficients(cube: xr.Dataset, path: Path) -> None:
@@ -277,12 +278,9 @@ def _map_envi(path: Path) -> xr.Dataset:
 
 def _read_envi(path: Path) -> xr.Dataset:
     mapped = _map_envi(path)
-    kind = (
-        np.float64
-        if mapped["radiance"].dtype.kind == "f" and mapped["radiance"].dtype.itemsize == 8
-        else np.float32
-    )
-    return _cube(mapped["radiance"].values.astype(kind), mapped["wavelength"].values)
+    radiance = mapped["radiance"].values
+    kind = np.float64 if radiance.dtype.newbyteorder("=") == np.float64 else np.float32
+    return _cube(radiance.astype(kind), mapped["wavelength"].values)
 
 
 def _write_png(path: Path, cube: xr.Dataset) -> None:

@@ -24,6 +24,8 @@ _PHOTOMETRIC, _LINEAR_RAW = 262, 34892
 _D65 = 21
 # The largest linear value of a linearisation table, which has 16 bits.
 _TABLE_TOP = 65535.0
+# Below, converters that keep whole counts of black would lose too much of it.
+_FEW_BITS = 12
 
 
 def write_dng(
@@ -46,7 +48,7 @@ def write_dng(
         (50707, _BYTE, 4, (1, 1, 0, 0), True),
         (50708, _ASCII, 0, camera.name, True),
     ]
-    if detector.linear_dn is not None:
+    if detector.linear_dn is not None or detector.bit_depth < _FEW_BITS:
         linear = detector.linearise(np.arange(2**detector.bit_depth))
         scale = _TABLE_TOP / linear[-1]
         table = np.rint(linear * scale).astype(int)

@@ -32,7 +32,12 @@ def simulate(
             show_default=False,
         ),
     ],
-    camera: Annotated[str, typer.Option(help="A camera by name, or a camera file (TOML).")] = "dcs200",
+    camera: Annotated[
+        str,
+        typer.Option(
+            help="dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2, or a camera file (TOML)."
+        ),
+    ] = "dcs200",
     exposure: Annotated[str, typer.Option(help="Seconds (0.5 or 1/30), or auto.")] = "auto",
     f_number: Annotated[
         str | None, typer.Option("--f-number", help="Working f-number, in place of the camera's.")
