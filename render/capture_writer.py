@@ -28,8 +28,8 @@ from .sensor_cameras import PACKAGED
 from .survey import survey
 
 __all__ = [
-    "band_filters", "expected_signals", "field_signals", "sphere_spectrum", "tungsten_lamp", "unit_responses",
-    "write_capture", "write_photographs",
+    "band_filters", "expected_signals", "field_signals", "sphere_spectrum", "toml_table", "tungsten_lamp",
+    "unit_responses", "write_capture", "write_photographs",
 ]  # fmt: skip
 
 
@@ -168,22 +168,23 @@ def _write_points(path: Path, points: NDArray[np.float64], image_px: NDArray[np.
     path.write_text("\n".join(["id,x_mm,y_mm,z_mm,u_px,v_px", *rows]) + "\n", encoding="utf-8")
 
 
-def _table(header: str, **entries: object) -> str:
-    # JSON's strings, numbers and lists of strings are TOML's.
+def toml_table(header: str, **entries: object) -> str:
+    """A table of a TOML file: strings, numbers and lists of strings."""
+    # JSON's are TOML's
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in entries.items()]
     return "\n".join([header, *lines]).strip() + "\n"
 
 
 def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequence[Shot]) -> str:
     parts = [
-        _table("", format="capture/1", name=settings.name, scene=scene),
-        _table(
+        toml_table("", format="capture/1", name=settings.name, scene=scene),
+        toml_table(
             "[camera]", model=settings.model, width_px=camera.width_px, height_px=camera.height_px,
             pixel_pitch_um=settings.film_width_mm * 1e3 / camera.width_px, bit_depth=settings.bit_depth,
             gain_e_per_dn=settings.gain_e_per_dn, read_noise_e=settings.read_noise_e,
             readout_s=settings.readout_s, quantum_efficiency="spectra/camera.csv:quantum_efficiency",
         ),
-        _table(
+        toml_table(
             "[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"
         ),
     ]  # fmt: skip
@@ -198,8 +199,8 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
             own = {"band": shot.band, **own}
         if shot.kind == "reference":
             own = {"radiance": "spectra/sphere.csv:radiance", **own}
-        parts.append(_table(f"[[{shot.kind}]]", **own))
+        parts.append(toml_table(f"[[{shot.kind}]]", **own))
     relative = settings.lamp_relative_uncertainty
-    parts.append(_table("[lamp]", radiance="spectra/lamp.csv:radiance", relative_uncertainty=relative))
-    parts.append(_table("[geometry]", points="points.csv", point_sigma_px=settings.point_sigma_px))
+    parts.append(toml_table("[lamp]", radiance="spectra/lamp.csv:radiance", relative_uncertainty=relative))
+    parts.append(toml_table("[geometry]", points="points.csv", point_sigma_px=settings.point_sigma_px))
     return "\n".join(parts)

@@ -1,13 +1,15 @@
 """Spectral cubes on disk: NetCDF (everything), spectral OpenEXR and ENVI (radiance), PNG (a picture).
 
 A cube is the Dataset of ``RenderedImage.cube``: radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 and,
-where known, standard_error of the same shape and surface (y, x); wavelength in nm, ascending.
+where known, standard_error of the same shape and surface (y, x); wavelength in nm, ascending. NetCDF also
+holds cubes as coefficients of a spectral basis (``spectral_basis``).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +22,7 @@ from PIL import Image
 
 from .previews import cube_to_linear_srgb, cube_to_srgb
 
-__all__ = ["READABLE", "WRITABLE", "read_cube", "write_cube"]
+__all__ = ["READABLE", "WRITABLE", "open_cube", "read_cube", "write_cube"]
 
 _RADIANCE = "W m^-2 sr^-1 nm^-1"
 _EXR_CHANNEL = re.compile(r"S0\.(\d+(?:,\d*)?|,\d+)([eE][+-]?\d+)?(nm|um|m)")
@@ -46,7 +48,7 @@ def write_cube(path: Path, cube: xr.Dataset) -> None:
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(WRITABLE)}")
-    _require_cube(cube, path)
+    (_require_stored if path.suffix.lower() == ".nc" else _require_cube)(cube, path)
     try:
         writer(path, cube)
     except OSError as error:
@@ -66,18 +68,66 @@ def read_cube(path: Path) -> xr.Dataset:
     return cube
 
 
+@contextmanager
+def open_cube(path: Path) -> Iterator[xr.Dataset]:
+    """The cube of a file, of which .nc and .hdr are read only as far as they are used. Errors of read_cube.
+
+    NetCDF may hold coefficients of a spectral basis in place of radiance (``spectral_basis``).
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".hdr" and path.is_file():
+        cube = _map_envi(path)
+        _require_cube(cube, path)
+        yield cube
+        return
+    if path.suffix.lower() != ".nc" or not path.is_file():
+        yield read_cube(path)
+        return
+    try:
+        file = xr.open_dataset(path, engine="h5netcdf", cache=False)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise InputError(path, f"a file that cannot be read ({error})", "a NetCDF-4 file") from None
+    with file:
+        _require_stored(file, path)
+        yield file
+
+
+def _require_stored(cube: xr.Dataset, path: Path) -> None:
+    """What a NetCDF file may hold: a cube, or one in a basis."""
+    if "coefficient" in cube:
+        _require_coefficients(cube, path)
+    else:
+        _require_cube(cube, path)
+
+
+def _require_coefficients(cube: xr.Dataset, path: Path) -> None:
+    dims = {
+        "coefficient": ("y", "x", "component"),
+        "basis": ("component", "wavelength"),
+        "mean": ("wavelength",),
+    }
+    for name, expected in dims.items():
+        if name not in cube or set(cube[name].dims) != set(expected):
+            raise InputError(f"{path}: {name}", "nothing that fits", f"an array over {', '.join(expected)}")
+    _require_axis_and_units(cube, "coefficient", path)
+
+
 def _require_cube(cube: xr.Dataset, path: Path) -> None:
     if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
         found = (
             ", ".join(f"{name}{tuple(map(str, a.dims))}" for name, a in cube.data_vars.items()) or "nothing"
         )
         raise InputError(f"{path}: radiance", found, "radiance with dimensions y, x, wavelength")
+    _require_axis_and_units(cube, "radiance", path)
+
+
+def _require_axis_and_units(cube: xr.Dataset, quantity: str, path: Path) -> None:
     if "wavelength" not in cube.coords:
         raise InputError(f"{path}: wavelength", "no coordinate", "the wavelengths in nm")
     wavelength = cube["wavelength"].values
     if not np.all(np.isfinite(wavelength)) or np.any(np.diff(wavelength) <= 0) or wavelength[0] <= 0:
         raise InputError(f"{path}: wavelength", "values that do not ascend", "ascending wavelengths in nm")
-    for name, units in (("wavelength", "nm"), ("radiance", _RADIANCE)):
+    for name, units in (("wavelength", "nm"), (quantity, _RADIANCE)):
         stated = cube[name].attrs.get("units", units)
         if stated != units:
             raise InputError(f"{path}: {name}", f"the unit '{stated}'", f"'{units}'", "Convert it first.")
@@ -177,7 +227,8 @@ def _envi_header(path: Path) -> dict[str, str]:
     return {key.lower(): value.strip().strip("{}").strip() for key, value in pairs}
 
 
-def _read_envi(path: Path) -> xr.Dataset:
+def _map_envi(path: Path) -> xr.Dataset:
+    """The samples as they lie in the file, read as far as they are used."""
     header = _envi_header(path)
 
     def whole(key: str, default: int | None = None) -> int:
@@ -219,9 +270,17 @@ def _read_envi(path: Path) -> xr.Dataset:
     if raw.stat().st_size != offset + count * kind.itemsize:
         found = f"{raw.stat().st_size} bytes"
         raise InputError(raw, found, f"{offset + count * kind.itemsize} by its header")
-    values = np.fromfile(raw, kind, count, offset=offset).reshape([size[d] for d in dims])
-    values = np.moveaxis(values, dims.index("wavelength"), -1)
-    return _cube(values.astype(np.float64 if code == 5 else np.float32), wavelength)
+    if count == 0:
+        raise InputError(path, "no samples", "samples, lines and bands above 0")
+    values = np.memmap(raw, kind, "r", offset, tuple(size[d] for d in dims))
+    return _cube(np.moveaxis(values, dims.index("wavelength"), -1), wavelength)
+
+
+def _read_envi(path: Path) -> xr.Dataset:
+    mapped = _map_envi(path)
+    radiance = mapped["radiance"].values
+    kind = np.float64 if radiance.dtype.newbyteorder("=") == np.float64 else np.float32
+    return _cube(radiance.astype(kind), mapped["wavelength"].values)
 
 
 def _write_png(path: Path, cube: xr.Dataset) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.colorimetry import colour_matching_functions
@@ -11,8 +10,11 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
+from .colour_correction import chart_reflectances, demosaic, linear_counts
 from .image import LAMP
-from .sensor import SensorCamera, integration_weights
+from .sensor import SensorCamera
+from .sensor_light import integration_weights
+from .spectral_basis import from_basis
 
 __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white"]
 
@@ -30,7 +32,12 @@ def scene_white(cube: xr.Dataset) -> Spectrum:
     lamp = cube["surface"].values == LAMP if "surface" in cube else np.zeros((1, 1), bool)
     if not lamp.any():
         return Spectrum(wavelength, np.ones(wavelength.size))
-    return Spectrum(wavelength, np.asarray(cube["radiance"].values[lamp].mean(axis=0), float))
+    lit = np.flatnonzero(lamp.any(axis=1))
+    part = cube.isel(y=lit)
+    radiance = (part if "radiance" in part else from_basis(part))["radiance"].transpose(
+        "y", "x", "wavelength"
+    )
+    return Spectrum(wavelength, np.asarray(radiance.values[lamp[lit]].mean(axis=0), float))
 
 
 def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,21 +101,11 @@ def raw_to_srgb(
 
     Raises InputError for a mosaic of another kind.
     """
-    detector = camera.detector
-    dark = detector.dark(exposure_s)[0]
-    span = _WHITE_LEVEL * (float(detector.linearise(detector.full_scale_dn)) - dark)
-    linear = (detector.linearise(counts) - dark) / span
+    linear = linear_counts(counts, camera, exposure_s)
+    span = _WHITE_LEVEL * float(linear_counts(camera.detector.full_scale_dn, camera, exposure_s))
     if camera.pattern is None:
-        return _encoded(np.repeat(linear[..., None], 3, axis=-1))
-    is_square = [len(row) for row in camera.pattern] == [2, 2]
-    code = getattr(cv2, f"COLOR_Bayer{''.join(camera.pattern)}2RGB", None) if is_square else None
-    if code is None or set(camera.channels) != set("RGB"):
-        raise InputError(
-            f"camera {camera.name}: mosaic.pattern",
-            repr(list(camera.pattern)),
-            "2 x 2 letters R, G, B (Bayer)",
-        )
-    demosaiced = cv2.cvtColor(np.rint(np.clip(linear, 0, 1) * 65535).astype(np.uint16), code) / 65535.0
+        return _encoded(np.repeat(linear[..., None] / span, 3, axis=-1))
+    demosaiced = demosaic(linear, camera, span) / span
     matrix, balance = _colour_matrix(camera, exposure_s, span, white)
     return _encoded(np.clip(demosaiced * balance, 0, 1) @ matrix.T)
 
@@ -121,10 +118,7 @@ def _colour_matrix(
     The noise of a mid-grey enters as the variance that the matrix would pass on, so that a weak channel is
     not amplified beyond its worth. span_dn : counts above dark of white in the strongest channel.
     """
-    from colour import SDS_COLOURCHECKERS
-
-    chart = SDS_COLOURCHECKERS["BabelColor Average"].values()
-    reflectance = np.array([np.interp(WAVELENGTH_NM, sd.wavelengths, sd.values) for sd in chart])
+    reflectance = chart_reflectances()
     light = white.at(WAVELENGTH_NM)
     stimuli = np.vstack([reflectance, np.ones(WAVELENGTH_NM.size)]) * light
     sensitivity = np.stack([camera.channels[letter].at(WAVELENGTH_NM) for letter in "RGB"])

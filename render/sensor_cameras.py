@@ -14,6 +14,7 @@ from cboxlab.scenes.spectra import Spectrum, read_spectrum
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .sensor import Detector, SensorCamera, channel_map
+from .sensor_optics import Blur, Vignetting
 
 __all__ = ["load_camera", "packaged_cameras"]
 
@@ -31,6 +32,7 @@ class _Detector(_Table):
     gain_e_per_dn: Positive
     bit_depth: Annotated[int, Field(ge=1, le=16)]
     full_well_e: Positive | None = None
+    overflow: Literal["drain", "column"] = "drain"
 
 
 class _Dark(_Table):
@@ -39,14 +41,37 @@ class _Dark(_Table):
     sigma_dn: list[NotNegative]
 
 
+class _FixedPattern(_Table):
+    sensitivity_spread: NotNegative = 0.0
+    offset_spread_dn: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class _Leakage(_Table):
+    row: Annotated[float, Field(ge=0, le=0.25)] = 0.0
+    column: Annotated[float, Field(ge=0, le=0.25)] = 0.0
+
+
 class _Nonlinearity(_Table):
-    linear_dn: Annotated[list[float], Field(min_length=2)]
-    recorded_dn: list[float]
+    linear_dn: Annotated[list[float], Field(min_length=2)] | None = None
+    recorded_dn: list[float] | None = None
+    square_root_from_dn: Positive | None = None
 
 
 class _Optics(_Table):
     pixel_pitch_um: Positive
     working_f_number: Positive
+
+
+class _Vignetting(_Table):
+    field: Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=2)]
+    illumination: list[Annotated[float, Field(ge=0, le=1)]]
+
+
+class _Blur(_Table):
+    wavelength_nm: Annotated[list[Positive], Field(min_length=1)]
+    centre_px: list[Annotated[float, Field(ge=0, le=20)]]
+    corner_px: list[Annotated[float, Field(ge=0, le=20)]]
 
 
 class _Sensitivity(_Table):
@@ -69,6 +94,10 @@ class _CameraFile(_Table):
     channel: Annotated[dict[str, str], Field(min_length=1)]
     mosaic: _Mosaic | None = None
     nonlinearity: _Nonlinearity | None = None
+    fixed_pattern: _FixedPattern = _FixedPattern()
+    leakage: _Leakage = _Leakage()
+    vignetting: _Vignetting | None = None
+    blur: _Blur | None = None
 
 
 def packaged_cameras() -> list[str]:
@@ -105,25 +134,51 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
             channel_map(pattern, tuple(file.channel), (1, 1))
         except InputError as fault:
             raise InputError(f"{path}: {fault.where}", fault.found, fault.expected, fault.hint) from None
-    return SensorCamera(file.name, _channels(path, file), pattern, _detector(path, file), file.source)
+    vignetting = blur = None
+    if file.vignetting is not None:
+        rows = _columns(path, "vignetting", file.vignetting.field, file.vignetting.illumination)
+        vignetting = Vignetting(*rows)
+    if file.blur is not None:
+        lens = file.blur
+        blur = Blur(*_columns(path, "blur", lens.wavelength_nm, lens.centre_px, lens.corner_px))
+    return SensorCamera(
+        file.name, _channels(path, file), pattern, _detector(path, file), file.source,
+        file.optics.working_f_number, file.optics.pixel_pitch_um, blur, vignetting,
+    )  # fmt: skip
 
 
 def _detector(path: Path, file: _CameraFile) -> Detector:
     exposure, mean, sigma = _columns(
         path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn
     )
-    linear = recorded = None
-    if file.nonlinearity is not None:
-        linear, recorded = _columns(
-            path, "nonlinearity", file.nonlinearity.linear_dn, file.nonlinearity.recorded_dn
-        )
-        if np.any(np.diff(recorded) <= 0):
-            where = f"{path}: nonlinearity.recorded_dn"
-            raise InputError(where, "values that fall or stay", "ascending values")
-    values = file.detector
+    values, pattern = file.detector, file.fixed_pattern
+    if values.overflow == "column" and values.full_well_e is None:
+        raise InputError(f"{path}: detector.full_well_e", "nothing", "a full well, for charge to overflow")
+    linear, recorded = _nonlinearity(path, file)
     return Detector(
-        values.gain_e_per_dn, values.bit_depth, exposure, mean, sigma, values.full_well_e, linear, recorded,
+        values.gain_e_per_dn, values.bit_depth, exposure, mean, sigma, values.full_well_e,
+        values.overflow == "column", (file.leakage.row, file.leakage.column),
+        pattern.sensitivity_spread, pattern.offset_spread_dn, pattern.seed, linear, recorded,
     )  # fmt: skip
+
+
+def _nonlinearity(path: Path, file: _CameraFile) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """F as a table, linear and recorded DN; None twice for the identity."""
+    table = file.nonlinearity
+    if table is None:
+        return None, None
+    where = f"{path}: nonlinearity"
+    if table.square_root_from_dn is not None:
+        if table.linear_dn is not None or table.recorded_dn is not None:
+            raise InputError(where, "a table beside square_root_from_dn", "one of the two")
+        recorded = np.arange(2.0**file.detector.bit_depth)
+        return table.square_root_from_dn * (recorded / recorded[-1]) ** 2, recorded
+    if table.linear_dn is None or table.recorded_dn is None:
+        raise InputError(where, "half a table", "linear_dn and recorded_dn, or square_root_from_dn")
+    linear, recorded = _columns(path, "nonlinearity", table.linear_dn, table.recorded_dn)
+    if np.any(np.diff(recorded) <= 0):
+        raise InputError(f"{where}.recorded_dn", "values that fall or stay", "ascending values")
+    return linear, recorded
 
 
 def _columns(path: Path, table: str, *columns: list[float]) -> list[np.ndarray]:

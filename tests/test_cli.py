@@ -173,7 +173,7 @@ MISTAKES = [
     ("simulate {t}/none.nc --out {t}/a.tif", ["none.nc", "no such file"]),
     ("simulate {t}/file --out {t}/a.tif", ["file", ".nc"]),
     ("simulate {t}/none.nc --out {t}/a.png", ["a.png", ".tif"]),
-    ("simulate {t}/none.nc --out {t}/a.tif --camera dcs20", ["dcs20", "did you mean 'dcs200'"]),
+    ("simulate {t}/none.nc --out {t}/a.tif --camera dcs2000", ["dcs2000", "did you mean 'dcs200'"]),
     ("simulate {t}/none.nc --out {t}/a.tif --exposure 1/0", ["--exposure", "1/0"]),
     ("capture cornell-box --out {d}", ["demo-capture", "exists already"]),
     ("capture cornell-box --out {t}/c --effects ghost", ["--effects", "--hide"]),

@@ -10,17 +10,13 @@ from cboxlab.render.previews import cube_to_srgb, raw_to_srgb, scene_white
 from cboxlab.render.sensor import (
     Detector,
     SensorCamera,
-    auto_exposure,
     channel_map,
-    electron_rate,
-    expected_counts,
-    expected_electrons,
-    integration_weights,
     noisy_counts,
     quantise,
-    simulate,
 )
 from cboxlab.render.sensor_cameras import PACKAGED, load_camera, packaged_cameras
+from cboxlab.render.sensor_light import integration_weights, require_radiance
+from cboxlab.render.sensor_simulation import auto_exposure, expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
 
@@ -236,9 +232,9 @@ def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
             lambda: simulate(tungsten().isel(wavelength=slice(0, 12)), load_camera("dcs200"), 1.0, 1),
             "Render the cube over a wider range",
         ),
-        (lambda: electron_rate(np.ones((2, 2, 30)), np.ones((31, 1))), "as many as there are wavelengths"),
+        (lambda: require_radiance(np.ones((2, 2, 30)), 31), "as many as there are wavelengths"),
         (lambda: auto_exposure(tungsten() * 0, load_camera("dcs200")), "no light"),
-        (lambda: load_camera("dcs20"), "did you mean 'dcs200'"),
+        (lambda: load_camera("dcs2000"), "did you mean 'dcs200'"),
     ],
 )
 def test_mistakes_are_told(call, message):
@@ -256,7 +252,9 @@ def test_negative_radiance_is_told_with_its_place_unless_it_is_the_renders_own_n
 
 
 def test_every_packaged_camera_loads():
-    assert packaged_cameras() == ["dcs200", "pxl1300l"]
+    assert packaged_cameras() == [
+        "dcs200", "dcs420", "nikon-d5100", "pxl1300l", "sigma-sd-merrill", "sony-a7r2"
+    ]  # fmt: skip
     for name in packaged_cameras():
         assert load_camera(name).source
 

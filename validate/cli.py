@@ -14,7 +14,7 @@ import typer
 from cboxlab.scenes.errors import InputError
 from rich.text import Text
 
-from . import commands_diagnosis, commands_forward, commands_measured, commands_model
+from . import commands_diagnosis, commands_forward, commands_measured, commands_model, commands_sensor
 from .console import errors
 
 __all__ = ["app", "main"]
@@ -31,7 +31,7 @@ for command in (
     commands_measured.compare,
     commands_diagnosis.diagnose,
     commands_forward.render,
-    commands_forward.simulate,
+    commands_sensor.simulate,
     commands_forward.capture,
     commands_forward.reveal,
     commands_model.add,

@@ -1,4 +1,4 @@
-"""Commands that go forwards from a model: render, simulate, capture, reveal."""
+"""Commands that go forwards from a model: render, capture, reveal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .effects import AppliedEffect
     from .model import Model
 
-__all__ = ["capture", "render", "reveal", "simulate"]
+__all__ = ["capture", "render", "reveal"]
 
 ModelArgument = Annotated[
     str,
@@ -119,39 +119,6 @@ def _calibrated_camera(folder: Path) -> Camera:
             folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera"
         )
     return fit.camera
-
-
-def simulate(
-    cube: Annotated[Path, typer.Argument(help="Spectral cube: .nc, .exr or .hdr.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="The raw frame: 16-bit TIFF, counts.", show_default=False)],
-    camera: Annotated[str, typer.Option(help="dcs200, pxl1300l, or a camera file (TOML).")] = "dcs200",
-    exposure: Annotated[str, typer.Option(help="Seconds (0.5 or 1/30), or auto.")] = "auto",
-    channel: Annotated[
-        str | None, typer.Option(help="Filter, of a camera that has several and no mosaic.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of the noise.", min=0)] = 0,
-    preview: Annotated[Path | None, typer.Option(help="A demosaiced picture (PNG).")] = None,
-) -> None:
-    """Raw sensor output from any spectral cube."""
-    from cboxlab.render.cube_files import read_cube
-    from cboxlab.render.sensor_cameras import load_camera
-
-    from .raw_shots import shoot, write_preview, write_shot
-
-    for path, endings in ((out, (".tif", ".tiff")), (preview, (".png",))):
-        if path is not None and path.suffix.lower() not in endings:
-            raise InputError(path, f"the ending '{path.suffix}'", " or ".join(endings))
-        if path is not None:
-            require_folder(path.parent)
-    sensor = load_camera(camera)
-    seconds = None if exposure == "auto" else positive_number(exposure, "--exposure")
-    shot = shoot(read_cube(cube), sensor, seconds, seed, channel)
-    write_shot(out, shot)
-    counts = f"{shot.counts.min()} to {shot.counts.max()} DN"
-    say(f"Raw frame: {out} ({sensor.name}, {shot.exposure_s:.4g} s, {counts})")
-    if preview is not None:
-        write_preview(preview, shot)
-        say(f"Preview: {preview}")
 
 
 def capture(

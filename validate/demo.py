@@ -78,7 +78,11 @@ def _raw_section(shot: RawShot) -> ReportSection:
             "what the sensor records behind its colour filter array, with its noise and rounding, and the "
             "picture developed from it.",
         ),
-        (picture_row({"Raw counts, one colour per pixel": raw, "Demosaiced, white balanced": shot.preview}),),
+        (
+            picture_row(
+                {"Raw counts, one colour per pixel": raw, "Demosaiced, white balanced": shot.preview()}
+            ),
+        ),
     )
 
 
