@@ -74,15 +74,15 @@ class Coat:
     def albedo(self, cosine: NDArray, strata: int = 96) -> NDArray[np.float64]:
         """(n,) part of the light from directions at ``cosine`` (n,) to the normal that is reflected."""
         place = (np.arange(strata) + 0.5) / strata
-        u, v = (mi.Float(x.astype(np.float32).ravel()) for x in np.meshgrid(place, place))
-        result = []
-        for c in np.asarray(cosine, float):
-            outgoing = mi.Vector3f(float(np.sqrt(max(1 - c * c, 0))), 0, float(c))
-            incoming = self.sample(outgoing, u, v)
-            pdf = self.density(incoming, outgoing)
-            part = dr.select(pdf > 0, self.value(incoming, outgoing) * incoming.z / pdf, 0)
-            result.append(float(dr.mean(part, axis=None).numpy().item()))
-        return np.array(result)
+        c, u, v = (
+            mi.Float(x.astype(np.float32).ravel())
+            for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
+        )
+        outgoing = mi.Vector3f(dr.safe_sqrt(1 - c * c), 0, c)
+        incoming = self.sample(outgoing, u, v)
+        pdf = self.density(incoming, outgoing)
+        part = dr.select(pdf > 0, self.value(incoming, outgoing) * incoming.z / pdf, 0)
+        return np.array(part, float).reshape(-1, strata**2).mean(axis=1)
 
     def _density(self, half: mi.Vector3f) -> mi.Float:
         square = self.alpha * self.alpha

@@ -164,9 +164,9 @@ def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signatu
     scene = bench.predictor.scene
     bands = bench.predictor.sensing.curves.bands
     known = hypotheses(bands, tuple(scene.materials), tuple(s.name for s in scene.surfaces), truncated)
-    found = []
+    found, rough = [], bench.predictor.rough()
     for index, hypothesis in enumerate(known):
-        one = signature(bench.predictor, bench.given, bench.rendered.used, hypothesis)
+        one = signature(rough, bench.given, bench.rendered.used, hypothesis)
         if one is not None:
             found.append(one)
         report(0.6 * (index + 1) / len(known))

@@ -8,7 +8,7 @@ shape, and added; camera effects are warps; filter, optics and counts effects ac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, sensor_matrix
@@ -32,6 +32,7 @@ __all__ = ["Predictor", "build_predictor"]
 _PATCHES_PER_DIAGONAL = 12
 _PATCH_SAMPLES = 512
 _SAMPLES = 256
+_SCREENING_SAMPLES = 64
 
 _SCENE_STAGES = ("scene", "settings", "transport")
 
@@ -40,7 +41,7 @@ _SCENE_STAGES = ("scene", "settings", "transport")
 class Predictor:
     """scene, settings : without effects. included : effects of scene or settings that the base picture holds already.
 
-    image, camera : the base picture. base : its Light.
+    image, camera : the base picture. base : its Light. samples : rays a pixel of what no patches tell.
     """
 
     scene: Scene
@@ -53,8 +54,13 @@ class Predictor:
     included: tuple[AppliedEffect, ...]
     effective_nm: NDArray[np.float64]
     warp: Warp
+    samples: int = 256
     _transports: dict[tuple, PatchTransport] = field(default_factory=dict)
     _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict)
+
+    def rough(self) -> Predictor:
+        """The same with fewer rays, enough to tell which effects deserve a closer look."""
+        return replace(self, samples=_SCREENING_SAMPLES, _pictures={})
 
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
@@ -95,7 +101,7 @@ class Predictor:
         weights = sensor_matrix(integral_responses(self.sensing.curves))
         lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
         light: PatchLight = patch_light(self._transport(scene), scene, self.effective_nm, WAVELENGTH_NM, weights, lamp,
-                                        settings.max_bounces)  # fmt: skip
+                                        settings.max_bounces, self.samples)  # fmt: skip
         for effect in effects:
             if effect.effect.stage == "transport":
                 light = effect.apply(light)

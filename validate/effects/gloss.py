@@ -43,8 +43,10 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     )
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
-        return (1 - specular * fresnel(incoming.z)) * (1 - specular * fresnel(outgoing.z))
+        return (1 - coat.scale * fresnel(incoming.z)) * (1 - coat.scale * fresnel(outgoing.z))
 
+    # opaque numbers are no part of a kernel's code, which is thus compiled once
+    held_back = dr.opaque(mi.Float, through)
     table = mi.Float(reflected.astype(np.float32))
 
     def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
@@ -52,7 +54,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         index = mi.UInt32(place)
         part = place - mi.Float(index)
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
-        return (1 - specular * fresnel(cosine_in)) * through, low + part * (high - low)
+        return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
 
     added = changed_reflection(
         transport.light,

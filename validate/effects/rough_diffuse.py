@@ -46,6 +46,9 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         lambda rho, cosine: rho * (a + b * np.interp(cosine, _COSINES, lobe)),
     )
 
+    # opaque numbers are no part of a kernel's code, which is thus compiled once
+    own, back = dr.opaque(mi.Float, a), dr.opaque(mi.Float, b)
+
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
         sine_in, sine_out = (
             dr.safe_sqrt(1 - incoming.z * incoming.z),
@@ -54,7 +57,7 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         across = incoming.x * outgoing.x + incoming.y * outgoing.y
         # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
         backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
-        return a + b * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
+        return own + back * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
     rho = np.array([m.reflectance.at(light.wavelength_nm) for m in materials.values()])
     table = mi.Float(lobe.astype(np.float32))
@@ -64,7 +67,7 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         index = mi.UInt32(place)
         part = place - mi.Float(index)
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
-        return a + b * (low + part * (high - low)), mi.Float(0)
+        return own + back * (low + part * (high - low)), mi.Float(0)
 
     added = changed_reflection(
         transport.light,
