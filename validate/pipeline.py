@@ -235,7 +235,8 @@ def rendered_from(
 ) -> Rendered:  # fmt: skip
     """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale.
 
-    A picture kept from before, or another renderer's, comes through the camera that it was made with. light : solved under the same effects (see ``solved_light``).
+    A picture kept from before, or another renderer's, comes through the camera that it was made with.
+    light : solved under the same effects (see ``solved_light``).
     """
     calibration = prepared.calibration
     responses = calibration.responses
