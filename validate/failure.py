@@ -114,9 +114,10 @@ def _band_parts(bands: Sequence[str], nm: NDArray, shape: tuple[int, ...]) -> li
             (f"below {border:.0f} nm", order[:count]),
             (f"above {border:.0f} nm", order[count:]),
         ):
-            where = np.zeros(shape, bool)
-            where[own] = True
-            found.append(Part("band", words, where))
+            if len(own) > 1:
+                where = np.zeros(shape, bool)
+                where[own] = True
+                found.append(Part("band", words, where))
     for i, band in enumerate(bands):
         where = np.zeros(shape, bool)
         where[i] = True
@@ -163,7 +164,8 @@ def _densest(
     while True:
         candidates = [p for p in known if p.kind not in {q.kind for q in chosen}]
         scored = [(_score(excess, here & p.where, total, count), i) for i, p in enumerate(candidates)]
-        score, index = max(scored, default=(0.0, 0))
+        # of two parts that cut out the same the first is the more particular one
+        score, index = max(scored, key=lambda item: (item[0], -item[1]), default=(0.0, 0))
         # one more condition has to earn its words
         if score <= 1.1 * best or score <= 0:
             break
