@@ -33,11 +33,12 @@ _CELL_SAMPLES, _RAY_SAMPLES = 2048, 32
 class AirTransport:
     """Air between the camera and the back wall, all per mean over directions (a full sphere is 1).
 
-    axes : centres of the cells, mm, of the air in the box, which come first, and of that before it; front_mm : the
-    plane between them. corner, size : (v, 3) of the cells, mm. volume : (v,) mm^3 of a cell that is air.
-    seen : (v, p) part of the sphere that a patch fills, mean over the cell. escape : (v,) part that meets nothing. lamp : (v,) the lamp's part,
-    weighted with its pattern. ray_lamp : (y, x, STEPS) the same, mean over each part of a pixel's central ray.
-    depth : (y, x) mm to what a pixel sees; to the back wall's plane where it sees nothing. direction : (y, x, 3).
+    axes : centres of the cells, mm, of the air in the box, which come first, and of that before it.
+    front_mm : the plane between them. corner, size : (v, 3) of the cells, mm. volume : (v,) mm^3 of a cell that is
+    air. seen : (v, p) part of the sphere that a patch fills, mean over the cell. escape : (v,) part that meets
+    nothing. lamp : (v,) the lamp's part, weighted with its pattern. ray_lamp : (y, x, STEPS) the same, mean over
+    each part of a pixel's central ray. depth : (y, x) mm to what a pixel sees; to the back wall's plane where it
+    sees nothing. direction : (y, x, 3). lamp_centre : (3,) mm.
     """
 
     axes: tuple[tuple[NDArray[np.float64], ...], ...]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .commands_measured import NoCacheOption, RenderOption
 from .console import bar, require_compiled, require_folder, say
 
 __all__ = ["diagnose"]
@@ -25,21 +26,26 @@ def diagnose(
     out: Annotated[
         Path | None, typer.Option(help="Folder for report.html, metrics.json, maps and the final model.toml.")
     ] = None,
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
 ) -> None:
     """Which physical effect is missing: name it, add it, and show the error falling."""
     from .diagnosis import diagnose as run
     from .diagnosis_output import diagnosis_sections, path_steps, print_diagnosis, write_diagnosis
     from .model import Model, load_model, write_model
+    from .picture_cache import default_cache
     from .pipeline import validate, write_validation
+    from .summary import print_failures
 
     if out is not None:
         require_folder(out)
     chosen = Model() if model is None else load_model(model)
     require_compiled()
     with bar("validating") as report:
-        validation = validate(capture, chosen, report)
+        validation = validate(capture, chosen, report, render, None if no_cache else default_cache())
     with bar("diagnosing") as report:
         diagnosis = run(validation, report)
+    print_failures(validation)
     print_diagnosis(diagnosis)
     if json is not None:
         write_diagnosis(json, diagnosis)

@@ -14,10 +14,20 @@ if TYPE_CHECKING:
 
     from .stacks import StackComparison
 
-__all__ = ["calibrate", "compare", "demo", "validate"]
+__all__ = ["NoCacheOption", "RenderOption", "calibrate", "compare", "demo", "validate"]
 
 CaptureFolder = Annotated[
     Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
+]
+
+RenderOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Another renderer's spectral cube (.nc, .exr, .hdr) through the capture's calibrated camera."
+    ),
+]
+NoCacheOption = Annotated[
+    bool, typer.Option("--no-cache", help="Render afresh, and keep no picture in the user's cache folder.")
 ]
 
 
@@ -40,9 +50,12 @@ def validate(
     out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
         "validation"
     ),
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
 ) -> None:
     """The main job: calibrate, render, compare, report."""
     from .model import Model, load_model
+    from .picture_cache import default_cache
     from .pipeline import validate as run
     from .pipeline import write_validation
     from .summary import print_validation
@@ -51,7 +64,7 @@ def validate(
     chosen = Model() if model is None else load_model(model)
     require_compiled()
     with bar("validating") as report:
-        result = run(capture, chosen, report)
+        result = run(capture, chosen, report, render, None if no_cache else default_cache())
     write_validation(result, out)
     print_validation(result)
     say(f"Report: {out / 'report.html'}")

@@ -15,6 +15,7 @@ from cboxlab.scenes.files import replacing
 
 from .colour_difference import DifferenceStatistics
 from .compare import ChiSquare, Comparison, RelativeDifference
+from .failure import Failure
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
@@ -35,7 +36,8 @@ class Run:
     seconds : wall time. camera : as used for the render, with its covariance. calibrated_camera : before the
     refit to the image, None without a refit. reprojection_rms_px : per coordinate, sqrt(mean(du^2, dv^2)).
     lamp_scale, lamp_scale_sigma : fitted factor on the lamp's stated radiance. lamp_scale_prior_sigma : its
-    stated relative uncertainty. path : models tried in order; empty for a plain comparison.
+    stated relative uncertainty. path : models tried in order; empty for a plain comparison. failures :
+    where the model fails, most of the excess in the least room first.
     """
 
     capture: str
@@ -49,6 +51,7 @@ class Run:
     lamp_scale_prior_sigma: float = math.nan
     calibrated_camera: Camera | None = None
     path: Sequence[PathStep] = ()
+    failures: Sequence[Failure] = ()
 
 
 def _chi2(chi2: ChiSquare) -> dict[str, Any]:
@@ -137,6 +140,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
         "edges": {"share_of_excess": c.share_of_excess_at_edges, **_chi2(c.chi2_edges)},
         "interiors": _chi2(c.chi2_interiors),
+        "failures": [asdict(failure) for failure in run.failures],
         "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.delta_e_ab.mean)]],
     }  # fmt: skip
     for key, value in (extra or {}).items():

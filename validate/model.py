@@ -79,13 +79,21 @@ def load_model(path: Path) -> Model:
     effects = []
     for index, item in enumerate(entry.effect):
         values = dict(item)
-        identifier = values.pop("id", None)
-        effects.append(apply_checked(identifier, values, f"{path}: effect[{index}]"))
+        identifier, where = values.pop("id", None), f"{path}: effect[{index}]"
+        sigma = _checked_sigma(values.pop("sigma", {}), f"{where}.sigma")
+        effects.append(replace(apply_checked(identifier, values, where), sigma=sigma))
     scene = entry.scene
     if scene.endswith(".toml"):
         scene = str((path.parent / scene).resolve())
     settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
     return Model(scene, tuple(effects), settings, entry.name or path.stem)
+
+
+def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
+    """Standard deviations, told and passed on. Raises InputError for anything but a table of numbers."""
+    if not isinstance(sigma, dict) or not all(isinstance(v, int | float) and v >= 0 for v in sigma.values()):
+        raise InputError(where, repr(sigma), "a table of standard deviations, such as { fraction = 1e-4 }")
+    return {key: float(value) for key, value in sigma.items()}
 
 
 def write_model(path: Path, model: Model) -> None:
@@ -98,6 +106,10 @@ def write_model(path: Path, model: Model) -> None:
     for effect in model.effects:
         lines += ["", "[[effect]]", f"id = {_toml(effect.id)}"]
         lines += [f"{key} = {_toml(value)}" for key, value in effect.values.items()]
+        if effect.sigma:
+            lines.append(
+                "sigma = { " + ", ".join(f"{k} = {float(v)!r}" for k, v in effect.sigma.items()) + " }"
+            )
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -19,6 +19,7 @@ from cboxlab.render import variant
 from cboxlab.render.bands import render_bands
 from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
+from cboxlab.render.light_shares import light_shares
 from cboxlab.render.warp import warp_change
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
@@ -30,11 +31,14 @@ from .blocks import ReportSection
 from .compare import Comparison, compare
 from .effects import AppliedEffect
 from .expected import expected_signal
+from .failure import Failure, Part, failure_section, parts, ranked_failures
+from .foreign import foreign_picture
 from .forward import after_stage
 from .maps import write_maps
 from .metrics import PathStep, Run, write_metrics
 from .model import Model, RenderSettings
 from .nuisances import NuisanceFit, fit_lamp_scale, fit_nuisances
+from .picture_cache import cached_picture, content_key
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor
 from .rendering import Progress, render_to_noise
@@ -42,7 +46,7 @@ from .report import ReportInputs, build_report
 from .sensing import sensing
 
 __all__ = [
-    "Prepared", "Rendered", "Validation", "compared", "polished", "prepare", "refitted", "rendered_from",
+    "Prepared", "Rendered", "Validation", "compared", "failures", "polished", "prepare", "refitted", "rendered_from",
     "solved_light", "validate", "write_validation",
 ]  # fmt: skip
 
@@ -57,12 +61,16 @@ class Prepared:
     """A capture made ready: calibrated, with its own lamp in the model's scene.
 
     lamp_sigma : relative standard deviation of the lamp's stated power, None where nothing is stated.
+    picture : another renderer's, through the calibrated camera, in place of ours. cache : where rendered pictures are
+    kept, None for nowhere.
     """
 
     calibration: Calibration
     scene: Scene
     calibrated_camera: Camera
     lamp_sigma: float | None
+    picture: RenderedImage | None = None
+    cache: Path | None = None
 
     @property
     def measured(self) -> NDArray[np.float64]:
@@ -154,11 +162,23 @@ def solved_light(
     return solve_light(scene, WAVELENGTH_NM, bounces, seed=settings.seed)
 
 
-def validate(folder: Path, model: Model, progress: Progress | None = None) -> Validation:
-    """Calibrate, render, fit the nuisances, compare. ``progress`` is told the part done, 0 to 1."""
+def validate(
+    folder: Path, model: Model, progress: Progress | None = None, picture: Path | None = None,
+    cache: Path | None = None,
+) -> Validation:  # fmt: skip
+    """Calibrate, render, fit the nuisances, compare. ``progress`` is told the part done, 0 to 1.
+
+    picture : a spectral cube of another renderer in place of our picture without effects. cache : where rendered
+    pictures are kept from run to run.
+    """
     start = time.perf_counter()
     report = progress or (lambda part: None)
-    prepared = prepare(folder, model)
+    prepared = replace(prepare(folder, model), cache=cache)
+    if picture is not None:
+        if not variant.compiled():
+            raise InputError("--render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+        own = foreign_picture(picture, prepared.scene, prepared.calibrated_camera)
+        prepared = replace(prepared, picture=own)
     report(0.05)
     if not variant.compiled():
         rendered = _rendered_plainly(prepared, model, report)
@@ -215,16 +235,31 @@ def rendered_from(
 ) -> Rendered:  # fmt: skip
     """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale.
 
+    A picture kept from before, or another renderer's, comes through the camera that it was made with.
     light : solved under the same effects (see ``solved_light``).
     """
     calibration = prepared.calibration
     responses = calibration.responses
     assert responses is not None
-    image, bands = render_to_noise(
-        light, camera, responses, calibration.predicted_variance, prepared.usable, settings.noise,
-        settings.seed, progress,
-    )  # fmt: skip
-    included = [e for e in effects if e.effect.stage in ("scene", "settings")]
+    if prepared.picture is not None:
+        image, camera, included = prepared.picture, prepared.calibrated_camera, []
+    else:
+
+        def make() -> RenderedImage:
+            return render_to_noise(
+                light, camera, responses, calibration.predicted_variance, prepared.usable, settings.noise,
+                settings.seed, progress,
+            )[0]  # fmt: skip
+
+        scene = light.tracer.scene
+        dark = calibration.predicted_variance(np.zeros_like(prepared.measured))
+        factors = [(r.band, r.factor, r.response.tolist()) for r in responses]
+        key = content_key(
+            scene, light.max_bounces, settings.noise, settings.seed, prepared.usable, dark, factors
+        )
+        image, camera = cached_picture(prepared.cache, key, camera, _corners(scene), make)
+        included = [e for e in effects if e.effect.stage in ("scene", "settings")]
+    bands = render_bands(image, responses)
     predictor = build_predictor(
         light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
     )
@@ -275,6 +310,19 @@ def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]
     )
 
 
+def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]:
+    """What the residuals are told apart by, and the ranked list of where the model fails."""
+    scene, c = result.prepared.scene, result.comparison
+    responses = result.prepared.calibration.responses or ()
+    weights = np.stack([r.response for r in responses], axis=-1)
+    centres = (responses[0].wavelength_nm @ weights) / weights.sum(axis=0)
+    split = result.light is not None and result.prepared.picture is None
+    shares = light_shares(result.image, len(scene.materials), weights) if split else None
+    material = {surface.name: surface.material for surface in scene.surfaces}
+    known = tuple(parts(c, material, centres, shares))
+    return known, ranked_failures(c, known)
+
+
 def _assumptions(result: Validation) -> list[str]:
     prepared, fit = result.prepared, result.fit
     sigma = prepared.lamp_sigma
@@ -317,6 +365,7 @@ def write_validation(
     prepared, fit = result.prepared, result.fit
     camera_fit = prepared.calibration.camera_fit
     assert camera_fit is not None
+    known, failed = failures(result)
     run = Run(
         capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
         model=result.model.name,
@@ -329,6 +378,7 @@ def write_validation(
         lamp_scale_sigma=fit.lamp_scale_sigma,
         lamp_scale_prior_sigma=prepared.lamp_sigma if prepared.lamp_sigma is not None else float("nan"),
         path=path,
+        failures=failed,
     )
     write_maps(folder / "maps", result.comparison)
     write_metrics(folder / "metrics.json", result.comparison, run)
@@ -337,6 +387,7 @@ def write_validation(
         ReportInputs(
             result.comparison, run, _assumptions(result),
             weights=prepared.calibration.weights, responses=prepared.calibration.responses or (),
-            sections=sections, further_warnings=prepared.calibration.notes,
+            sections=(failure_section(result.comparison, known, failed), *sections),
+            further_warnings=prepared.calibration.notes,
         ),
     )  # fmt: skip

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from .console import console, data_table, say
-from .pipeline import Validation
+from .pipeline import Validation, failures
 from .verdict import verdict
 
-__all__ = ["print_validation"]
+__all__ = ["print_failures", "print_validation"]
 
 
 def print_validation(result: Validation) -> None:
@@ -31,3 +31,10 @@ def print_validation(result: Validation) -> None:
         f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
     )
     console.print(f"[bold]{verdict(c).headline}[/]")
+    print_failures(result)
+
+
+def print_failures(result: Validation) -> None:
+    """Print where the model fails, most of the excess in the least room first."""
+    for rank, failure in enumerate(failures(result)[1], 1):
+        say(f"{rank}. {failure.sentence}")

@@ -27,6 +27,7 @@ __all__ = ["transported"]
 #: Steps of the wavelengths at which the change is computed (between them it is linear), where paints alone give it
 #: its spectrum and where lines or bells do; so many wavelengths at once.
 _EVERY_NM, _FINE_NM, _AT_ONCE = 20, 5, 16
+_DARK = 1e-6
 _NARROW = ("ambient-light", "fluorescence")
 
 _PATCHES_PER_DIAGONAL, _PATCH_SAMPLES, _SAMPLES, _PICTURE_SAMPLES = 20, 1024, 512, 512
@@ -49,6 +50,9 @@ def transported(
     field = solve_light(scene, coarse, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=other)
     transport = build_patch_transport(field, camera, _SAMPLES, other)
     lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
+    lamp = np.maximum(
+        lamp, _DARK * lamp.max()
+    )  # all is told over the lamp's radiance, which a line lamp lacks
     ratios, additions = [], []
     for some in np.array_split(coarse, -(-coarse.size // _AT_ONCE)):
         at_each = (WAVELENGTH_NM == some[:, None]).astype(float)
@@ -61,8 +65,7 @@ def transported(
         additions.append(addition)
     ratio, addition = (np.moveaxis(np.concatenate(parts), 0, -1) for parts in (ratios, additions))
     between = np.array([np.interp(WAVELENGTH_NM, coarse, row) for row in np.eye(coarse.size)])
-    lit = np.where(lamp > 0, lamp, 1.0)
-    mean = image.project(np.eye(WAVELENGTH_NM.size)[:, ::step])[0] / lit[::step]
+    mean = image.project(np.eye(WAVELENGTH_NM.size)[:, ::step])[0] / lamp[::step]
     change = (mean * (ratio - 1) + addition).astype(np.float32)
     return replace(
         image,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -61,10 +61,11 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class AppliedEffect:
-    """An effect with values for all of its parameters."""
+    """An effect with values for all of its parameters. sigma : standard deviations of those fitted to a capture."""
 
     effect: Effect
     values: Mapping[str, str | float]
+    sigma: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def id(self) -> str:

@@ -1,0 +1,53 @@
+"""Another renderer's picture in place of ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
+from cboxlab.render.cube_files import read_cube
+from cboxlab.render.image import RenderedImage
+from cboxlab.render.primary import facet_coverage
+from cboxlab.render.tracer import build_tracer
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Scene
+
+__all__ = ["foreign_picture"]
+
+
+def foreign_picture(path: Path, scene: Scene, camera: Camera) -> RenderedImage:
+    """The cube at ``path`` as a rendered image on WAVELENGTH_NM, linear between its wavelengths.
+
+    scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors, where it
+    has any, count as fully correlated between wavelengths.
+
+    Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
+    """
+    cube = read_cube(path).transpose("y", "x", "wavelength", ...)
+    wavelength = cube["wavelength"].values.astype(float)
+    radiance = cube["radiance"].values.astype(float)
+    if radiance.shape[:2] != (camera.height_px, camera.width_px):
+        found = f"{radiance.shape[1]} x {radiance.shape[0]} px"
+        expected = f"the capture's {camera.width_px} x {camera.height_px} px, through its calibrated camera"
+        raise InputError(path, found, expected, "`cbox render --camera CAPTURE` shows how such a cube looks.")
+    if wavelength[0] > WAVELENGTH_NM[0] or wavelength[-1] < WAVELENGTH_NM[-1]:
+        found = f"wavelengths from {wavelength[0]:g} to {wavelength[-1]:g} nm"
+        raise InputError(path, found, "400 to 700 nm: the sensor equation is an integral over them")
+    if not np.all(np.isfinite(radiance)):
+        raise InputError(path, "radiance that is not finite", "W m^-2 sr^-1 nm^-1 in every pixel")
+    error = (
+        cube["standard_error"].values.astype(float) if "standard_error" in cube else np.zeros_like(radiance)
+    )
+    # two batches that far apart have this error of their mean
+    batches = np.stack([radiance + error, radiance - error]).astype(np.float32)
+    tracer = build_tracer(scene)
+    return RenderedImage(
+        coefficients=batches,
+        spectra=np.array([np.interp(WAVELENGTH_NM, wavelength, row) for row in np.eye(wavelength.size)]),
+        wavelength_nm=WAVELENGTH_NM,
+        coverage=facet_coverage(tracer, camera),
+        facet_surface=tracer.facet_surface,
+        surface_names=tuple(surface.name for surface in scene.surfaces),
+    )
