@@ -66,6 +66,12 @@ class Predictor:
         """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
         return expected_signal(self.before_optics(effects), self.sensing, effects, self.camera)
 
+    def noise(self, effects: Sequence[AppliedEffect], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What optics and counts make of an error ``before`` (band, y, x) of the picture, DN."""
+        light = self.base.with_signal(self.base.signal + before)
+        ends = (expected_signal(each, self.sensing, effects, self.camera) for each in (light, self.base))
+        return np.subtract(*ends)
+
     def before_optics(self, effects: Sequence[AppliedEffect]) -> Light:
         """The same before optics and counts: in proportion to the exposure, whatever the effects."""
         filters = [e for e in effects if e.effect.stage == "filter"]

@@ -58,17 +58,31 @@ def numeric_steps(candidate: Candidate) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residual and base that a further effect is fitted to, other effects already being in."""
+    """Residual and base that a further effect is fitted to, other effects already being in.
+
+    noise : (band, y, x) DN before optics, a draw of the base picture's own Monte Carlo error.
+    """
 
     predictor: Predictor
     model: LinearModel
     others: tuple[AppliedEffect, ...]
     scale: float
     base: NDArray[np.float64]
+    noise: NDArray[np.float64]
 
     def change(self, applied: AppliedEffect) -> NDArray[np.float64]:
         """(n + 11,) projected whitened change that an effect makes on top of the others."""
         return self.model.whiten(self.scale * (self.predictor.signal((*self.others, applied)) - self.base))
+
+    def smoothed_away(self, applied: AppliedEffect) -> float:
+        """Chi2 that an effect would gain by averaging the base picture's noise: a blur does, whatever the truth."""
+        if applied.effect.stage not in ("optics", "counts"):
+            return 0.0
+        before, after = (
+            self.scale * self.predictor.noise(effects, self.noise)[self.model.used] / self.model.sigma
+            for effects in (self.others, (*self.others, applied))
+        )
+        return float(before @ before - after @ after)
 
 
 # Filter shift acts through 1 / n^2, and its null is an infinite index: it is searched in that coordinate.
@@ -95,10 +109,11 @@ def _probe(parameter: Parameter) -> float:
 
 
 def problem(
-    predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float
+    predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float, variance: NDArray
 ) -> Problem:
-    """What a further effect is fitted to."""
-    return Problem(predictor, model, tuple(others), scale, predictor.signal(others))
+    """What a further effect is fitted to. variance : (band, y, x) DN^2 of the base picture's Monte Carlo error."""
+    draw = np.random.default_rng(predictor.settings.seed).standard_normal(variance.shape)
+    return Problem(predictor, model, tuple(others), scale, predictor.signal(others), np.sqrt(variance) * draw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,4 +260,5 @@ def _evaluate(
     except InputError:
         return Candidate(hypothesis, dict(numbers), {}, np.inf, np.zeros_like(residual))
     left = residual - change
-    return Candidate(hypothesis, dict(numbers), {}, float(left @ left), change)
+    chi2 = float(left @ left) + task.smoothed_away(hypothesis.at(numbers))
+    return Candidate(hypothesis, dict(numbers), {}, chi2, change)

@@ -88,7 +88,7 @@ class Bench:
     def task(self, chosen: Sequence[Candidate]) -> Problem:
         """What a further effect is fitted to, with these in place."""
         others = (*self.given, *(c.applied for c in chosen))
-        return problem(self.predictor, self.model, others, self.scale)
+        return problem(self.predictor, self.model, others, self.scale, self.rendered.variance)
 
 
 def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> Bench:
@@ -212,9 +212,9 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         others = [c for i, c in enumerate(chosen) if i != index]
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        residual = left_over(bench, others)
-        best = best_singles(bench.task(others), rest, residual, _RIVALS)
-        fitted = replace(candidate, chi2=float(together @ together))
+        residual, task = left_over(bench, others), bench.task(others)
+        best = best_singles(task, rest, residual, _RIVALS)
+        fitted = replace(candidate, chi2=float(together @ together) + task.smoothed_away(candidate.applied))
         shape = residual - together
         found.append(
             Place(
