@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .camera_calibration import calibrate_camera
 from .capture import Capture
-from .colorimetry import FilterWeights, fit_filter_weights, xyz_image
+from .colorimetry import FilterWeights, xyz_image
+from .colour_study import ColourStudy, study_colour
 from .corrected_bands import CorrectedBands, correct_bands
 from .dark import DarkLibrary, read_darks
 from .geometry import CameraFit
@@ -31,7 +32,7 @@ class Calibration:
     """What ``calibrate`` found; None where the capture lacks what it takes, and ``notes`` say so.
 
     channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
-    plain_weights : filter weights without, ``weights`` with a regard for noise. camera_fit : from the survey.
+    colour : filter weights three ways with their errors. camera_fit : from the survey.
     target_fit : from flat targets, joined with the survey where there is one.
     """
 
@@ -42,8 +43,7 @@ class Calibration:
     bands: CorrectedBands
     radiometry: Radiometry
     responses: tuple[BandResponse, ...] | None
-    plain_weights: FilterWeights | None
-    weights: FilterWeights | None
+    colour: ColourStudy | None
     camera_fit: CameraFit | None
     target_fit: TargetFit | None
     linearity: Linearity | None
@@ -65,6 +65,11 @@ class Calibration:
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance (band, y, x) in DN^2 of the corrected signals for their expectation (band, y, x) in DN."""
         return self.bands.predicted_variance(expected_signal)
+
+    @property
+    def weights(self) -> FilterWeights | None:
+        """The filter weights in use: those with the least colour error of the three."""
+        return None if self.colour is None else self.colour.weights[self.colour.recommended]
 
     def xyz(self) -> xr.Dataset:
         """Measured tristimulus images, see ``xyz_image``. ValueError where the capture cannot give them."""
@@ -102,7 +107,7 @@ def calibrate(capture: Capture) -> Calibration:
         *radiometry.notes,
         *camera_notes,
     ]
-    responses = plain = weights = None
+    responses = colour = None
     linearity = measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
@@ -117,8 +122,8 @@ def calibrate(capture: Capture) -> Calibration:
     elif radiometry.constant is not None:
         responses = band_responses(capture, radiometry.constant, channels)
     if responses is not None:
-        plain = fit_filter_weights(responses)
-        weights = fit_filter_weights(responses, _typical_noise(bands.images))
+        colour = study_colour(capture, responses, _typical_noise(bands.images))
+        notes.append(colour.reason)
     return Calibration(
         capture,
         dark,
@@ -127,8 +132,7 @@ def calibrate(capture: Capture) -> Calibration:
         bands,
         radiometry,
         responses,
-        plain,
-        weights,
+        colour,
         camera_fit,
         target_fit,
         linearity,

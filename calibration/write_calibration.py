@@ -14,6 +14,8 @@ from cboxlab.scenes.camera import Camera
 from .calibrate import Calibration
 from .calibration_plots import plot_dark, plot_filters, plot_noise
 from .colorimetry import FilterWeights
+from .colour_error import ColourError
+from .colour_study import ColourStudy
 from .geometry import CameraFit
 from .patch_colour import ILLUMINANT, patches_csv
 
@@ -44,15 +46,40 @@ def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "sigma": sigma}
 
 
-def _weights(weights: FilterWeights | None) -> dict[str, Any] | None:
-    if weights is None:
-        return None
+def _weights(weights: FilterWeights) -> dict[str, Any]:
     return {
+        "method": weights.method,
         "bands": list(weights.bands),
         **{name: row.tolist() for name, row in zip("XYZ", weights.weights, strict=True)},
         "residual_rms": dict(zip("XYZ", weights.residual_rms.tolist(), strict=True)),
         "noise_gain": dict(zip("XYZ", weights.noise_gain.tolist(), strict=True)),
         "relative_noise": weights.relative_noise.tolist(),
+    }
+
+
+def _error(error: ColourError) -> dict[str, Any]:
+    return {
+        "relative_rms": dict(zip("XYZ", error.rms.tolist(), strict=True)),
+        "relative_largest": dict(zip("XYZ", error.largest.tolist(), strict=True)),
+        "delta_e_ab": {"mean": float(error.delta_e_ab.mean()), "max": float(error.delta_e_ab.max())},
+        "delta_e_2000": {"mean": float(error.delta_e_2000.mean()), "max": float(error.delta_e_2000.max())},
+        "worst": error.worst,
+    }
+
+
+def _colour(study: ColourStudy) -> dict[str, Any]:
+    return {
+        "used": study.recommended,
+        "spectra": study.spectra,
+        "trained_on": study.ensemble,
+        "methods": {
+            method: _weights(weights) | {"error": _error(study.errors[method])}
+            for method, weights in study.weights.items()
+        },
+        "fewer_bands": [
+            {"bands": list(choice.bands), "training_rms": choice.training_rms, "error": _error(choice.error)}
+            for choice in study.choices
+        ],
     }
 
 
@@ -114,8 +141,8 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
             "probability": radiometry.probability,
         },
         "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},
-        "filter_weights": _weights(calibration.weights),
-        "filter_weights_without_noise": _weights(calibration.plain_weights),
+        "filter_weights": None if calibration.weights is None else _weights(calibration.weights),
+        "colour": None if calibration.colour is None else _colour(calibration.colour),
         "masked": {
             name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
             for name, value in flags.items()

@@ -17,7 +17,7 @@ from PIL import Image
 
 KEYS = {
     "capture", "bands", "channels", "camera", "target_intrinsics", "gain_e_per_dn", "read_noise_e",
-    "dark_level", "linearity", "C", "K", "filter_weights", "filter_weights_without_noise", "masked",
+    "dark_level", "linearity", "C", "K", "filter_weights", "colour", "masked",
     "patches", "notes",
 }  # fmt: skip
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.calibration.calibrate import Calibration
+from cboxlab.calibration.colour_error import ColourError
+from cboxlab.calibration.colour_study import ColourStudy
 from cboxlab.calibration.geometry import CameraFit
 from cboxlab.calibration.patch_colour import patch_xyz
 from cboxlab.calibration.patches import PatchTable
 from cboxlab.scenes.camera import Camera
 
-__all__ = ["calibration_rows", "patch_rows"]
+__all__ = ["calibration_rows", "colour_rows", "patch_rows"]
 
 Row = tuple[str, str, str, str]
 
@@ -72,11 +74,10 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
-    weights = calibration.weights
-    if weights is not None:
-        error = weights.residual_rms / np.sqrt(np.mean(weights.target**2, axis=1))
+    if calibration.weights is not None:
+        gain = calibration.weights.noise_gain
         rows += [
-            (f"filter weights of {axis}: rms error of the curve", f"{100 * error[i]:.1f}", "", "%")
+            (f"noise of {axis} over the bands' noise", f"{gain[i]:.2f}", "", "1")
             for i, axis in enumerate("XYZ")
         ]
     return rows
@@ -89,3 +90,27 @@ def patch_rows(patches: PatchTable) -> list[tuple[str, ...]]:
         (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}")
         for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True)
     ]
+
+
+def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
+    """Per method, and per best subset of the bands: rms error of X, Y, Z in %, mean and largest colour difference."""
+
+    everything = next(iter(study.weights.values())).bands
+
+    def row(name: str, error: ColourError) -> tuple[str, ...]:
+        differences = (error.delta_e_ab, error.delta_e_2000)
+        return (
+            name,
+            *(f"{100 * rms:.1f}" for rms in error.rms),
+            *(f"{d.mean():.2f} / {d.max():.1f}" for d in differences),
+        )
+
+    methods = [
+        row(method + (" (used)" if method == study.recommended else ""), error)
+        for method, error in study.errors.items()
+    ]
+    subsets = [
+        row(f"without {', '.join(b for b in everything if b not in choice.bands)}", choice.error)
+        for choice in study.choices[2:-1]
+    ]
+    return methods + subsets[::-1]

@@ -79,7 +79,7 @@ def calibrate(
 
 
 def _print_calibration(calibration: Calibration) -> None:
-    from .calibration_rows import calibration_rows, patch_rows
+    from .calibration_rows import calibration_rows, colour_rows, patch_rows
 
     table = data_table(
         calibration.capture.manifest.name or calibration.capture.folder.name, "", "value", "± 1 σ", "unit"
@@ -87,6 +87,14 @@ def _print_calibration(calibration: Calibration) -> None:
     for row in calibration_rows(calibration):
         table.add_row(*row)
     console.print(table)
+    if calibration.colour is not None:
+        errors = data_table(
+            "Filter weights: rms error, mean and largest colour difference", "weights", "X, %", "Y, %", "Z, %",
+            "ΔE*ab", "CIEDE2000",
+        )  # fmt: skip
+        for method in colour_rows(calibration.colour):
+            errors.add_row(*method)
+        console.print(errors)
     if calibration.patches is not None:
         colours = data_table("Patches", "label", "X", "Y", "Z", "σ(Y)")
         for patch in patch_rows(calibration.patches):
