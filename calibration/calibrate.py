@@ -22,7 +22,9 @@ from .noise import NoiseModel, measure_noise
 from .patches import PatchTable, measure_patches
 from .radiometry import Radiometry, measure_constant
 from .sensor_equation import BandResponse, band_responses, missing_keys
+from .sensor_study import SensorStudy, study_sensor
 from .target_camera import TargetFit
+from .uncertainty import Uncertainty, measure_uncertainty
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -33,7 +35,8 @@ class Calibration:
 
     channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
     colour : filter weights three ways with their errors. camera_fit : from the survey.
-    target_fit : from flat targets, joined with the survey where there is one.
+    target_fit : from flat targets, joined with the survey where there is one. sensor : photon transfer, dark
+    level, response, calibration curve. uncertainty : what bands, and all bands, share.
     """
 
     capture: Capture
@@ -47,6 +50,8 @@ class Calibration:
     camera_fit: CameraFit | None
     target_fit: TargetFit | None
     linearity: Linearity | None
+    sensor: SensorStudy
+    uncertainty: Uncertainty
     patches: PatchTable | None
     notes: tuple[str, ...]
 
@@ -75,7 +80,7 @@ class Calibration:
         """Measured tristimulus images, see ``xyz_image``. ValueError where the capture cannot give them."""
         if self.weights is None or self.responses is None:
             raise ValueError("the capture lacks what XYZ takes: see notes")
-        return xyz_image(self.images, self.weights, self.responses)
+        return xyz_image(self.images, self.weights, self.responses, self.uncertainty)
 
 
 def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
@@ -111,6 +116,8 @@ def calibrate(capture: Capture) -> Calibration:
     linearity = measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
+    sensor = study_sensor(capture, bands, dark, noise, channels)
+    notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
     patches = measure_patches(capture, bands, noise, linearity)
     if patches is not None:
         notes += patches.notes
@@ -136,6 +143,8 @@ def calibrate(capture: Capture) -> Calibration:
         camera_fit,
         target_fit,
         linearity,
+        sensor,
+        measure_uncertainty(radiometry, capture.band_ids),
         patches,
         tuple(dict.fromkeys(notes)),
     )

@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from .sensor_equation import WAVELENGTH_NM, BandResponse, trapezoidal_weights
+from .uncertainty import Uncertainty, xyz_parts
 
 __all__ = [
     "LUMINOUS_EFFICACY", "FilterWeights", "colour_matching_functions", "fit_filter_weights",
@@ -143,24 +144,39 @@ def _signal_to_xyz(weights: FilterWeights, responses: Sequence[BandResponse]) ->
     return LUMINOUS_EFFICACY * weights.weights / np.array([response.factor for response in responses])
 
 
-def xyz_image(images: xr.Dataset, weights: FilterWeights, responses: Sequence[BandResponse]) -> xr.Dataset:
+def xyz_image(
+    images: xr.Dataset,
+    weights: FilterWeights,
+    responses: Sequence[BandResponse],
+    uncertainty: Uncertainty | None = None,
+) -> xr.Dataset:
     """Tristimulus images of BandImages (band, y, x).
 
     Returns ``xyz`` (component, y, x), Y in cd m^-2, ``variance`` of the same shape by the images' own
     independent noise, and ``mask`` (y, x), the union of the bands' flags. Noise only: the error of the
-    weights against the CIE functions and that of C stand apart.
+    weights against the CIE functions and that of C stand apart. With an uncertainty also ``covariance_pixel``
+    and ``covariance_shared`` (y, x, component, component_2): the noise, and what bands and all bands share.
     """
     matrix = _signal_to_xyz(weights, responses)
     flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
-    dims = ("component", "y", "x")
-    return xr.Dataset(
+    signal, variance = images["signal"].values, images["variance"].values
+    dims, units = ("component", "y", "x"), {"units": "cd^2 m^-4"}
+    found = xr.Dataset(
         {
-            "xyz": (dims, np.tensordot(matrix, images["signal"].values, 1), {"units": "cd m^-2 (Y)"}),
-            "variance": (dims, np.tensordot(matrix**2, images["variance"].values, 1), {"units": "cd^2 m^-4"}),
+            "xyz": (dims, np.tensordot(matrix, signal, 1), {"units": "cd m^-2 (Y)"}),
+            "variance": (dims, np.tensordot(matrix**2, variance, 1), units),
             "mask": (("y", "x"), flags, dict(images["mask"].attrs)),
         },
         coords={"component": ["X", "Y", "Z"]},
     )
+    if uncertainty is None:
+        return found
+    parts = xyz_parts(signal, variance, matrix, uncertainty)
+    both = ("y", "x", "component", "component_2")
+    return found.assign(
+        covariance_pixel=(both, parts.pixel, units),
+        covariance_shared=(both, parts.band + parts.common, units),
+    ).assign_coords(component_2=["X", "Y", "Z"])
 
 
 def xyz_covariance(

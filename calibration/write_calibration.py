@@ -1,4 +1,4 @@
-"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv and plots."""
+"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv, XYZ maps and plots."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 
 from .calibrate import Calibration
-from .calibration_plots import plot_dark, plot_filters, plot_noise
-from .colorimetry import FilterWeights
-from .colour_error import ColourError
-from .colour_study import ColourStudy
+from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
 from .geometry import CameraFit
 from .patch_colour import ILLUMINANT, patches_csv
+from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
 __all__ = ["calibration_record", "camera_record", "write_calibration"]
 
@@ -44,43 +42,6 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
 
 def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "sigma": sigma}
-
-
-def _weights(weights: FilterWeights) -> dict[str, Any]:
-    return {
-        "method": weights.method,
-        "bands": list(weights.bands),
-        **{name: row.tolist() for name, row in zip("XYZ", weights.weights, strict=True)},
-        "residual_rms": dict(zip("XYZ", weights.residual_rms.tolist(), strict=True)),
-        "noise_gain": dict(zip("XYZ", weights.noise_gain.tolist(), strict=True)),
-        "relative_noise": weights.relative_noise.tolist(),
-    }
-
-
-def _error(error: ColourError) -> dict[str, Any]:
-    return {
-        "relative_rms": dict(zip("XYZ", error.rms.tolist(), strict=True)),
-        "relative_largest": dict(zip("XYZ", error.largest.tolist(), strict=True)),
-        "delta_e_ab": {"mean": float(error.delta_e_ab.mean()), "max": float(error.delta_e_ab.max())},
-        "delta_e_2000": {"mean": float(error.delta_e_2000.mean()), "max": float(error.delta_e_2000.max())},
-        "worst": error.worst,
-    }
-
-
-def _colour(study: ColourStudy) -> dict[str, Any]:
-    return {
-        "used": study.recommended,
-        "spectra": study.spectra,
-        "trained_on": study.ensemble,
-        "methods": {
-            method: _weights(weights) | {"error": _error(study.errors[method])}
-            for method, weights in study.weights.items()
-        },
-        "fewer_bands": [
-            {"bands": list(choice.bands), "training_rms": choice.training_rms, "error": _error(choice.error)}
-            for choice in study.choices
-        ],
-    }
 
 
 def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
@@ -141,8 +102,10 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
             "probability": radiometry.probability,
         },
         "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},
-        "filter_weights": None if calibration.weights is None else _weights(calibration.weights),
-        "colour": None if calibration.colour is None else _colour(calibration.colour),
+        "filter_weights": None if calibration.weights is None else weights_record(calibration.weights),
+        "colour": None if calibration.colour is None else colour_record(calibration.colour),
+        "uncertainty": uncertainty_record(calibration.uncertainty),
+        "sensor": sensor_record(calibration.sensor),
         "masked": {
             name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
             for name, value in flags.items()
@@ -178,7 +141,7 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...]:
-    """Write calibration.json, patches.csv where there are patches, and the plots; returns the files.
+    """Write calibration.json, patches.csv where there are patches, xyz.nc and the plots; returns the files.
 
     Every file is written under another name first, so that none is ever half there.
     """
@@ -188,11 +151,19 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     if calibration.patches is not None:
         table = patches_csv(calibration.patches)
         jobs["patches.csv"] = lambda path: path.write_text(table)
+    if calibration.weights is not None:
+        xyz = calibration.xyz()
+        maps = {n: {"dtype": "float32", "zlib": True} for n in xyz.data_vars if n != "mask"}
+        jobs["xyz.nc"] = lambda path: xyz.to_netcdf(path, engine="h5netcdf", encoding=maps)
     jobs["noise.png"] = lambda path: plot_noise(calibration, path)
     if calibration.dark.exposure_s.size:
         jobs["dark.png"] = lambda path: plot_dark(calibration, path)
     if calibration.weights is not None:
         jobs["filters.png"] = lambda path: plot_filters(calibration, path)
+    if calibration.sensor.responses:
+        jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
+    if calibration.sensor.curve is not None:
+        jobs["curve.png"] = lambda path: plot_curve(calibration, path)
     for name, job in jobs.items():
         _write(folder / name, job)
     return tuple(folder / name for name in jobs)

@@ -18,7 +18,7 @@ from PIL import Image
 KEYS = {
     "capture", "bands", "channels", "camera", "target_intrinsics", "gain_e_per_dn", "read_noise_e",
     "dark_level", "linearity", "C", "K", "filter_weights", "colour", "masked",
-    "patches", "notes",
+    "patches", "notes", "sensor", "uncertainty",
 }  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_everything_written_is_whole_and_documented(baseline, tmp_path):
     assert set(found) == KEYS
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "calibration.json", "noise.png", "dark.png", "filters.png",
+        "calibration.json", "noise.png", "dark.png", "filters.png", "xyz.nc",
     }  # fmt: skip
     camera = found["camera"]
     assert np.shape(camera["covariance"]) == (10, 10) and len(camera["position_sigma_mm"]) == 3

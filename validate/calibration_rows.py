@@ -74,6 +74,16 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
+    transfer, curve = calibration.sensor.transfer, calibration.sensor.curve
+    if transfer is not None:
+        rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-"))
+        rows.append(_row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%"))
+        rows.append(_row("full well", transfer.saturation_e, None, "e-"))
+    if curve is not None:
+        rms, line = 100 * curve.statistics["rms"], 100 * curve.line_rms
+        rows.append(
+            (f"calibration curve: rms residual (a line's: {line:.2g})", f"{rms:.2g}", "", "% of full")
+        )
     if calibration.weights is not None:
         gain = calibration.weights.noise_gain
         rows += [
