@@ -14,7 +14,7 @@ from cboxlab.scenes.camera import Camera
 from .calibrate import Calibration
 from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
 from .geometry import CameraFit
-from .patch_colour import ILLUMINANT, patches_csv
+from .patch_colour import ILLUMINANT, patch_errors, patches_csv
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
 __all__ = ["calibration_record", "camera_record", "write_calibration"]
@@ -59,6 +59,25 @@ def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
             }
         )
     return levels
+
+
+def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
+    patches = calibration.patches
+    known = calibration.capture.label_reflectances()
+    errors = None if patches is None else patch_errors(patches, known)
+    if patches is None or errors is None:
+        return None
+    size = np.abs(errors.reflectance)
+    return {
+        "patches": list(errors.labels),
+        "reflectance": {
+            band: {"mean": float(size[:, i].mean()), "max": float(size[:, i].max())}
+            for i, band in enumerate(patches.bands)
+        },
+        "reflectance_mean": float(size.mean()),
+        "delta_e_ab": {"mean": float(errors.delta_e_ab.mean()), "max": float(errors.delta_e_ab.max())},
+        "delta_e_2000": {"mean": float(errors.delta_e_2000.mean()), "max": float(errors.delta_e_2000.max())},
+    }
 
 
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
@@ -118,6 +137,7 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
             "white": patches.white.name,
             "offset": dict(zip(patches.bands, patches.offset.tolist(), strict=True)),
             "shading_order": {band: shading.order for band, shading in patches.shading.items()},
+            "error": _patch_errors(calibration),
         },
         "notes": list(calibration.notes),
     }

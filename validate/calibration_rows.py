@@ -7,7 +7,7 @@ from cboxlab.calibration.calibrate import Calibration
 from cboxlab.calibration.colour_error import ColourError
 from cboxlab.calibration.colour_study import ColourStudy
 from cboxlab.calibration.geometry import CameraFit
-from cboxlab.calibration.patch_colour import patch_xyz
+from cboxlab.calibration.patch_colour import PatchErrors, patch_xyz
 from cboxlab.calibration.patches import PatchTable
 from cboxlab.scenes.camera import Camera
 
@@ -93,13 +93,31 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
     return rows
 
 
-def patch_rows(patches: PatchTable) -> list[tuple[str, ...]]:
-    """(label, X, Y, Z, sigma of Y) of every measured patch, the white patch at Y = 100."""
+def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[str, ...]]:
+    """(label, X, Y, Z, sigma of Y, known Y, largest reflectance error, Delta E*ab, CIEDE2000) of every patch.
+
+    The white patch stands at Y = 100; what no table knows is a dash. The last two rows are mean and maximum.
+    """
     values, sigmas = patch_xyz(patches)
-    return [
-        (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}")
-        for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True)
-    ]
+    judged = {} if errors is None else {label: i for i, label in enumerate(errors.labels)}
+    rows: list[tuple[str, ...]] = []
+    for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True):
+        own: tuple[str, ...] = ("–", "–", "–", "–")
+        if errors is not None and label.label in judged:
+            i = judged[label.label]
+            own = (
+                f"{errors.known_xyz[i, 1]:.2f}", f"{np.abs(errors.reflectance[i]).max():.3f}",
+                f"{errors.delta_e_ab[i]:.1f}", f"{errors.delta_e_2000[i]:.1f}",
+            )  # fmt: skip
+        rows.append(
+            (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own)
+        )
+    if errors is not None:
+        for name, summary in (("mean", np.mean), ("largest", np.max)):
+            figures = (np.abs(errors.reflectance), errors.delta_e_ab, errors.delta_e_2000)
+            shown = [f"{summary(f):.{digits}f}" for f, digits in zip(figures, (4, 2, 2), strict=True)]
+            rows.append((f"{name} of {len(errors.labels)}", "", "", "", "", "", *shown))
+    return rows
 
 
 def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:

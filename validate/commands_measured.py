@@ -62,8 +62,14 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="Folder for calibration.json, plots and patches.csv.")] = Path(
         "calibration-report"
     ),
+    init: Annotated[
+        bool, typer.Option("--init", help="Write a first capture.toml for a folder of frames, and stop.")
+    ] = False,
 ) -> None:
     """Camera, noise, linearity, filter weights, absolute scale, as far as a capture allows."""
+    if init:
+        _write_first_manifest(capture)
+        return
     from cboxlab.calibration.calibrate import calibrate as run
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.write_calibration import write_calibration
@@ -78,7 +84,20 @@ def calibrate(
     say(f"Calibration: {out / 'calibration.json'}")
 
 
+def _write_first_manifest(folder: Path) -> None:
+    from cboxlab.calibration.first_manifest import write_first_manifest
+
+    with bar("reading frames"):
+        first = write_first_manifest(folder)
+    say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
+    say("Still to add or to check:")
+    for line in first.missing:
+        say(f"• {line}")
+
+
 def _print_calibration(calibration: Calibration) -> None:
+    from cboxlab.calibration.patch_colour import patch_errors
+
     from .calibration_rows import calibration_rows, colour_rows, patch_rows
 
     table = data_table(
@@ -96,8 +115,11 @@ def _print_calibration(calibration: Calibration) -> None:
             errors.add_row(*method)
         console.print(errors)
     if calibration.patches is not None:
-        colours = data_table("Patches", "label", "X", "Y", "Z", "σ(Y)")
-        for patch in patch_rows(calibration.patches):
+        colours = data_table(
+            "Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00"
+        )
+        errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
+        for patch in patch_rows(calibration.patches, errors_of_patches):
             colours.add_row(*patch)
         console.print(colours)
 
