@@ -212,7 +212,9 @@ def _manifest(
             missing.append(f"{paths[id(group[0].frame)]}: [[target]] with kind, rows, columns, pitch_mm")
             continue
         elif kind == "flat" and band not in scenes:
-            missing.append(f"{paths[id(group[0].frame)]}: a band that has frames of the scene; it was left out")
+            missing.append(
+                f"{paths[id(group[0].frame)]}: a band that has frames of the scene; it was left out"
+            )
             continue
         tables[header] += 1
         blocks.append(_table(header, lines, group, paths, missing))

@@ -38,7 +38,9 @@ def write_dng(path, image, exposure=(1, 4)):
 
 def test_fits_with_its_header(tmp_path):
     image = counts(1) + np.uint16(40000)
-    write_fits(tmp_path / "a.fits", image, EXPTIME=2.5, FILTER="f550", IMAGETYP="Light Frame", EGAIN=1.3, XPIXSZ=9.0)
+    write_fits(
+        tmp_path / "a.fits", image, EXPTIME=2.5, FILTER="f550", IMAGETYP="Light Frame", EGAIN=1.3, XPIXSZ=9.0
+    )
     frame = read_foreign(tmp_path / "a.fits")[0]
     np.testing.assert_array_equal(frame.counts, image)
     assert frame.said["exposure_s"] == 2.5 and frame.said["filter"] == "f550"
@@ -50,7 +52,9 @@ def test_dng_keeps_the_mosaic(tmp_path):
     write_dng(tmp_path / "a.dng", image)
     frame = read_foreign(tmp_path / "a.dng")[0]
     np.testing.assert_array_equal(frame.counts, image)
-    assert frame.said["pattern"] == "RGGB" and frame.said["exposure_s"] == 0.25 and frame.said["f_number"] == 8
+    assert (
+        frame.said["pattern"] == "RGGB" and frame.said["exposure_s"] == 0.25 and frame.said["f_number"] == 8
+    )
 
 
 def test_exr_stack_is_one_frame_per_channel(tmp_path):
@@ -78,7 +82,16 @@ def test_damaged_files_are_named(tmp_path, name):
 
 def test_a_folder_of_tiffs(tmp_path):
     for index, name in enumerate(
-        ["f450_4s_0", "f450_4s_1", "f450_1s_0", "550nm-250ms-0", "dark-4s-0", "dark-4s-1", "flat-f450-1s", "sphere-f450-2s"]
+        [
+            "f450_4s_0",
+            "f450_4s_1",
+            "f450_1s_0",
+            "550nm-250ms-0",
+            "dark-4s-0",
+            "dark-4s-1",
+            "flat-f450-1s",
+            "sphere-f450-2s",
+        ]
     ):
         tifffile.imwrite(tmp_path / f"{name}.tif", counts(index))
     first = write_first_manifest(tmp_path)

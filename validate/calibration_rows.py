@@ -109,9 +109,7 @@ def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[st
                 f"{errors.known_xyz[i, 1]:.2f}", f"{np.abs(errors.reflectance[i]).max():.3f}",
                 f"{errors.delta_e_ab[i]:.1f}", f"{errors.delta_e_2000[i]:.1f}",
             )  # fmt: skip
-        rows.append(
-            (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own)
-        )
+        rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own))
     if errors is not None:
         for name, summary in (("mean", np.mean), ("largest", np.max)):
             figures = (np.abs(errors.reflectance), errors.delta_e_ab, errors.delta_e_2000)

@@ -115,9 +115,7 @@ def _print_calibration(calibration: Calibration) -> None:
             errors.add_row(*method)
         console.print(errors)
     if calibration.patches is not None:
-        colours = data_table(
-            "Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00"
-        )
+        colours = data_table("Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00")
         errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
         for patch in patch_rows(calibration.patches, errors_of_patches):
             colours.add_row(*patch)
