@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes import InputError, load_scene
+from cboxlab.scenes import Scene
 from numpy.typing import ArrayLike, NDArray
 
 from .capture import Capture
@@ -50,13 +50,9 @@ class ColourStudy:
         )
 
 
-def _paints(capture: Capture) -> NDArray[np.float64] | None:
-    """Reflectances of the scene that the capture is a picture of; None where it is not known here."""
-    if capture.manifest.scene is None:
-        return None
-    try:
-        scene = load_scene(capture.manifest.scene)
-    except (InputError, OSError):
+def _paints(scene: Scene | None) -> NDArray[np.float64] | None:
+    """(n, wavelength) reflectances that the scene is known to have."""
+    if scene is None:
         return None
     return np.stack([material.reflectance.at(WAVELENGTH_NM) for material in scene.materials.values()])
 
@@ -72,7 +68,7 @@ def study_colour(
     lamp = capture.manifest.lamp
     own = None if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
     lamps = general_lamps() if own is None or own.min() < 0 or own.mean() <= 0 else {"lamp": own}
-    paints = _paints(capture)
+    paints = _paints(capture.known_scene())
     training, judging = training_radiances(lamps, paints), judging_radiances(lamps)
     weights = {
         found.method: found

@@ -13,7 +13,8 @@ from cboxlab.scenes.camera import Camera
 
 from .calibrate import Calibration
 from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
-from .geometry import CameraFit
+from .geometry import CameraFit, read_points
+from .geometry_plot import plot_geometry
 from .patch_colour import ILLUMINANT, patch_errors, patches_csv
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
@@ -184,6 +185,14 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
     if calibration.sensor.curve is not None:
         jobs["curve.png"] = lambda path: plot_curve(calibration, path)
+    survey = calibration.capture.manifest.geometry
+    camera, fit = calibration.camera, calibration.camera_fit
+    if survey is not None and camera is not None and fit is not None:
+        points = read_points(calibration.capture.folder / survey.points)
+        scene = calibration.capture.known_scene()
+        signal = calibration.images["signal"].values
+        photograph = np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0)
+        jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():
         _write(folder / name, job)
     return tuple(folder / name for name in jobs)

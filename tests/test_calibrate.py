@@ -58,7 +58,7 @@ def test_everything_written_is_whole_and_documented(baseline, tmp_path):
     assert set(found) == KEYS
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "calibration.json", "noise.png", "dark.png", "filters.png", "xyz.nc",
+        "calibration.json", "noise.png", "dark.png", "filters.png", "xyz.nc", "geometry.png",
     }  # fmt: skip
     camera = found["camera"]
     assert np.shape(camera["covariance"]) == (10, 10) and len(camera["position_sigma_mm"]) == 3

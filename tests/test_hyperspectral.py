@@ -115,7 +115,7 @@ def test_radiance_comes_back(measured):
         assert good.mean() > 0.99
         good &= inside
         assert np.all(np.abs(error[good]) < 5.5 * sigma[good] + 0.005 * true[good]), band
-    assert np.all(found.scale_relative_sigma < 0.002)
+    assert np.all(found.scale_relative_sigma < 0.004)
 
 
 def test_registration_is_what_makes_the_edges_right(measured):
