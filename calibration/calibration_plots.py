@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from .band_images import Mask
 from .calibrate import Calibration
@@ -79,17 +80,15 @@ def plot_filters(calibration: Calibration, path: Path) -> None:
         top.plot(WAVELENGTH_NM, response.response / largest, label=response.band)
     top.set(ylabel="response F Q T_lens T_i (largest = 1)", title="Bands")
     top.legend(fontsize="small", ncols=4)
+    colour_study = calibration.colour
+    assert colour_study is not None
+    shown = {method: colour_study.weights[method] for method in ("least squares", weights.method)}
     for index, (name, colour) in enumerate(zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True)):
         bottom.plot(WAVELENGTH_NM, weights.target[index], color=colour, label=f"CIE 1931 {name}")
-        rms = weights.residual_rms[index]
-        bottom.plot(
-            WAVELENGTH_NM, weights.reconstructed[index], "--", color=colour, label=f"sum b F, rms {rms:.3f}"
-        )
-    bottom.set(
-        xlabel="wavelength (nm)",
-        ylabel="colour-matching functions",
-        title=f"Reconstruction, {weights.method} weights",
-    )
+        for (method, own), style in zip(shown.items(), (":", "--"), strict=False):
+            label = f"{method}, rms {own.residual_rms[index]:.3f}"
+            bottom.plot(WAVELENGTH_NM, own.reconstructed[index], style, color=colour, lw=1, label=label)
+    bottom.set(xlabel="wavelength (nm)", ylabel="colour-matching functions", title="Reconstruction sum b F")
     bottom.legend(fontsize="small", ncols=3)
     for axes in (top, bottom):
         axes.grid(alpha=0.3)
@@ -115,6 +114,9 @@ def plot_response(responses: Sequence[ResponseSeries], path: Path) -> None:
         bottom.set(xlabel=f"{law.setting} ({law.unit})", ylabel="residual (%)")
         top.legend(fontsize="x-small")
         bottom.axhline(0, color="black", lw=0.8)
+        marks = np.unique(np.concatenate([s.fit.setting for s in responses if s.key == key]))
+        bottom.set_xticks(marks, [f"{mark:.3g}" for mark in marks], rotation=60, fontsize="small")
+        bottom.xaxis.set_minor_locator(NullLocator())
         for axes in (top, bottom):
             axes.grid(alpha=0.3)
     _save(figure, path)

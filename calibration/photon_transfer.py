@@ -30,6 +30,10 @@ _FITTED_SHARE = 0.7
 # Pixels further than this from the others have a fault of their own, which is the defect map's affair.
 _OUTLIER_SIGMAS = 6.0
 _ORDER = 4
+# Beyond saturation the variance falls by more than this, and not by noise alone.
+_FALLEN = 0.95
+# A hot pixel may clip in any frame; more than this share means that the light does.
+_CLIPPED_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -119,9 +123,14 @@ def transfer(
     levels = sorted((b for b in bright if b.mean > dark.mean), key=lambda b: b.mean)
     if not levels:
         return None
-    peak = max(range(len(levels)), key=lambda i: levels[i].temporal)
-    full = levels[peak].mean - dark.mean if peak < len(levels) - 1 else saturation_dn - dark.mean
-    fitted = [b for b in levels if b.mean - dark.mean <= _FITTED_SHARE * full and b.clipped == 0]
+    peak = max(levels, key=lambda b: b.temporal)
+    saturates = any(
+        b.mean > peak.mean
+        and b.temporal < _FALLEN * peak.temporal - 5 * np.hypot(b.temporal_sigma, peak.temporal_sigma)
+        for b in levels
+    )
+    full = (peak.mean if saturates else saturation_dn) - dark.mean
+    fitted = [b for b in levels if b.mean - dark.mean <= _FITTED_SHARE * full and b.clipped < _CLIPPED_SHARE]
     if not fitted:
         return None
     x = np.array([b.mean - dark.mean for b in fitted])
@@ -142,7 +151,7 @@ def transfer(
     pattern, signal = middle.spatial - dark.spatial, middle.mean - dark.mean
     prnu = float(np.sqrt(pattern) / signal) if pattern > 0 else np.nan
     prnu_sigma = prnu * float(np.hypot(middle.spatial_sigma, dark.spatial_sigma)) / (2 * max(pattern, 1e-12))
-    saturation = None if peak == len(levels) - 1 else (levels[peak].mean - dark.mean) / gain
+    saturation = (peak.mean - dark.mean) / gain if saturates else None
     return PhotonTransfer(
         gain, gain_sigma, noise, noise_sigma, dsnu, dsnu_sigma, prnu, prnu_sigma, saturation,
         (saturation_dn - dark.mean) / gain,

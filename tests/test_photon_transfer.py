@@ -125,3 +125,11 @@ def test_a_flats_own_slope_is_no_pattern():
 def test_one_repeat_shows_no_temporal_noise():
     with pytest.raises(ValueError, match="two repeats"):
         frame_statistics(np.zeros((1, 4, 4), np.uint16), SATURATION, flatten=False)
+
+
+def test_levels_that_scatter_are_no_saturation():
+    """Seven flats of nearly the same level, as a capture has them, at 55% of full scale."""
+    dark, bright = sensor(np.random.default_rng(9), (30, 40), levels=np.linspace(2030, 2210, 7))
+    found = figures(dark, bright)
+    assert found.saturation_e is None
+    assert found.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * found.gain_sigma)
