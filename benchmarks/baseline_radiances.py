@@ -57,7 +57,9 @@ def main() -> None:
         xyz.append((measured[:, inside].mean(axis=1), exact[inside].mean(axis=0)))
     ratio = np.array(bands)
     scale = float(np.median(ratio))
-    print(f"lamp scale {scale:.5f}; measured / rendered - 1 in %, bands {' '.join(calibration.images.band.values)}")
+    print(
+        f"lamp scale {scale:.5f}; measured / rendered - 1 in %, bands {' '.join(calibration.images.band.values)}"
+    )
     for name, values in zip(names, ratio, strict=True):
         print(f"{name:14}", " ".join(f"{100 * (v / scale - 1):+6.2f}" for v in values))
     print(f"largest {100 * np.abs(ratio / scale - 1).max():.2f} %")

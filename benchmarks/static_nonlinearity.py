@@ -34,9 +34,7 @@ def series(
         inside = (count > 20) & (count < 240)
         unit = generator.uniform(0.1, 10)
         found.append(
-            LightSeries(
-                f"{seconds:.4f} s", unit * light[inside], count[inside], np.full(inside.sum(), noise)
-            )
+            LightSeries(f"{seconds:.4f} s", unit * light[inside], count[inside], np.full(inside.sum(), noise))
         )
     return found
 

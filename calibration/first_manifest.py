@@ -194,7 +194,8 @@ def _manifest(
     if focal is None:
         missing.append("lens.focal_length_mm, for an absolute scale and to start the camera's fit")
     missing.append("band.image_distance_mm, for an absolute scale")
-    blocks, tables = ["\n".join(head) + "\n"], Counter()
+    blocks = ["\n".join(head) + "\n"]
+    tables: Counter[str] = Counter()
     groups = _group(_sorted(frame) for frame in frames)
     scenes = {band for kind, band, *_ in groups if kind == "band"}
     seen: set[str] = set()

@@ -69,7 +69,7 @@ class CalibrationCurve:
     @property
     def statistics(self) -> dict[str, float]:
         """Mean absolute, root mean square and largest residual, in fractions of full scale and in counts."""
-        found = {}
+        found: dict[str, float] = {}
         for name, values in (("", self.residual), ("_dn", self.residual_dn)):
             found |= {
                 f"mean_absolute{name}": float(np.abs(values).mean()),

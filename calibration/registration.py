@@ -65,18 +65,19 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
     window = cv2.createHanningWindow((shape[1], shape[0]), cv2.CV_32F)
     start, _ = cv2.phaseCorrelate(first, second, window)
     matrix = np.array([[1, 0, start[0]], [0, 1, start[1]]], np.float32)
-    if np.hypot(*start) > 0.1 * min(shape):
+    if max(abs(start[0]), abs(start[1])) > 0.1 * min(shape):
         matrix = np.eye(2, 3, dtype=np.float32)
     # About the image's centre, where shift and magnification do not mix.
     before = np.array([[1, 0, middle[0]], [0, 1, middle[1]], [0, 0, 1.0]])
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _ROUNDS, _CHANGE)
     try:
-        correlation, matrix = cv2.findTransformECC(
-            first, second, matrix, cv2.MOTION_AFFINE, criteria, None, 3
+        everything = np.full(shape, 255, np.uint8)
+        correlation, found = cv2.findTransformECC(
+            first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3
         )
     except cv2.error:
         return _registration(np.eye(2, 3), shape, 0.0)
-    affine = np.vstack([np.asarray(matrix, float), [0, 0, 1]])
+    affine = np.vstack([np.asarray(found, float), [0, 0, 1]])
     about = np.linalg.inv(before) @ affine @ before
     similar = np.vstack([_similarity(about[:2]), [0, 0, 1]])
     return _registration((before @ similar @ np.linalg.inv(before))[:2], shape, float(correlation))

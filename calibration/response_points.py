@@ -97,7 +97,7 @@ def response_points(
     """
     points: list[ResponsePoint] = []
     for band in capture.manifest.band:
-        scene = [band, *capture.brackets(band.id)]
+        scene: list[BandTable | BracketTable] = [band, *capture.brackets(band.id)]
         groups: list[tuple[str, list[BandTable | BracketTable]]] = [
             ("reference", list(capture.references(band.id))),
             ("flat", [flat for flat in capture.flats(band.id) if flat.radiance is not None]),
