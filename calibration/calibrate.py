@@ -67,6 +67,14 @@ class Calibration:
         """The measured BandImages (band, y, x), bands in the manifest's order."""
         return self.bands.images
 
+    @property
+    def photograph(self) -> NDArray[np.float64]:
+        """(y, x) mean of the bands, each over its own 99th percentile: a picture to look at."""
+        signal = self.images["signal"].values
+        return np.asarray(
+            np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64
+        )
+
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance (band, y, x) in DN^2 of the corrected signals for their expectation (band, y, x) in DN."""
         return self.bands.predicted_variance(expected_signal)

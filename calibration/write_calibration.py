@@ -190,8 +190,7 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     if survey is not None and camera is not None and fit is not None:
         points = read_points(calibration.capture.folder / survey.points)
         scene = calibration.capture.known_scene()
-        signal = calibration.images["signal"].values
-        photograph = np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0)
+        photograph = calibration.photograph
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():
         _write(folder / name, job)

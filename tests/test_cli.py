@@ -327,9 +327,10 @@ def test_the_catalogue_is_shown(cbox):
 
 
 def test_a_calibration_in_the_terminal(tmp_path, cbox):
-    code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out")
+    code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out", "--refine-geometry")
     assert code == 0
     for word in (
+        "Geometry by edges",
         "focal length",
         "gain",
         "read noise",
@@ -387,8 +388,6 @@ def test_a_capture_repeats_by_its_seed(tmp_path, cbox):
 
 
 def test_calibrate_init_writes_a_first_manifest(tmp_path, cbox):
-    import tifffile
-
     tifffile.imwrite(tmp_path / "f550_2s_0.tif", np.full((8, 10), 700, np.uint16))
     code, out, _ = cbox("calibrate", "--init", tmp_path)
     assert code == 0 and "capture.toml" in out and "[geometry]" in out

@@ -65,6 +65,10 @@ def calibrate(
     init: Annotated[
         bool, typer.Option("--init", help="Write a first capture.toml for a folder of frames, and stop.")
     ] = False,
+    refine_geometry: Annotated[
+        bool,
+        typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
+    ] = False,
 ) -> None:
     """Camera, noise, linearity, filter weights, absolute scale, as far as a capture allows."""
     if init:
@@ -81,7 +85,26 @@ def calibrate(
     _print_calibration(calibration)
     for note in calibration.notes:
         say(f"• {note}")
+    if refine_geometry:
+        _print_objects(calibration)
     say(f"Calibration: {out / 'calibration.json'}")
+
+
+def _print_objects(calibration: Calibration) -> None:
+    from cboxlab.calibration.edge_alignment import geometry_errors
+
+    table = data_table(
+        "Geometry by edges: photograph less model", "object", "x, mm", "y, mm", "z, mm", "samples",
+        "rms across edges, px", "left, px",
+    )  # fmt: skip
+    for error in geometry_errors(calibration):
+        sigma = error.covariance.diagonal() ** 0.5
+        pairs = zip(error.shift_mm, sigma, strict=True)
+        shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "held" for shift, one in pairs]
+        table.add_row(
+            error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
+        )
+    console.print(table)
 
 
 def _write_first_manifest(folder: Path) -> None:
