@@ -238,14 +238,15 @@ def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[Obj
         for rank, block in enumerate(blocks):
             design[:, 10 + 3 * rank + axis] = np.where(offsets.owner == block, along, 0.0)
     # Edges say nothing about some directions; half a metre holds those without a say in the others.
-    prior = np.zeros((design.shape[1],) * 2)
+    prior: NDArray[np.float64] = np.zeros((design.shape[1],) * 2)
     prior[:10, :10] = np.linalg.inv(camera.covariance)
     prior[10:, 10:] = np.eye(3 * len(blocks)) / 500.0**2
     keep, values, sigma = used.copy(), np.zeros(design.shape[1]), 1.0
-    residual, inverse = offsets.offset_px, prior
+    residual: NDArray[np.float64] = offsets.offset_px
+    inverse: NDArray[np.float64] = prior
     for _ in range(8):
         rows, right = _whitened(design[keep], offsets.offset_px[keep], offsets.edge[keep], sigma)
-        inverse = np.linalg.inv(rows.T @ rows + prior)
+        inverse = np.asarray(np.linalg.inv(rows.T @ rows + prior), np.float64)
         values = inverse @ rows.T @ right
         residual = offsets.offset_px - design @ values
         sigma = max(1.4826 * float(np.median(np.abs(residual[keep]))), 1e-4)
