@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .camera_calibration import calibrate_camera
 from .capture import Capture
-from .colorimetry import FilterWeights, fit_filter_weights, xyz_image
+from .colorimetry import FilterWeights, xyz_image
+from .colour_study import ColourStudy, study_colour
 from .corrected_bands import CorrectedBands, correct_bands
 from .dark import DarkLibrary, read_darks
 from .geometry import CameraFit
@@ -21,7 +22,9 @@ from .noise import NoiseModel, measure_noise
 from .patches import PatchTable, measure_patches
 from .radiometry import Radiometry, measure_constant
 from .sensor_equation import BandResponse, band_responses, missing_keys
+from .sensor_study import SensorStudy, study_sensor
 from .target_camera import TargetFit
+from .uncertainty import Uncertainty, measure_uncertainty
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -31,8 +34,9 @@ class Calibration:
     """What ``calibrate`` found; None where the capture lacks what it takes, and ``notes`` say so.
 
     channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
-    plain_weights : filter weights without, ``weights`` with a regard for noise. camera_fit : from the survey.
-    target_fit : from flat targets, joined with the survey where there is one.
+    colour : filter weights three ways with their errors. camera_fit : from the survey.
+    target_fit : from flat targets, joined with the survey where there is one. sensor : photon transfer, dark
+    level, response, calibration curve. uncertainty : what bands, and all bands, share.
     """
 
     capture: Capture
@@ -42,11 +46,12 @@ class Calibration:
     bands: CorrectedBands
     radiometry: Radiometry
     responses: tuple[BandResponse, ...] | None
-    plain_weights: FilterWeights | None
-    weights: FilterWeights | None
+    colour: ColourStudy | None
     camera_fit: CameraFit | None
     target_fit: TargetFit | None
     linearity: Linearity | None
+    sensor: SensorStudy
+    uncertainty: Uncertainty
     patches: PatchTable | None
     notes: tuple[str, ...]
 
@@ -62,15 +67,28 @@ class Calibration:
         """The measured BandImages (band, y, x), bands in the manifest's order."""
         return self.bands.images
 
+    @property
+    def photograph(self) -> NDArray[np.float64]:
+        """(y, x) mean of the bands, each over its own 99th percentile: a picture to look at."""
+        signal = self.images["signal"].values
+        return np.asarray(
+            np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64
+        )
+
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance (band, y, x) in DN^2 of the corrected signals for their expectation (band, y, x) in DN."""
         return self.bands.predicted_variance(expected_signal)
+
+    @property
+    def weights(self) -> FilterWeights | None:
+        """The filter weights in use: those with the least colour error of the three."""
+        return None if self.colour is None else self.colour.weights[self.colour.recommended]
 
     def xyz(self) -> xr.Dataset:
         """Measured tristimulus images, see ``xyz_image``. ValueError where the capture cannot give them."""
         if self.weights is None or self.responses is None:
             raise ValueError("the capture lacks what XYZ takes: see notes")
-        return xyz_image(self.images, self.weights, self.responses)
+        return xyz_image(self.images, self.weights, self.responses, self.uncertainty)
 
 
 def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
@@ -102,10 +120,12 @@ def calibrate(capture: Capture) -> Calibration:
         *radiometry.notes,
         *camera_notes,
     ]
-    responses = plain = weights = None
+    responses = colour = None
     linearity = measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
+    sensor = study_sensor(capture, bands, dark, noise, channels)
+    notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
     patches = measure_patches(capture, bands, noise, linearity)
     if patches is not None:
         notes += patches.notes
@@ -117,8 +137,8 @@ def calibrate(capture: Capture) -> Calibration:
     elif radiometry.constant is not None:
         responses = band_responses(capture, radiometry.constant, channels)
     if responses is not None:
-        plain = fit_filter_weights(responses)
-        weights = fit_filter_weights(responses, _typical_noise(bands.images))
+        colour = study_colour(capture, responses, _typical_noise(bands.images))
+        notes.append(colour.reason)
     return Calibration(
         capture,
         dark,
@@ -127,11 +147,12 @@ def calibrate(capture: Capture) -> Calibration:
         bands,
         radiometry,
         responses,
-        plain,
-        weights,
+        colour,
         camera_fit,
         target_fit,
         linearity,
+        sensor,
+        measure_uncertainty(radiometry, capture.band_ids),
         patches,
         tuple(dict.fromkeys(notes)),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from cboxlab.scenes.errors import InputError
 
 from .capture import Capture
+from .distortion_choice import choose_distortion
 from .geometry import CameraFit, fit_camera, read_points
 from .mosaic import channel_mask
 from .surveyed_points import SurveyedPoints
@@ -77,6 +78,9 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
         notes.append("no [geometry]: the camera's pose in the box cannot be computed")
         return None, targets, notes
     fit = survey[1]
+    choice = choose_distortion(*survey)
+    if choice is not None and choice.note is not None:
+        notes.append(choice.note)
     if fit.outliers:
         notes.append(f"surveyed points left out as mistakes: {', '.join(fit.outliers)}")
     if fit.p_value is not None and fit.p_value < 1e-3:

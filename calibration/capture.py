@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from cboxlab.scenes import Scene, load_scene
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from numpy.typing import NDArray
@@ -104,6 +105,15 @@ class Capture:
                 raise ValueError("the sensor has a mosaic: say which channel, R, G or B")
             stated = stated["RGB".index(channel)]
         return None if stated is None else self.light(stated)
+
+    def known_scene(self) -> Scene | None:
+        """The scene that the capture is a picture of, where it is one that can be loaded here."""
+        if self.manifest.scene is None:
+            return None
+        try:
+            return load_scene(self.manifest.scene)
+        except (InputError, OSError):
+            return None
 
     def labels(self) -> NDArray[np.uint8]:
         """The label image (y, x): 0 is none. ValueError where the capture has no [labels]."""

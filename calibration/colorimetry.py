@@ -17,10 +17,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from .sensor_equation import WAVELENGTH_NM, BandResponse, trapezoidal_weights
+from .uncertainty import Uncertainty, xyz_parts
 
 __all__ = [
-    "LUMINOUS_EFFICACY", "FilterWeights", "colour_matching_functions", "fit_filter_weights", "xyz_covariance",
-    "xyz_image",
+    "LUMINOUS_EFFICACY", "FilterWeights", "colour_matching_functions", "fit_filter_weights",
+    "train_filter_weights", "xyz_covariance", "xyz_image",
 ]  # fmt: skip
 
 #: lm/W, of monochromatic light at 555 nm.
@@ -44,7 +45,7 @@ class FilterWeights:
     target : (3, wavelength), the colour-matching functions. residual_rms : (3,) of reconstructed - target.
     noise_gain : (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, over the
         relative standard deviation of every band's signal; 1 / sqrt(bands) is as quiet as it can be.
-    regularised : whether noise had a say. relative_noise : (band,) the level it was told.
+    method : "least squares", "regularised" or "trained". relative_noise : (band,) the level it was told.
     """
 
     bands: tuple[str, ...]
@@ -54,7 +55,7 @@ class FilterWeights:
     target: NDArray[np.float64]
     residual_rms: NDArray[np.float64]
     noise_gain: NDArray[np.float64]
-    regularised: bool
+    method: str
     relative_noise: NDArray[np.float64]
 
 
@@ -87,18 +88,54 @@ def fit_filter_weights(
     rows = np.concatenate([(unit * np.sqrt(stretch * step)).T, np.diag(noise)])
     right = np.concatenate([(goal * np.sqrt(stretch * step)).T, np.zeros((len(responses), len(goal)))])
     scaled = np.linalg.lstsq(rows, right, rcond=None)[0].T
-    weights = scaled / areas
+    method = "regularised" if np.any(noise > 0) else "least squares"
+    return _described(responses, scaled / areas, goal, method, noise)
+
+
+def train_filter_weights(
+    responses: Sequence[BandResponse], radiances: NDArray[np.float64], relative_noise: ArrayLike
+) -> FilterWeights:
+    """Filter weights with the least expected square of the relative errors of X, Y, Z over an ensemble.
+
+    radiances : (n, wavelength), see ``radiance_ensemble``. relative_noise : standard deviation of a band's
+    signal over its rms in the ensemble (one number or (band,)).
+
+    With s the signals of a radiance and t its exact X (or Y, or Z), both divided by t,
+    b = E[t s^T] (E[s s^T] + noise covariance)^-1: linear minimum mean square error without a constant term,
+    so that twice the light has twice the XYZ (Pratt and Mancill, Applied Optics 15, 1976, for spectra).
+    """
+    step, goal = trapezoidal_weights(responses[0].wavelength_nm), colour_matching_functions()
+    noise = np.broadcast_to(np.asarray(relative_noise, float), (len(responses),))
+    signal = radiances @ (step * np.stack([response.response for response in responses])).T
+    exact = radiances @ (step * goal).T
+    weights = np.empty((3, len(responses)))
+    for axis in range(3):
+        relative = signal / exact[:, axis : axis + 1]
+        scale = np.sqrt(np.mean(relative**2, axis=0))
+        # A ridge far below any noise keeps bands that the ensemble cannot tell apart from blowing up.
+        loading = np.sqrt(len(signal)) * np.maximum(noise, 1e-6)
+        rows = np.concatenate([relative / scale, np.diag(loading)])
+        right = np.concatenate([np.ones(len(signal)), np.zeros(len(responses))])
+        weights[axis] = np.linalg.lstsq(rows, right, rcond=None)[0] / scale
+    return _described(responses, weights, goal, "trained", noise)
+
+
+def _described(
+    responses: Sequence[BandResponse], weights: NDArray[np.float64], goal: NDArray[np.float64],
+    method: str, noise: NDArray[np.float64],
+) -> FilterWeights:  # fmt: skip
+    curves = np.stack([response.response for response in responses])
     reconstructed = weights @ curves
-    gain = np.sqrt(np.sum(scaled**2, axis=1)) / np.abs(scaled.sum(axis=1))
+    scaled = weights * (curves @ trapezoidal_weights(responses[0].wavelength_nm))
     return FilterWeights(
         bands=tuple(response.band for response in responses),
-        wavelength_nm=wavelength,
+        wavelength_nm=responses[0].wavelength_nm,
         weights=weights,
         reconstructed=reconstructed,
         target=goal,
         residual_rms=np.sqrt(np.mean((reconstructed - goal) ** 2, axis=1)),
-        noise_gain=gain,
-        regularised=bool(np.any(noise > 0)),
+        noise_gain=np.sqrt(np.sum(scaled**2, axis=1)) / np.abs(scaled.sum(axis=1)),
+        method=method,
         relative_noise=noise.copy(),
     )
 
@@ -107,24 +144,39 @@ def _signal_to_xyz(weights: FilterWeights, responses: Sequence[BandResponse]) ->
     return LUMINOUS_EFFICACY * weights.weights / np.array([response.factor for response in responses])
 
 
-def xyz_image(images: xr.Dataset, weights: FilterWeights, responses: Sequence[BandResponse]) -> xr.Dataset:
+def xyz_image(
+    images: xr.Dataset,
+    weights: FilterWeights,
+    responses: Sequence[BandResponse],
+    uncertainty: Uncertainty | None = None,
+) -> xr.Dataset:
     """Tristimulus images of BandImages (band, y, x).
 
     Returns ``xyz`` (component, y, x), Y in cd m^-2, ``variance`` of the same shape by the images' own
     independent noise, and ``mask`` (y, x), the union of the bands' flags. Noise only: the error of the
-    weights against the CIE functions and that of C stand apart.
+    weights against the CIE functions and that of C stand apart. With an uncertainty also ``covariance_pixel``
+    and ``covariance_shared`` (y, x, component, component_2): the noise, and what bands and all bands share.
     """
     matrix = _signal_to_xyz(weights, responses)
     flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
-    dims = ("component", "y", "x")
-    return xr.Dataset(
+    signal, variance = images["signal"].values, images["variance"].values
+    dims, units = ("component", "y", "x"), {"units": "cd^2 m^-4"}
+    found = xr.Dataset(
         {
-            "xyz": (dims, np.tensordot(matrix, images["signal"].values, 1), {"units": "cd m^-2 (Y)"}),
-            "variance": (dims, np.tensordot(matrix**2, images["variance"].values, 1), {"units": "cd^2 m^-4"}),
+            "xyz": (dims, np.tensordot(matrix, signal, 1), {"units": "cd m^-2 (Y)"}),
+            "variance": (dims, np.tensordot(matrix**2, variance, 1), units),
             "mask": (("y", "x"), flags, dict(images["mask"].attrs)),
         },
         coords={"component": ["X", "Y", "Z"]},
     )
+    if uncertainty is None:
+        return found
+    parts = xyz_parts(signal, variance, matrix, uncertainty)
+    both = ("y", "x", "component", "component_2")
+    return found.assign(
+        covariance_pixel=(both, parts.pixel, units),
+        covariance_shared=(both, parts.band + parts.common, units),
+    ).assign_coords(component_2=["X", "Y", "Z"])
 
 
 def xyz_covariance(

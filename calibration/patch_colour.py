@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
 from .colorimetry import colour_matching_functions
+from .colour_error import lab_differences
 from .patches import PatchTable
 from .sensor_equation import WAVELENGTH_NM
 
-__all__ = ["ILLUMINANT", "patch_xyz", "patches_csv", "smoothest_spectra"]
+__all__ = ["ILLUMINANT", "PatchErrors", "patch_errors", "patch_xyz", "patches_csv", "smoothest_spectra"]
 
 #: CIE standard illuminant under which the patches' X, Y, Z are stated.
 ILLUMINANT = "D65"
@@ -36,19 +40,65 @@ def smoothest_spectra(
     return np.asarray(np.linalg.solve(system, right)[:count], np.float64)
 
 
+def _illuminant() -> NDArray[np.float64]:
+    """(3, 301) colour-matching functions times the illuminant's power on WAVELENGTH_NM."""
+    from colour import SDS_ILLUMINANTS  # slow to import, and only needed here
+
+    illuminant = SDS_ILLUMINANTS[ILLUMINANT]
+    return colour_matching_functions() * np.interp(WAVELENGTH_NM, illuminant.wavelengths, illuminant.values)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchErrors:
+    """Measured patches against their tabulated reflectances; the white patch, which sets the scale, left out.
+
+    labels : n patches with a known reflectance. reflectance : (n, band) measured - known band reflectance.
+    known_xyz : (n, 3) from the tabulated spectra, the white patch at Y = 100. delta_e_ab, delta_e_2000 : (n,)
+    with the white patch as white.
+    """
+
+    labels: tuple[int, ...]
+    reflectance: NDArray[np.float64]
+    known_xyz: NDArray[np.float64]
+    delta_e_ab: NDArray[np.float64]
+    delta_e_2000: NDArray[np.float64]
+
+
+def patch_errors(table: PatchTable, known: Mapping[str, Spectrum]) -> PatchErrors | None:
+    """Errors of all patches whose reflectance is in ``known`` (by column name); None where there are none."""
+    measured, _ = patch_xyz(table)
+    chosen = [
+        index
+        for index, label in enumerate(table.labels)
+        if label.column in known and label.label != table.white.label and np.all(np.isfinite(measured[index]))
+    ]
+    if not chosen:
+        return None
+    white = _illuminant() @ known[str(table.white.column)].at(WAVELENGTH_NM)
+    spectra = [known[str(table.labels[index].column)] for index in chosen]
+    exact = np.stack([_illuminant() @ s.at(WAVELENGTH_NM) for s in spectra]) * 100.0 / white[1]
+    bands = np.stack([table.filters @ s.at(table.wavelength_nm) for s in spectra])
+    first, second = lab_differences(
+        measured[chosen], exact, np.broadcast_to(white * 100.0 / white[1], exact.shape)
+    )
+    return PatchErrors(
+        tuple(table.labels[index].label for index in chosen),
+        table.reflectance[chosen] - bands,
+        exact,
+        first,
+        second,
+    )
+
+
 def patch_xyz(table: PatchTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, 3) X, Y, Z under ILLUMINANT with the white patch at Y = 100, and their standard deviations.
 
     The spectrum between the bands is the smoothest one with the measured band reflectances; the sigmas are
     those of the reflectances, not of this interpolation.
     """
-    from colour import SDS_ILLUMINANTS  # slow to import, and only needed here
-
-    illuminant = SDS_ILLUMINANTS[ILLUMINANT]
-    power = np.interp(WAVELENGTH_NM, illuminant.wavelengths, illuminant.values)
     spectra = smoothest_spectra(table.filters, table.wavelength_nm)
     inside = np.isin(table.wavelength_nm, WAVELENGTH_NM)
-    matrix = (colour_matching_functions() * power) @ spectra[inside]
+    matrix = _illuminant() @ spectra[inside]
     white = table.reflectance[[label.label for label in table.labels].index(table.white.label)]
     matrix = matrix * 100.0 / (matrix[1] @ white)
     return table.reflectance @ matrix.T, np.sqrt(table.sigma**2 @ (matrix**2).T)

@@ -1,4 +1,4 @@
-"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv and plots."""
+"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv, XYZ maps and plots."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 
 from .calibrate import Calibration
-from .calibration_plots import plot_dark, plot_filters, plot_noise
-from .colorimetry import FilterWeights
-from .geometry import CameraFit
-from .patch_colour import ILLUMINANT, patches_csv
+from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+from .geometry import CameraFit, read_points
+from .geometry_plot import plot_geometry
+from .patch_colour import ILLUMINANT, patch_errors, patches_csv
+from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
 __all__ = ["calibration_record", "camera_record", "write_calibration"]
 
@@ -44,18 +45,6 @@ def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "sigma": sigma}
 
 
-def _weights(weights: FilterWeights | None) -> dict[str, Any] | None:
-    if weights is None:
-        return None
-    return {
-        "bands": list(weights.bands),
-        **{name: row.tolist() for name, row in zip("XYZ", weights.weights, strict=True)},
-        "residual_rms": dict(zip("XYZ", weights.residual_rms.tolist(), strict=True)),
-        "noise_gain": dict(zip("XYZ", weights.noise_gain.tolist(), strict=True)),
-        "relative_noise": weights.relative_noise.tolist(),
-    }
-
-
 def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
     dark = calibration.dark
     levels = []
@@ -71,6 +60,25 @@ def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
             }
         )
     return levels
+
+
+def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
+    patches = calibration.patches
+    known = calibration.capture.label_reflectances()
+    errors = None if patches is None else patch_errors(patches, known)
+    if patches is None or errors is None:
+        return None
+    size = np.abs(errors.reflectance)
+    return {
+        "patches": list(errors.labels),
+        "reflectance": {
+            band: {"mean": float(size[:, i].mean()), "max": float(size[:, i].max())}
+            for i, band in enumerate(patches.bands)
+        },
+        "reflectance_mean": float(size.mean()),
+        "delta_e_ab": {"mean": float(errors.delta_e_ab.mean()), "max": float(errors.delta_e_ab.max())},
+        "delta_e_2000": {"mean": float(errors.delta_e_2000.mean()), "max": float(errors.delta_e_2000.max())},
+    }
 
 
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
@@ -114,8 +122,10 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
             "probability": radiometry.probability,
         },
         "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},
-        "filter_weights": _weights(calibration.weights),
-        "filter_weights_without_noise": _weights(calibration.plain_weights),
+        "filter_weights": None if calibration.weights is None else weights_record(calibration.weights),
+        "colour": None if calibration.colour is None else colour_record(calibration.colour),
+        "uncertainty": uncertainty_record(calibration.uncertainty),
+        "sensor": sensor_record(calibration.sensor),
         "masked": {
             name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
             for name, value in flags.items()
@@ -128,6 +138,7 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
             "white": patches.white.name,
             "offset": dict(zip(patches.bands, patches.offset.tolist(), strict=True)),
             "shading_order": {band: shading.order for band, shading in patches.shading.items()},
+            "error": _patch_errors(calibration),
         },
         "notes": list(calibration.notes),
     }
@@ -151,7 +162,7 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...]:
-    """Write calibration.json, patches.csv where there are patches, and the plots; returns the files.
+    """Write calibration.json, patches.csv where there are patches, xyz.nc and the plots; returns the files.
 
     Every file is written under another name first, so that none is ever half there.
     """
@@ -161,11 +172,26 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     if calibration.patches is not None:
         table = patches_csv(calibration.patches)
         jobs["patches.csv"] = lambda path: path.write_text(table)
+    if calibration.weights is not None:
+        xyz = calibration.xyz()
+        maps = {n: {"dtype": "float32", "zlib": True} for n in xyz.data_vars if n != "mask"}
+        jobs["xyz.nc"] = lambda path: xyz.to_netcdf(path, engine="h5netcdf", encoding=maps)
     jobs["noise.png"] = lambda path: plot_noise(calibration, path)
     if calibration.dark.exposure_s.size:
         jobs["dark.png"] = lambda path: plot_dark(calibration, path)
     if calibration.weights is not None:
         jobs["filters.png"] = lambda path: plot_filters(calibration, path)
+    if calibration.sensor.responses:
+        jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
+    if calibration.sensor.curve is not None:
+        jobs["curve.png"] = lambda path: plot_curve(calibration, path)
+    survey = calibration.capture.manifest.geometry
+    camera, fit = calibration.camera, calibration.camera_fit
+    if survey is not None and camera is not None and fit is not None:
+        points = read_points(calibration.capture.folder / survey.points)
+        scene = calibration.capture.known_scene()
+        photograph = calibration.photograph
+        jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():
         _write(folder / name, job)
     return tuple(folder / name for name in jobs)

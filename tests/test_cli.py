@@ -327,9 +327,10 @@ def test_the_catalogue_is_shown(cbox):
 
 
 def test_a_calibration_in_the_terminal(tmp_path, cbox):
-    code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out")
+    code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out", "--refine-geometry")
     assert code == 0
     for word in (
+        "Geometry by edges",
         "focal length",
         "gain",
         "read noise",
@@ -384,3 +385,12 @@ def test_a_capture_repeats_by_its_seed(tmp_path, cbox):
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
     assert len(files) > 40
     assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
+
+
+def test_calibrate_init_writes_a_first_manifest(tmp_path, cbox):
+    tifffile.imwrite(tmp_path / "f550_2s_0.tif", np.full((8, 10), 700, np.uint16))
+    code, out, _ = cbox("calibrate", "--init", tmp_path)
+    assert code == 0 and "capture.toml" in out and "[geometry]" in out
+    assert (tmp_path / "capture.toml").is_file()
+    code, _, err = cbox("calibrate", "--init", tmp_path)
+    assert code == 2 and "exists already" in err

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.calibration.calibrate import Calibration
+from cboxlab.calibration.colour_error import ColourError
+from cboxlab.calibration.colour_study import ColourStudy
 from cboxlab.calibration.geometry import CameraFit
-from cboxlab.calibration.patch_colour import patch_xyz
+from cboxlab.calibration.patch_colour import PatchErrors, patch_xyz
 from cboxlab.calibration.patches import PatchTable
 from cboxlab.scenes.camera import Camera
 
-__all__ = ["calibration_rows", "patch_rows"]
+__all__ = ["calibration_rows", "colour_rows", "patch_rows"]
 
 Row = tuple[str, str, str, str]
 
@@ -72,20 +74,69 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
-    weights = calibration.weights
-    if weights is not None:
-        error = weights.residual_rms / np.sqrt(np.mean(weights.target**2, axis=1))
+    transfer, curve = calibration.sensor.transfer, calibration.sensor.curve
+    if transfer is not None:
+        rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-"))
+        rows.append(_row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%"))
+        rows.append(_row("full well", transfer.saturation_e, None, "e-"))
+    if curve is not None:
+        rms, line = 100 * curve.statistics["rms"], 100 * curve.line_rms
+        rows.append(
+            (f"calibration curve: rms residual (a line's: {line:.2g})", f"{rms:.2g}", "", "% of full")
+        )
+    if calibration.weights is not None:
+        gain = calibration.weights.noise_gain
         rows += [
-            (f"filter weights of {axis}: rms error of the curve", f"{100 * error[i]:.1f}", "", "%")
+            (f"noise of {axis} over the bands' noise", f"{gain[i]:.2f}", "", "1")
             for i, axis in enumerate("XYZ")
         ]
     return rows
 
 
-def patch_rows(patches: PatchTable) -> list[tuple[str, ...]]:
-    """(label, X, Y, Z, sigma of Y) of every measured patch, the white patch at Y = 100."""
+def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[str, ...]]:
+    """(label, X, Y, Z, sigma of Y, known Y, largest reflectance error, Delta E*ab, CIEDE2000) of every patch.
+
+    The white patch stands at Y = 100; what no table knows is a dash. The last two rows are mean and maximum.
+    """
     values, sigmas = patch_xyz(patches)
-    return [
-        (f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}")
-        for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True)
+    judged = {} if errors is None else {label: i for i, label in enumerate(errors.labels)}
+    rows: list[tuple[str, ...]] = []
+    for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True):
+        own: tuple[str, ...] = ("–", "–", "–", "–")
+        if errors is not None and label.label in judged:
+            i = judged[label.label]
+            own = (
+                f"{errors.known_xyz[i, 1]:.2f}", f"{np.abs(errors.reflectance[i]).max():.3f}",
+                f"{errors.delta_e_ab[i]:.1f}", f"{errors.delta_e_2000[i]:.1f}",
+            )  # fmt: skip
+        rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own))
+    if errors is not None:
+        for name, summary in (("mean", np.mean), ("largest", np.max)):
+            figures = (np.abs(errors.reflectance), errors.delta_e_ab, errors.delta_e_2000)
+            shown = [f"{summary(f):.{digits}f}" for f, digits in zip(figures, (4, 2, 2), strict=True)]
+            rows.append((f"{name} of {len(errors.labels)}", "", "", "", "", "", *shown))
+    return rows
+
+
+def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
+    """Per method, and per best subset of the bands: rms error of X, Y, Z in %, mean and largest colour difference."""
+
+    everything = next(iter(study.weights.values())).bands
+
+    def row(name: str, error: ColourError) -> tuple[str, ...]:
+        differences = (error.delta_e_ab, error.delta_e_2000)
+        return (
+            name,
+            *(f"{100 * rms:.1f}" for rms in error.rms),
+            *(f"{d.mean():.2f} / {d.max():.1f}" for d in differences),
+        )
+
+    methods = [
+        row(method + (" (used)" if method == study.recommended else ""), error)
+        for method, error in study.errors.items()
     ]
+    subsets = [
+        row(f"without {', '.join(b for b in everything if b not in choice.bands)}", choice.error)
+        for choice in study.choices[2:-1]
+    ]
+    return methods + subsets[::-1]

@@ -75,8 +75,18 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="Folder for calibration.json, plots and patches.csv.")] = Path(
         "calibration-report"
     ),
+    init: Annotated[
+        bool, typer.Option("--init", help="Write a first capture.toml for a folder of frames, and stop.")
+    ] = False,
+    refine_geometry: Annotated[
+        bool,
+        typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
+    ] = False,
 ) -> None:
     """Camera, noise, linearity, filter weights, absolute scale, as far as a capture allows."""
+    if init:
+        _write_first_manifest(capture)
+        return
     from cboxlab.calibration.calibrate import calibrate as run
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.write_calibration import write_calibration
@@ -88,11 +98,43 @@ def calibrate(
     _print_calibration(calibration)
     for note in calibration.notes:
         say(f"• {note}")
+    if refine_geometry:
+        _print_objects(calibration)
     say(f"Calibration: {out / 'calibration.json'}")
 
 
+def _print_objects(calibration: Calibration) -> None:
+    from cboxlab.calibration.edge_alignment import geometry_errors
+
+    table = data_table(
+        "Geometry by edges: photograph less model", "object", "x, mm", "y, mm", "z, mm", "samples",
+        "rms across edges, px", "left, px",
+    )  # fmt: skip
+    for error in geometry_errors(calibration):
+        sigma = error.covariance.diagonal() ** 0.5
+        pairs = zip(error.shift_mm, sigma, strict=True)
+        shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "held" for shift, one in pairs]
+        table.add_row(
+            error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
+        )
+    console.print(table)
+
+
+def _write_first_manifest(folder: Path) -> None:
+    from cboxlab.calibration.first_manifest import write_first_manifest
+
+    with bar("reading frames"):
+        first = write_first_manifest(folder)
+    say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
+    say("Still to add or to check:")
+    for line in first.missing:
+        say(f"• {line}")
+
+
 def _print_calibration(calibration: Calibration) -> None:
-    from .calibration_rows import calibration_rows, patch_rows
+    from cboxlab.calibration.patch_colour import patch_errors
+
+    from .calibration_rows import calibration_rows, colour_rows, patch_rows
 
     table = data_table(
         calibration.capture.manifest.name or calibration.capture.folder.name, "", "value", "± 1 σ", "unit"
@@ -100,9 +142,18 @@ def _print_calibration(calibration: Calibration) -> None:
     for row in calibration_rows(calibration):
         table.add_row(*row)
     console.print(table)
+    if calibration.colour is not None:
+        errors = data_table(
+            "Filter weights: rms error, mean and largest colour difference", "weights", "X, %", "Y, %", "Z, %",
+            "ΔE*ab", "CIEDE2000",
+        )  # fmt: skip
+        for method in colour_rows(calibration.colour):
+            errors.add_row(*method)
+        console.print(errors)
     if calibration.patches is not None:
-        colours = data_table("Patches", "label", "X", "Y", "Z", "σ(Y)")
-        for patch in patch_rows(calibration.patches):
+        colours = data_table("Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00")
+        errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
+        for patch in patch_rows(calibration.patches, errors_of_patches):
             colours.add_row(*patch)
         console.print(colours)
 

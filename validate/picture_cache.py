@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from cboxlab import render
 from cboxlab.render.image import RenderedImage
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import replacing
@@ -30,8 +30,10 @@ def default_cache() -> Path:
 
 
 def content_key(scene: Scene, *further: object) -> str:
-    """A digest of the scene, its spectra from 380 to 720 nm, this program's version and what else counts."""
-    digest = hashlib.sha256(version("cboxlab").encode())
+    """A digest of the scene, its spectra from 380 to 720 nm, the renderer's own code and what else counts."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(render.__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
     grid = np.arange(380.0, 721.0)
     for surface in (*scene.surfaces, scene.lamp.surface):
         digest.update(surface.name.encode() + surface.material.encode())

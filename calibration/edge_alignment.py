@@ -1,0 +1,288 @@
+"""Where the box's edges are in the photograph, against where the model has them: the geometry error of objects.
+
+The 1997 paper puts most of its mismatch down to the description of the geometry; this measures it. Along every
+visible edge the photograph is sampled across it, and a step with a slope of its own on either side is fitted.
+From the offsets o along the edges' normals n follow the camera's correction and one translation per block,
+
+    o = n . (dP/dcamera delta + dP/dpoint t_object),
+
+with the camera held by its calibration's covariance, and the room, which defines the axes, held in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.scenes import Scene
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.special import erf
+
+from .calibrate import Calibration
+from .camera_jacobian import parameter_jacobian
+from .geometry_plot import wireframe
+
+__all__ = ["EDGE_BIAS_PX", "EdgeOffsets", "ObjectError", "align_edges", "geometry_errors", "measure_edges"]
+
+#: Standard deviation of a whole edge's place, px: shading beside it and its contact shadow shift it as a whole.
+EDGE_BIAS_PX = 0.1
+
+_STEP_PX = 2.0
+_REACH_PX, _SEARCH_PX = 4.0, 2.5
+# A pixel's own width and the lens blur a step about so much.
+_BLUR_PX = 0.6
+# Steps smaller than this many times the misfit of the model are no edges.
+_CLEAR = 8.0
+_OUTLIER_SIGMAS = 3.5
+_FEWEST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOffsets:
+    """n samples. place_mm : (n, 3) on the model's edge. normal : (n, 2) in the image. offset_px : (n,) of the
+    photograph's edge along it. edge : (n,) number of the edge. owner : (n,) of the object, by ``objects``.
+    """
+
+    objects: tuple[str, ...]
+    place_mm: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    offset_px: NDArray[np.float64]
+    edge: NDArray[np.int64]
+    owner: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectError:
+    """name : of the object. shift_mm : (3,) where it is, less where the model has it; zero for the room.
+
+    covariance : (3, 3) mm^2, with EDGE_BIAS_PX for every edge and the camera's part. samples : used. rms_before_px,
+    rms_after_px : of the offsets across the edges, as modelled and after camera and shift.
+    """
+
+    name: str
+    shift_mm: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    samples: int
+    rms_before_px: float
+    rms_after_px: float
+
+
+def _objects(scene: Scene) -> list[tuple[str, list[int]]]:
+    """Surfaces that share a corner belong to one object; the largest is the room, and comes first."""
+    corners = [{tuple(np.round(v, 2)) for v in surface.vertices_mm} for surface in scene.surfaces]
+    groups: list[list[int]] = []
+    for index, own in enumerate(corners):
+        touching = [g for g in groups if any(corners[i] & own for i in g)]
+        joined = [i for group in touching for i in group]
+        groups = [*(g for g in groups if g not in touching), [*joined, index]]
+    areas = [sum(scene.surfaces[i].areas_mm2.sum() for i in g) for g in groups]
+    order = np.argsort(areas)[::-1]
+    return [
+        ("room" if rank == 0 else "+".join(scene.surfaces[i].name for i in sorted(groups[k])), groups[k])
+        for rank, k in enumerate(order)
+    ]
+
+
+def _visible(scene: Scene, camera: Camera, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) no face stands before the place (Moeller and Trumbore 1997)."""
+    direction = places - camera.position_mm
+    free: NDArray[np.bool_] = np.ones(len(places), bool)
+    for surface in scene.surfaces:
+        for face in surface.faces:
+            a, b, c = surface.vertices_mm[face]
+            normal = np.cross(direction, c - a)
+            slope = normal @ (b - a)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                from_a = camera.position_mm - a
+                u = normal @ from_a / slope
+                across = np.cross(from_a, b - a)
+                v = direction @ across / slope
+                distance = float((c - a) @ across) / slope
+                hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 1e-6) & (distance < 1 - 1e-3)
+            free &= ~(hit & np.isfinite(distance))
+    return free
+
+
+def _image_edges(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+    """(n, 4) points of all visible edges in the image, px, with their unit tangents."""
+    parts = []
+    for edge in wireframe(scene):
+        ends = camera.project(edge)
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        if not np.isfinite(length) or length < 1:
+            continue
+        places = edge[0] + np.linspace(0, 1, int(length) + 2)[:, None] * (edge[1] - edge[0])
+        image = camera.project(places)
+        tangent = np.gradient(image, axis=0)
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        parts.append(np.hstack([image, tangent])[_visible(scene, camera, places)])
+    return np.concatenate(parts)
+
+
+def _crowded(
+    image: NDArray[np.float64], tangent: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(n,) another edge comes within reach: what is off the sample's own line by more than half a pixel."""
+    along = tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
+    apart = others[None, :, :2] - image[:, None]
+    off = np.abs(apart[..., 0] * along[:, None, 1] - apart[..., 1] * along[:, None, 0])
+    near = np.sum(apart**2, axis=-1) < (_REACH_PX + 1) ** 2
+    turned = np.abs(along @ others[:, 2:].T) < 0.98
+    return np.asarray(np.any(near & ((off > 0.5) | turned), axis=1), np.bool_)
+
+
+def _across(profile: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """(n,) places of the steps in profiles (n, len(x)) by least squares, and their step over the misfit."""
+    places = np.arange(-_SEARCH_PX, _SEARCH_PX + 0.01, 0.05)
+    misfit, steps = np.empty((len(places), len(profile))), np.empty((len(places), len(profile)))
+    for index, place in enumerate(places):
+        after = (1 + erf((x - place) / _BLUR_PX / np.sqrt(2))) / 2
+        design = np.stack([np.ones_like(x), x - place, after, after * (x - place)], axis=1)
+        fit, *_ = np.linalg.lstsq(design, profile.T, rcond=None)
+        misfit[index] = np.sum((design @ fit - profile.T) ** 2, axis=0)
+        steps[index] = fit[2]
+    best = np.clip(misfit.argmin(axis=0), 1, len(places) - 2)
+    here = np.arange(len(profile))
+    left, middle, right = (misfit[best + i, here] for i in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    shift = np.where(bend > 0, (left - right) / (2 * np.maximum(bend, 1e-300)), 0.0)
+    inside = (misfit.argmin(axis=0) > 0) & (misfit.argmin(axis=0) < len(places) - 1)
+    clear = np.abs(steps[best, here]) / np.sqrt(np.maximum(middle / (len(x) - 5), 1e-300))
+    return places[best] + 0.05 * np.clip(shift, -1, 1), np.where(inside, clear, 0.0)
+
+
+def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene) -> EdgeOffsets:
+    """Offsets of all visible edges that show in the photograph (y, x); NaN in it marks pixels that are out."""
+    x = np.arange(-_REACH_PX, _REACH_PX + 0.01, 0.5)
+    others = _image_edges(scene, camera)
+    parts = []
+    number = 0
+    objects = _objects(scene)
+    lamp = Scene("", (), {}, scene.lamp)
+    around_lamp = {tuple(np.round(corner, 2)) for corner in wireframe(lamp).reshape(-1, 3)}
+    for owner, (_, members) in enumerate(objects):
+        own = Scene("", tuple(scene.surfaces[i] for i in members), {}, scene.lamp)
+        # The lamp's edges come last; it and its hole outshine what is next to them.
+        for edge in wireframe(own)[: -len(wireframe(lamp))]:
+            if all(tuple(np.round(end, 2)) in around_lamp for end in edge):
+                continue
+            number += 1
+            ends = camera.project(edge)
+            length = float(np.linalg.norm(ends[1] - ends[0]))
+            if not np.isfinite(length) or length < 4 * _STEP_PX:
+                continue
+            # Corners belong to several edges at once.
+            share = np.arange(2 * _STEP_PX, length - 2 * _STEP_PX, _STEP_PX) / length
+            places = edge[0] + share[:, None] * (edge[1] - edge[0])
+            image = camera.project(places)
+            tangent = camera.project(places + 1e-3 * (edge[1] - edge[0])) - image
+            normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            u, v = (image[:, i, None] + normal[:, i, None] * x for i in (0, 1))
+            profile = map_coordinates(photograph, [v, u], order=1, mode="constant", cval=np.nan)
+            usable = np.all(np.isfinite(profile), axis=1) & _visible(scene, camera, places)
+            usable &= ~_crowded(image, tangent, others)
+            if not np.any(usable):
+                continue
+            offset, clear = _across(profile[usable], x)
+            good = clear > _CLEAR
+            index = np.flatnonzero(usable)[good]
+            parts.append(
+                (places[index], normal[index], offset[good], np.full(index.size, number),
+                 np.full(index.size, owner))
+            )  # fmt: skip
+    if not parts:
+        empty = np.zeros(0)
+        return EdgeOffsets(
+            (), empty.reshape(0, 3), empty.reshape(0, 2), empty, empty.astype(int), empty.astype(int)
+        )
+    place, normal, offset, edges, owners = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return EdgeOffsets(tuple(name for name, _ in objects), place, normal, offset, edges, owners)
+
+
+def _whitened(
+    design: NDArray[np.float64], offset: NDArray[np.float64], edge: NDArray[np.int64], sigma: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rows of unit, independent errors: sigma for each sample, and EDGE_BIAS_PX common to those of an edge."""
+    rows = np.column_stack([design, offset]) / sigma
+    for number in np.unique(edge):
+        own = edge == number
+        shrink = 1 - (1 + own.sum() * (EDGE_BIAS_PX / sigma) ** 2) ** -0.5
+        rows[own] -= shrink * rows[own].mean(axis=0)
+    return rows[:, :-1], rows[:, -1]
+
+
+def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[ObjectError, ...]]:
+    """The camera refined by the edges, without a covariance, and the objects' errors.
+
+    Objects with too few samples are left out.
+
+    Raises ValueError for a camera without covariance or offsets without the room.
+    """
+    if camera.covariance is None:
+        raise ValueError("the camera needs its covariance: it says how far the edges may move it")
+    counts = np.bincount(offsets.owner, minlength=max(len(offsets.objects), 1))
+    if counts[0] < _FEWEST:
+        raise ValueError("too few edges of the room are seen to hold the axes")
+    blocks = [k for k in range(1, len(offsets.objects)) if counts[k] >= _FEWEST]
+    used = np.isin(offsets.owner, [0, *blocks])
+    design = np.zeros((len(offsets.offset_px), 10 + 3 * len(blocks)))
+    by_camera = parameter_jacobian(camera, offsets.place_mm).reshape(-1, 2, 10)
+    design[:, :10] = np.einsum("ni,nij->nj", offsets.normal, by_camera)
+    for axis in range(3):
+        moved = camera.project(offsets.place_mm + np.eye(3)[axis]) - camera.project(offsets.place_mm)
+        along = np.sum(offsets.normal * moved, axis=1)
+        for rank, block in enumerate(blocks):
+            design[:, 10 + 3 * rank + axis] = np.where(offsets.owner == block, along, 0.0)
+    # Edges say nothing about some directions; half a metre holds those without a say in the others.
+    prior: NDArray[np.float64] = np.zeros((design.shape[1],) * 2)
+    prior[:10, :10] = np.linalg.inv(camera.covariance)
+    prior[10:, 10:] = np.eye(3 * len(blocks)) / 500.0**2
+    keep, values, sigma = used.copy(), np.zeros(design.shape[1]), 1.0
+    residual: NDArray[np.float64] = offsets.offset_px
+    inverse: NDArray[np.float64] = prior
+    for _ in range(8):
+        rows, right = _whitened(design[keep], offsets.offset_px[keep], offsets.edge[keep], sigma)
+        inverse = np.asarray(np.linalg.inv(rows.T @ rows + prior), np.float64)
+        values = inverse @ rows.T @ right
+        residual = offsets.offset_px - design @ values
+        sigma = max(1.4826 * float(np.median(np.abs(residual[keep]))), 1e-4)
+        keep = used & (np.abs(residual) < _OUTLIER_SIGMAS * np.hypot(sigma, EDGE_BIAS_PX))
+    # What limits it is the picture's flaws, not noise: no covariance is claimed.
+    refined = replace(camera.with_parameters(camera.parameters + values[:10]), covariance=None)
+    errors = []
+    for block in (0, *blocks):
+        own = keep & (offsets.owner == block)
+        at = 10 + 3 * blocks.index(block) if block else None
+        errors.append(
+            ObjectError(
+                offsets.objects[block],
+                np.zeros(3) if at is None else values[at : at + 3],
+                np.zeros((3, 3)) if at is None else inverse[at : at + 3, at : at + 3],
+                int(own.sum()),
+                float(np.sqrt(np.mean(offsets.offset_px[own] ** 2))),
+                float(np.sqrt(np.mean(residual[own] ** 2))),
+            )
+        )
+    return refined, tuple(errors)
+
+
+def geometry_errors(calibration: Calibration) -> tuple[ObjectError, ...]:
+    """The error of every object of a calibrated capture's scene, by the edges in the mean of its bands.
+
+    Raises InputError where the capture names no scene that can be loaded, has no camera, or shows no edges.
+    """
+    scene, camera = calibration.capture.known_scene(), calibration.camera
+    where = calibration.capture.folder / "capture.toml"
+    if scene is None or camera is None:
+        raise InputError(where, "no scene or no [geometry]", "both, to compare the box's edges with")
+    out = np.any(calibration.images["mask"].values != 0, axis=0)
+    try:
+        return align_edges(
+            measure_edges(np.where(out, np.nan, calibration.photograph), camera, scene), camera
+        )[1]
+    except ValueError as error:
+        raise InputError(where, str(error), "a photograph of the box that its camera sees") from None

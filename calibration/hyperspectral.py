@@ -1,0 +1,143 @@
+"""A hyperspectral camera: many narrow filters, one after the other, and one spectroradiometer reading.
+
+As Vora et al. (2001), section III-B, built theirs: 31 interference filters of about 10 nm from 400 to 700 nm
+before a monochrome CCD; a dark of equal exposure subtracted from each image; and per band the one factor that
+brings a uniform region into agreement with a spectroradiometer's reading of it. They did not correct the
+misalignment between bands, which their largest errors sat on; here every band is registered to one of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import ArrayLike, NDArray
+
+from .band_images import Mask
+from .capture import Capture
+from .corrected_bands import CorrectedBands
+from .registration import Registration, move, register
+
+__all__ = ["HyperspectralCube", "hyperspectral_cube"]
+
+_HALF_MAXIMUM = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class HyperspectralCube:
+    """cube : radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 with standard_error, wavelengths ascending.
+
+    bands : their identifiers in that order. scale : (n,) radiance per DN; scale_relative_sigma : (n,) by the
+    region's noise, without the spectroradiometer's own. registrations : n, the reference's is the identity.
+    """
+
+    cube: xr.Dataset
+    bands: tuple[str, ...]
+    scale: NDArray[np.float64]
+    scale_relative_sigma: NDArray[np.float64]
+    registrations: tuple[Registration, ...]
+    notes: tuple[str, ...]
+
+
+def _centre(capture: Capture, band: str) -> tuple[float, Spectrum]:
+    """Centroid in nm of the main lobe above half its maximum, and the whole transmittance."""
+    reference = capture.band(band).transmittance
+    if reference is None:
+        raise InputError(
+            capture.folder / "capture.toml", f"band {band} without transmittance", "one for every band",
+            "It says which wavelength the band stands for.",
+        )  # fmt: skip
+    curve = capture.light(reference)
+    grid = np.arange(curve.wavelength_nm[0], curve.wavelength_nm[-1] + 0.25, 0.5)
+    values = curve.at(grid)
+    peak = int(np.argmax(values))
+    above = values >= _HALF_MAXIMUM * values[peak]
+    below_left = np.flatnonzero(~above[:peak])
+    below_right = np.flatnonzero(~above[peak:])
+    left = int(below_left[-1]) + 1 if below_left.size else 0
+    right = peak + int(below_right[0]) if below_right.size else grid.size
+    lobe = slice(left, right)
+    return float(np.average(grid[lobe], weights=values[lobe])), curve
+
+
+def _through(curve: Spectrum, reading: Spectrum) -> float:
+    """Mean of the reading over the filter's curve."""
+    grid = np.arange(curve.wavelength_nm[0], curve.wavelength_nm[-1] + 0.25, 0.5)
+    weights = curve.at(grid)
+    return float(np.sum(weights * reading.at(grid)) / np.sum(weights))
+
+
+def hyperspectral_cube(
+    capture: Capture,
+    bands: CorrectedBands,
+    region: ArrayLike,
+    reading: Spectrum,
+    *,
+    reference_band: str | None = None,
+    aligned: bool = True,
+) -> HyperspectralCube:
+    """The capture's bands as a spectral cube.
+
+    region : (y, x) True where the spectroradiometer looked, in the reference band's pixels. reading : its
+    radiance, W m^-2 sr^-1 nm^-1. reference_band : the others are registered to it; the middle one by default.
+    aligned : False leaves the bands where they are. Pixels that are out in a band, or that a band does not
+    show, are NaN there; the standard error is that of single pixels, not less where interpolation smooths it.
+
+    Raises InputError for bands without transmittance, a region without usable pixels, or a dark one.
+    """
+    inside = np.asarray(region, bool)
+    if inside.shape != capture.shape or not np.any(inside):
+        raise InputError(
+            "region", f"{int(inside.sum())} pixels of {inside.shape}", f"some of {capture.shape}"
+        )
+    centres = {band: _centre(capture, band) for band in capture.band_ids}
+    order = sorted(centres, key=lambda band: centres[band][0])
+    chosen = reference_band or order[len(order) // 2]
+    if chosen not in centres:
+        raise InputError("reference band", chosen, f"one of {', '.join(order)}")
+    images = bands.images
+    fixed = images["signal"].sel(band=chosen).values
+    planes, errors, scales, sigmas, moves, notes = [], [], [], [], [], []
+    for band in order:
+        one = images.sel(band=band)
+        signal = one["signal"].values
+        # A faulty pixel would be smeared by the interpolation: its neighbourhood goes with it.
+        bad = one["mask"].values & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) != 0
+        found = register(fixed, signal) if aligned and band != chosen else _identity()
+        if aligned and not found.found:
+            notes.append(f"{band}: too few edges to register it; it was left in place")
+        filled = np.where(bad, np.median(signal), signal)
+        out = move(bad.astype(float), found, smooth=False)
+        usable = np.nan_to_num(out, nan=1.0) < 0.01
+        moved = np.where(usable, move(filled, found), np.nan)
+        variance = np.where(usable, move(one["variance"].values, found, smooth=False), np.nan)
+        level, count = float(np.nanmean(moved[inside])), int(usable[inside].sum())
+        if count == 0 or not level > 0:
+            raise InputError(
+                f"region in band {band}", "no light" if count else "no usable pixel", "a lit region"
+            )
+        scale = _through(centres[band][1], reading) / level
+        planes.append(scale * moved)
+        errors.append(scale * np.sqrt(variance))
+        scales.append(scale)
+        sigmas.append(float(np.sqrt(np.nansum(variance[inside]))) / count / level)
+        moves.append(found)
+    dims, units = ("y", "x", "wavelength"), {"units": "W m^-2 sr^-1 nm^-1"}
+    cube = xr.Dataset(
+        {
+            "radiance": (dims, np.stack(planes, axis=-1), units),
+            "standard_error": (dims, np.stack(errors, axis=-1), units),
+        },
+        coords={"wavelength": ("wavelength", [centres[band][0] for band in order], {"units": "nm"})},
+        attrs={"source": f"hyperspectral capture {capture.manifest.name}", "registered_to": chosen},
+    )
+    return HyperspectralCube(
+        cube, tuple(order), np.array(scales), np.array(sigmas), tuple(moves), tuple(notes)
+    )
+
+
+def _identity() -> Registration:
+    return Registration(np.eye(2, 3), 1.0, np.zeros(2), 1.0, True)

@@ -1,0 +1,184 @@
+"""A sensor's figures by the method and in the symbols of EMVA 1288: K, sigma_d, DSNU, PRNU, saturation.
+
+Temporal noise comes from differences between repeats, patterns from means of many. With mu_y a mean count
+and sigma_y^2 its temporal variance, photon transfer is the straight line
+
+    sigma_y^2 - sigma_y.dark^2 = K (mu_y - mu_y.dark),    sigma_y.dark^2 = (K sigma_d)^2 + 1/12,
+
+and the nonuniformities are DSNU = s_y.dark / K and PRNU = sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark), the
+spatial variances s^2 freed from the temporal noise left in the means. A flat field's own slope is taken out
+of s_y^2 by a polynomial of fourth order; the standard wants the light uniform instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .capture import Capture, FrameTable
+from .dark import DarkLibrary
+from .mosaic import channel_mask
+from .noise import ROUNDING_VARIANCE
+
+__all__ = ["FrameStatistics", "PhotonTransfer", "frame_statistics", "measure_photon_transfer", "transfer"]
+
+# K is fitted up to this share of saturation (EMVA 1288, release 4.0, section 6.6).
+_FITTED_SHARE = 0.7
+# Pixels further than this from the others have a fault of their own, which is the defect map's affair.
+_OUTLIER_SIGMAS = 6.0
+_ORDER = 4
+# Beyond saturation the variance falls by more than this, and not by noise alone.
+_FALLEN = 0.95
+# A hot pixel may clip in any frame; more than this share means that the light does.
+_CLIPPED_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class FrameStatistics:
+    """Repeats of one setting. mean : mu_y, DN. temporal : sigma_y^2 of one frame, DN^2, and its sigma.
+
+    spatial : s_y^2 of the pixels' own means, DN^2 (it may be negative by noise), and its sigma.
+    clipped : share of pixels at the largest count.
+    """
+
+    mean: float
+    temporal: float
+    temporal_sigma: float
+    spatial: float
+    spatial_sigma: float
+    clipped: float
+
+
+@dataclass(frozen=True)
+class PhotonTransfer:
+    """K in DN/e-, dark_noise_e : sigma_d in e-, dsnu_e in e-, prnu relative; one sigma beside each.
+
+    saturation_e : electrons where the temporal variance is largest; None where no level goes beyond.
+    converter_limit_e : electrons that fill the converter above the dark level.
+    NaN where the frames do not show a figure (a spatial variance below 0, rounding above the read noise).
+    """
+
+    gain_dn_per_e: float
+    gain_sigma: float
+    dark_noise_e: float
+    dark_noise_sigma: float
+    dsnu_e: float
+    dsnu_sigma: float
+    prnu: float
+    prnu_sigma: float
+    saturation_e: float | None
+    converter_limit_e: float
+
+
+def _smooth_part(mean: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.float64]:
+    v, u = np.indices(mean.shape)
+    x, y = 2 * u / max(mean.shape[1] - 1, 1) - 1, 2 * v / max(mean.shape[0] - 1, 1) - 1
+    basis = np.stack([x**j * y**k for j in range(_ORDER + 1) for k in range(_ORDER + 1 - j)], axis=-1)
+    fit = np.linalg.lstsq(basis[good], mean[good], rcond=None)[0]
+    return np.asarray(basis @ fit, np.float64)
+
+
+def frame_statistics(
+    stack: NDArray[np.uint16], saturation_dn: int, *, flatten: bool, pixels: NDArray[np.bool_] | None = None
+) -> FrameStatistics:
+    """Statistics of at least two repeats (repeat, y, x). Raises ValueError for fewer.
+
+    flatten : take the field's smooth slope out of the spatial variance. pixels : (y, x) those that count.
+    """
+    if stack.shape[0] < 2:
+        raise ValueError("temporal noise needs at least two repeats")
+    counts = stack.astype(float)
+    good = np.ones(stack.shape[1:], bool) if pixels is None else pixels.copy()
+    clipped = float((stack.max(axis=0) >= saturation_dn)[good].mean())
+    mean = counts.mean(axis=0)
+    residual = mean - (_smooth_part(mean, good) if flatten else mean[good].mean())
+    middle = np.median(residual[good])
+    spread = 1.4826 * np.median(np.abs(residual[good] - middle))
+    good &= np.abs(residual - middle) <= _OUTLIER_SIGMAS * max(spread, np.sqrt(ROUNDING_VARIANCE))
+    if flatten:
+        residual = mean - _smooth_part(mean, good)
+    taken = 1 + (flatten * ((_ORDER + 1) * (_ORDER + 2) // 2 - 1))
+    count, repeats = int(good.sum()), stack.shape[0]
+    # The light may change between repeats: the frames' own means are no noise of the pixels.
+    steady = counts - (counts - mean)[:, good].mean(axis=1)[:, None, None]
+    temporal = float(steady.var(axis=0, ddof=1)[good].mean())
+    measured = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - taken))
+    return FrameStatistics(
+        float(mean[good].mean()),
+        temporal,
+        temporal * float(np.sqrt(2 / (count * (repeats - 1)))),
+        measured - temporal / repeats,
+        float(np.sqrt(2 / count) * np.hypot(measured, temporal / repeats / np.sqrt(repeats - 1))),
+        clipped,
+    )
+
+
+def transfer(
+    dark: FrameStatistics, bright: Sequence[FrameStatistics], saturation_dn: int
+) -> PhotonTransfer | None:
+    """The figures from one dark and some bright settings; None without a bright one above the dark."""
+    levels = sorted((b for b in bright if b.mean > dark.mean), key=lambda b: b.mean)
+    if not levels:
+        return None
+    peak = max(levels, key=lambda b: b.temporal)
+    saturates = any(
+        b.mean > peak.mean
+        and b.temporal < _FALLEN * peak.temporal - 5 * np.hypot(b.temporal_sigma, peak.temporal_sigma)
+        for b in levels
+    )
+    full = (peak.mean if saturates else saturation_dn) - dark.mean
+    fitted = [b for b in levels if b.mean - dark.mean <= _FITTED_SHARE * full and b.clipped < _CLIPPED_SHARE]
+    if not fitted:
+        return None
+    x = np.array([b.mean - dark.mean for b in fitted])
+    y = np.array([b.temporal - dark.temporal for b in fitted])
+    weight = np.array([b.temporal_sigma for b in fitted]) ** -2.0
+    gain = float(np.sum(weight * x * y) / np.sum(weight * x**2))
+    # The dark variance is the same in all differences: its error shifts them together.
+    common = float(np.sum(weight * x) / np.sum(weight * x**2))
+    gain_sigma = float(np.sqrt(1 / np.sum(weight * x**2) + (common * dark.temporal_sigma) ** 2))
+    read = dark.temporal - ROUNDING_VARIANCE
+    noise = float(np.sqrt(read) / gain) if read > 0 else np.nan
+    noise_sigma = noise * float(np.hypot(dark.temporal_sigma / (2 * max(read, 1e-12)), gain_sigma / gain))
+    dsnu = float(np.sqrt(dark.spatial) / gain) if dark.spatial > 0 else np.nan
+    dsnu_sigma = dsnu * float(
+        np.hypot(dark.spatial_sigma / (2 * max(dark.spatial, 1e-12)), gain_sigma / gain)
+    )
+    middle = min(fitted, key=lambda b: abs(b.mean - dark.mean - full / 2))
+    pattern, signal = middle.spatial - dark.spatial, middle.mean - dark.mean
+    prnu = float(np.sqrt(pattern) / signal) if pattern > 0 else np.nan
+    prnu_sigma = prnu * float(np.hypot(middle.spatial_sigma, dark.spatial_sigma)) / (2 * max(pattern, 1e-12))
+    saturation = (peak.mean - dark.mean) / gain if saturates else None
+    return PhotonTransfer(
+        gain, gain_sigma, noise, noise_sigma, dsnu, dsnu_sigma, prnu, prnu_sigma, saturation,
+        (saturation_dn - dark.mean) / gain,
+    )  # fmt: skip
+
+
+def measure_photon_transfer(
+    capture: Capture, dark: DarkLibrary, channels: dict[str, str] | None = None
+) -> PhotonTransfer | None:
+    """From the darks of the shortest exposure and all flats and references with repeats; None without them.
+
+    Raises InputError for a faulty frame.
+    """
+    darks = sorted((t for t in capture.manifest.darks if len(t.frames) > 1), key=lambda t: t.exposure_s)
+    tables: list[FrameTable] = [*capture.manifest.flats, *capture.manifest.reference]
+    if not darks or dark.clipped:
+        return None
+    bright = []
+    for table in tables:
+        if len(table.frames) < 2:
+            continue
+        pixels = None
+        if channels is not None and capture.manifest.mosaic is not None:
+            channel = channels[table.band]  # type: ignore[attr-defined]
+            pixels = channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
+        stack = capture.frames(table)
+        # Thermal charge is charge: it has the same K, and needs no place of its own.
+        bright.append(frame_statistics(stack, capture.saturation_dn, flatten=True, pixels=pixels))
+    first = frame_statistics(capture.frames(darks[0]), capture.saturation_dn, flatten=False)
+    return transfer(first, bright, capture.saturation_dn)
