@@ -160,7 +160,8 @@ _ORDER = ("edge distance", "image radius", "surface", "light", "paint before", "
 def _densest(
     excess: NDArray, left: NDArray, known: Sequence[Part], total: float, count: int
 ) -> tuple[NDArray[np.bool_], list[Part]]:
-    here, chosen, best = left, [], 0.0
+    here, best = left, 0.0
+    chosen: list[Part] = []
     while True:
         candidates = [p for p in known if p.kind not in {q.kind for q in chosen}]
         scored = [(_score(excess, here & p.where, total, count), i) for i, p in enumerate(candidates)]
