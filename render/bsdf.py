@@ -36,30 +36,59 @@ def load_bsdf(material: Material, reflectance: Any) -> mi.BSDF:
         raise InputError(f"material.{material.name}.bsdf", found, "a BSDF of Mitsuba") from None
 
 
-class SpectralBsdfs:
-    """All materials that are not Lambertian, evaluated at any number of wavelengths in groups of four.
+#: Wavelengths at which the stand-in for a reflectance is 0 and 1.
+_BLACK_NM, _WHITE_NM = 500.0, 600.0
 
-    Needs a spectral variant of Mitsuba. A direction is drawn once, at the first group, and evaluated at all.
+
+class SpectralBsdfs:
+    """All materials that are not Lambertian, evaluated at any number of wavelengths.
+
+    Needs a spectral variant of Mitsuba, whose BSDFs take four wavelengths at once. Where all of them are affine
+    in the reflectance (found by trying), they are evaluated for reflectance 0 and 1 only; else in groups of four.
+    No BSDF of Mitsuba lets the wavelength decide on a direction, so the same random numbers draw the same one for
+    every group; the weights are those of drawing, not quotients of value and density, which are inconsistent
+    inside Mitsuba 3.9's ``roughdielectric``.
     """
 
     def __init__(self, scene: Scene, wavelengths: np.ndarray) -> None:
+        materials = list(scene.materials.values())
         self._count = len(wavelengths)
-        padded = np.resize(wavelengths, 4 * -(-self._count // 4))
-        padded[self._count :] = wavelengths[-1]
-        self._groups = [mi.Spectrum(*(float(x) for x in group)) for group in padded.reshape(-1, 4)]
+        self.materials = [index for index, material in enumerate(materials) if material.bsdf is not None]
+        chosen = [materials[index] for index in self.materials]
+        reflectances = np.array([m.reflectance.at(wavelengths) for m in chosen]).reshape(-1, self._count)
         grid = np.concatenate([[wavelengths[0] - 1], wavelengths, [wavelengths[-1] + 1]])
-        self._bsdfs = []
-        for index, material in enumerate(scene.materials.values()):
-            if material.bsdf is not None:
-                values = np.pad(material.reflectance.at(wavelengths), 1, mode="edge")
-                spectrum = {"type": "irregular", "wavelengths": _listed(grid), "values": _listed(values)}
-                self._bsdfs.append((index, load_bsdf(material, spectrum)))
-        self._jumps = any(mi.has_flag(b.flags(), mi.BSDFFlags.Delta) for _, b in self._bsdfs)
-        self.materials = [index for index, _ in self._bsdfs]
+        self._bsdfs = [
+            load_bsdf(m, _irregular(grid, np.pad(values, 1, mode="edge")))
+            for m, values in zip(chosen, reflectances, strict=True)
+        ]
+        padded = np.append(wavelengths, np.full(-self._count % 4, wavelengths[-1]))
+        self._groups = [mi.Spectrum(*(float(x) for x in group)) for group in padded.reshape(-1, 4)]
+        self._rows: mi.Float | None = None
+        ramp = _irregular(np.array([_BLACK_NM, _WHITE_NM]), np.array([0.0, 1.0]))
+        ends = [load_bsdf(m, ramp) for m in chosen]
+        probe = mi.Spectrum(_BLACK_NM, _WHITE_NM, _BLACK_NM, _WHITE_NM)
+        if chosen and all(
+            _same(_probed(exact, self._groups)[:, : self._count], low + rho * (high - low))
+            for exact, end, rho in zip(self._bsdfs, ends, reflectances, strict=True)
+            for low, high in [np.split(_probed(end, [probe])[:, :2], 2, axis=1)]
+        ):
+            self._bsdfs, self._groups = ends, [probe]
+            rows = np.zeros((len(materials), self._count), np.float32)
+            rows[self.materials] = reflectances
+            self._rows = mi.Float(rows.ravel())
+
+    def _all(self, values: list[mi.Float], material: mi.UInt32, active: mi.Bool) -> list[mi.Float]:
+        """At each wavelength, from what the groups gave."""
+        if self._rows is None:
+            return values[: self._count]
+        low, high = values[:2]
+        base = material * self._count
+        rho = (dr.gather(mi.Float, self._rows, base + k, active) for k in range(self._count))
+        return [low + r * (high - low) for r in rho]
 
     def _at(self, material: mi.UInt32) -> mi.BSDFPtr:
-        pointer = mi.BSDFPtr(self._bsdfs[0][1])
-        for index, bsdf in self._bsdfs[1:]:
+        pointer = mi.BSDFPtr(self._bsdfs[0])
+        for index, bsdf in zip(self.materials[1:], self._bsdfs[1:], strict=True):
             pointer = dr.select(material == index, mi.BSDFPtr(bsdf), pointer)
         return pointer
 
@@ -87,7 +116,7 @@ class SpectralBsdfs:
             else:
                 value = pointer.eval(context, si, wo, active)
             values += list(value)
-        return values[: self._count], density
+        return self._all(values, material, active), density
 
     def sample(
         self, si: mi.SurfaceInteraction3f, material: mi.UInt32, lobe: mi.Float, point: mi.Point2f, active: mi.Bool
@@ -97,21 +126,34 @@ class SpectralBsdfs:
         The density is infinite where a mirror or clear glass left no choice.
         """
         pointer, context = self._at(material), mi.BSDFContext()
-        si.wavelengths = self._groups[0]
-        drawn, _ = pointer.sample(context, si, lobe, point, active)
-        direction = si.to_world(drawn.wo)
+        weights: list[mi.Float] = []
+        for group in self._groups:
+            si.wavelengths = group
+            drawn, weight = pointer.sample(context, si, lobe, point, active)
+            weights += list(weight)
         jump = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
-        good = active & (drawn.pdf > 0)
-        values, _ = self.values(si, material, direction, good & ~jump)
-        weights = [dr.select(good & ~jump, value / drawn.pdf, 0) for value in values]
-        if self._jumps:
-            jumped: list[mi.Float] = []
-            for group in self._groups:
-                si.wavelengths = group
-                jumped += list(pointer.sample(context, si, lobe, point, good & jump)[1])
-            weights = [dr.select(good & jump, new, old) for old, new in zip(weights, jumped, strict=False)]
-        return direction, weights, dr.select(jump, mi.Float(dr.inf), drawn.pdf)
+        weights = self._all(weights, material, active)
+        return si.to_world(drawn.wo), weights, dr.select(jump, mi.Float(dr.inf), drawn.pdf)
 
 
-def _listed(values: np.ndarray) -> str:
-    return ",".join(f"{v:.9g}" for v in values)
+def _irregular(wavelengths: np.ndarray, values: np.ndarray) -> dict[str, str]:
+    listed = (",".join(f"{x:.9g}" for x in table) for table in (wavelengths, values))
+    return {"type": "irregular", **dict(zip(("wavelengths", "values"), listed, strict=True))}
+
+
+def _probed(bsdf: mi.BSDF, groups: list[mi.Spectrum]) -> np.ndarray:
+    """(n, 4 times groups) values between directions all over the sphere."""
+    directions = np.random.default_rng(1).standard_normal((2, 256, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    wi, wo = (mi.Vector3f(d.T.astype(np.float32)) for d in directions)
+    si = dr.zeros(mi.SurfaceInteraction3f, 256)
+    si.wi, si.sh_frame, si.n, si.t = wi, mi.Frame3f(mi.Normal3f(0, 0, 1)), mi.Normal3f(0, 0, 1), mi.Float(1)
+    columns = []
+    for group in groups:
+        si.wavelengths = group
+        columns += [np.array(x) for x in bsdf.eval(mi.BSDFContext(), si, wo)]
+    return np.stack([np.broadcast_to(column, 256) for column in columns], axis=1)
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    return bool(np.all(np.abs(one - other) <= 1e-5 * np.abs(one).max() + 1e-5 * np.abs(one)))

@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
 from .image import RenderedImage
@@ -69,7 +70,13 @@ def solve_light(
     patch_samples: int = 1024,
     seed: int = 0,
 ) -> LightField:
-    """Solve the scene's interreflection. Parameters as in ``render_final_gather``."""
+    """Solve the scene's interreflection. Parameters as in ``render_final_gather``.
+
+    Raises InputError for a scene that is not diffuse.
+    """
+    if not scene.diffuse:
+        found = "surfaces that are not Lambertian, or a medium"
+        raise InputError(f"scene {scene.name}", found, "a diffuse scene", "`cbox render` takes any scene")
     tracer = build_tracer(scene)
     lamp = build_lamp_sampler(tracer)
     extent = tracer.vertices.reshape(-1, 3)
