@@ -119,7 +119,12 @@ class SpectralBsdfs:
         return self._all(values, material, active), density
 
     def sample(
-        self, si: mi.SurfaceInteraction3f, material: mi.UInt32, lobe: mi.Float, point: mi.Point2f, active: mi.Bool
+        self,
+        si: mi.SurfaceInteraction3f,
+        material: mi.UInt32,
+        lobe: mi.Float,
+        point: mi.Point2f,
+        active: mi.Bool,
     ) -> tuple[mi.Vector3f, list[mi.Float], mi.Float]:
         """A direction, BSDF times cosine over density at each wavelength, and the density, 1/sr.
 

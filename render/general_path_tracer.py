@@ -63,12 +63,9 @@ def render_general_path_tracer(
             strips = []
             for start in range(0, camera.height_px, rows):
                 height = min(rows, camera.height_px - start)
-                strips.append(
-                    _strip(
-                        tracer, lamp, bsdfs, medium, reflectances, camera, start, height, samples,
-                        seed + 7919 * (batch + 1), max_bounces,
-                    )  # fmt: skip
-                )
+                own_seed = seed + 7919 * (batch + 1)
+                parts = tracer, lamp, bsdfs, medium, reflectances, camera
+                strips.append(_strip(*parts, start, height, samples, own_seed, max_bounces))
                 if progress:
                     progress((batch + (start + height) / camera.height_px) / batches)
             images.append(np.concatenate(strips))

@@ -54,7 +54,9 @@ def _cells(lamp: Lamp) -> _Cells | None:
         return None
     corner, right, _, up = lamp.surface.vertices_mm[:4]
     edges = (mi.Vector3f(*(float(x) for x in end - corner)) for end in (right, up))
-    return _Cells(mi.Float(lamp.pattern.astype(np.float32).ravel()), lamp.pattern.shape, _point(corner), *edges)
+    return _Cells(
+        mi.Float(lamp.pattern.astype(np.float32).ravel()), lamp.pattern.shape, _point(corner), *edges
+    )
 
 
 def _point(values: np.ndarray) -> mi.Point3f:

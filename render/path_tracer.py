@@ -95,7 +95,16 @@ def trace_paths(
             mixed_seed = seed + 7919 * (batch + 1)
             strips.append(
                 _strip(
-                    tracer, lamp, reflectances, camera, start, height, samples, mixed_seed, max_bounces, counted
+                    tracer,
+                    lamp,
+                    reflectances,
+                    camera,
+                    start,
+                    height,
+                    samples,
+                    mixed_seed,
+                    max_bounces,
+                    counted,
                 )
             )
             if progress:

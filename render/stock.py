@@ -58,9 +58,7 @@ def render_stock(
     values = np.zeros((batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
     with mi.scoped_set_variant(variant):
         kind = "path" if scene.medium is None else "volpath"
-        integrator = mi.load_dict(
-            {"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1}
-        )
+        integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
             paints = {name: _rgb(m.reflectance.at(three)) for name, m in scene.materials.items()}

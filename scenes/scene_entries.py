@@ -14,7 +14,16 @@ from .errors import InputError
 from .faults import path_inside, referred
 from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, vector_area
 
-__all__ = ["LampEntry", "MediumEntry", "SceneFile", "SpectrumTable", "SurfaceEntry", "lamp_mesh", "lamp_pattern", "surface_mesh"]
+__all__ = [
+    "LampEntry",
+    "MediumEntry",
+    "SceneFile",
+    "SpectrumTable",
+    "SurfaceEntry",
+    "lamp_mesh",
+    "lamp_pattern",
+    "surface_mesh",
+]
 
 Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]

@@ -81,7 +81,9 @@ def _built(path: Path, file: SceneFile) -> Scene:
             materials[name] = Material(name, reflectance, material.bsdf)
             if material.bsdf is not None and not isinstance(material.bsdf.get("type"), str):
                 hint = 'for example bsdf = { type = "roughplastic", diffuse_reflectance = "reflectance" }'
-                raise InputError(f"{path}: material.{name}.bsdf", "no type", "the name of a BSDF of Mitsuba", hint)
+                raise InputError(
+                    f"{path}: material.{name}.bsdf", "no type", "the name of a BSDF of Mitsuba", hint
+                )
     with _gathered(faults):
         where = f"{path}: lamp"
         radiance = _spectrum(path, file.lamp.radiance, f"{where}.radiance", "zero")

@@ -49,9 +49,7 @@ def test_a_grey_box_has_the_derivative_of_its_series():
     low, middle, high = (box_with_lamp(r) for r in (0.57, 0.6, 0.63))
     arguments = {"samples": 128, "batches": 16}
     slope = render_derivatives(middle, camera, BANDS[:1], seed=1, **arguments).reflectance[:, 0]
-    ends = [
-        render_path_tracer(s, camera, BANDS[:1], seed=n, **arguments) for n, s in ((2, low), (3, high))
-    ]
+    ends = [render_path_tracer(s, camera, BANDS[:1], seed=n, **arguments) for n, s in ((2, low), (3, high))]
     means = [(e.coefficients[..., 1:] @ e.spectra[1:]).mean(axis=(1, 2, 3)) for e in ends]
     rise, found = (means[1] - means[0]) / 0.06, slope.mean(axis=(1, 2, 3))
     error = np.sqrt((rise.var(ddof=1) + found.var(ddof=1)) / 16)

@@ -86,7 +86,9 @@ def test_diffuse_scenes_agree_with_the_path_tracer():
 def test_a_white_furnace_with_coat_and_medium_is_white():
     """A closed box that absorbs nothing, lit by a black lamp of radiance 1, has radiance 1 everywhere."""
     scene = box_with_lamp(1.0, lamp_half=499.0)
-    coated = replace(scene, materials={"grey": Material("grey", FLAT, {"type": "diffuse", "reflectance": 1.0})})
+    coated = replace(
+        scene, materials={"grey": Material("grey", FLAT, {"type": "diffuse", "reflectance": 1.0})}
+    )
     hazy = replace(coated, medium=Medium(FLAT.scaled(1 / EDGE), FLAT.scaled(0.0), -0.3))
     camera = camera_inside(12)
     images = [render_general_path_tracer(s, camera, BANDS[:1], 128, BATCHES, seed=4) for s in (coated, hazy)]
@@ -110,7 +112,9 @@ def test_the_door_takes_every_scene_and_the_final_gather_diffuse_ones():
     scene = with_bsdf(**COATED)
     image = render(scene, cornell_camera(8), BANDS, samples=4, batches=2)
     assert image.coefficients.shape == (2, 8, 8, 3)
-    with pytest.raises(InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"):
+    with pytest.raises(
+        InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"
+    ):
         solve_light(scene, BANDS)
 
 
