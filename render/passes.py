@@ -25,6 +25,8 @@ from .integrators import render
 __all__ = ["Job", "combined", "distributed", "render_pass"]
 
 _ONE_AT_A_TIME = threading.Lock()
+#: How long a scheduler may take to answer.
+PATIENCE_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def distributed(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, Rendered
             "--scheduler", "no Dask here", "it installed", "pip install 'cboxlab[distributed]'"
         ) from None
     try:
-        client: Any = dask.Client(scheduler, timeout=10)
+        client: Any = dask.Client(scheduler, timeout=PATIENCE_S)
     except (OSError, ValueError) as error:
         raise InputError("--scheduler", f"no answer from {scheduler} ({error})", "a Dask scheduler") from None
     with client:

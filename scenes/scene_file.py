@@ -121,7 +121,8 @@ def _medium(path: Path, entry: MediumEntry) -> Medium:
         if (lowest := spectrum.values.min()) < 0:
             raise InputError(where, f"{lowest:g}", "no coefficient below 0")
         coefficients.append(spectrum)
-    return Medium(*coefficients, entry.anisotropy)
+    scattering, absorption = coefficients
+    return Medium(scattering, absorption, entry.anisotropy)
 
 
 def _missing_material(name: str, known: list[str], where: str) -> InputError:

@@ -1,11 +1,12 @@
 """Passes: down to a stated error, interrupted and taken up, on several workers; cubes by strips; bands' covariance."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from boxes import BANDS
-from cboxlab.render import precision
+from cboxlab.render import passes, precision
 from cboxlab.render.cube_files import read_cube, write_cube
 from cboxlab.render.cube_strips import read_strips, strip_cameras, write_strips
 from cboxlab.render.integrators import render
@@ -57,17 +58,15 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 
 def test_passes_are_the_batches_of_one_picture():
-    passes = [render_pass(Job(*WHERE, 16, seed=3).numbered(n)) for n in range(3)]
+    parts = [render_pass(Job(*WHERE, 16, seed=3).numbered(n)) for n in range(3)]
     whole = render(*WHERE, samples=16, batches=3, seed=3)
-    assert np.array_equal(combined(passes).coefficients, whole.coefficients)
+    assert np.array_equal(combined(parts).coefficients, whole.coefficients)
 
 
 def test_another_machines_basis_makes_no_difference():
     """Spectra of other signs and order, coefficients to match: combined into the first's basis exactly."""
     first, second = (render_pass(Job(*WHERE, 8).numbered(n)) for n in range(2))
     order = np.random.default_rng(1).permutation(len(second.spectra))
-    from dataclasses import replace
-
     turned = replace(second, spectra=-second.spectra[order], coefficients=-second.coefficients[..., order])
     a, b = (combined([first, x]).project(np.eye(3))[0] for x in (second, turned))
     assert a == pytest.approx(b, rel=1e-4, abs=1e-9)
@@ -78,7 +77,7 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     distributed = pytest.importorskip(
         "distributed", reason="needs dask[distributed], of the extra 'distributed'"
     )
-    jobs = [Job(*WHERE, 8).numbered(n) for n in range(4)]
+    jobs = [Job(*WHERE, 8).numbered(n) for n in range(3)]
     marker = tmp_path / "died"
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -86,7 +85,11 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     ):
         futures = [client.submit(_dying_once, job, str(marker), pure=False) for job in jobs]
         images = client.gather(futures)
+        shared = dict(
+            (job.number, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address)
+        )
     assert marker.exists()
+    assert np.array_equal(shared[1].coefficients, images[1].coefficients)
     here = [render_pass(job) for job in jobs]
     for one, other in zip(images, here, strict=True):
         assert combined([other, one]).coefficients[1] == pytest.approx(
@@ -101,7 +104,8 @@ def _dying_once(job, marker):
     return render_pass(job)
 
 
-def test_a_scheduler_that_is_not_there():
+def test_a_scheduler_that_is_not_there(monkeypatch):
+    monkeypatch.setattr(passes, "PATIENCE_S", 0.5)
     pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     with pytest.raises(InputError, match=r"--scheduler: found no answer from tcp://127.0.0.1:9"):
         render_to_precision(*WHERE, 0.004, scheduler="tcp://127.0.0.1:9")

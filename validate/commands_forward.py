@@ -142,10 +142,11 @@ def write_in_strips(
     from cboxlab.render.cube_strips import strip_cameras, write_strips
 
     parts = strip_cameras(view)
-    strips = (
-        picture(part, index, lambda done, index=index: report((index + done) / len(parts)), None)
-        for index, part in enumerate(parts)
-    )
+
+    def reported(index: int) -> Progress:
+        return lambda done: report((index + done) / len(parts))
+
+    strips = (picture(part, index, reported(index), None) for index, part in enumerate(parts))
     write_strips(out, view.height_px, strips)
 
 
