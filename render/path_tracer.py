@@ -78,10 +78,12 @@ def trace_paths(
     max_bounces: int | None,
     progress: Callable[[float], None] | None,
     counted: bool = False,
+    split: int = 0,
 ) -> np.ndarray:
     """(batch, y, x, n) means over paths: of the lamp as seen, then of light at each wavelength, over the lamp's.
 
     counted : then also, for each paint, of light at each wavelength times the number of reflections by it.
+    split : then also of light reflected once, twice, up to so many times, at each wavelength.
     """
     lamp = build_lamp_sampler(tracer)
     reflectances = np.array([m.reflectance.at(wavelengths) for m in tracer.scene.materials.values()])
@@ -93,20 +95,8 @@ def trace_paths(
         for start in starts:
             height = min(rows, camera.height_px - start)
             mixed_seed = seed + 7919 * (batch + 1)
-            strips.append(
-                _strip(
-                    tracer,
-                    lamp,
-                    reflectances,
-                    camera,
-                    start,
-                    height,
-                    samples,
-                    mixed_seed,
-                    max_bounces,
-                    counted,
-                )
-            )
+            bounds = start, height, samples, mixed_seed, max_bounces
+            strips.append(_strip(tracer, lamp, reflectances, camera, *bounds, counted, split))
             if progress:
                 progress((batch + (start + height) / camera.height_px) / batches)
         images.append(np.concatenate(strips))
@@ -116,6 +106,7 @@ def trace_paths(
 def _strip(
     tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera,
     start: int, height: int, samples: int, seed: int, max_bounces: int | None, counted: bool = False,
+    split: int = 0,
 ) -> np.ndarray:  # fmt: skip
     """(height, x, n) of a strip of rows, see ``trace_paths``.
 
@@ -157,9 +148,10 @@ def _strip(
         added = [t * light for t in reflected]
         new_sums = [s + a for s, a in zip(sums, added, strict=True)]
         counts = [c + dr.select(shaded & (material == m), one, 0) for m, c in enumerate(counts)]
+        reached = [dr.select(depth == n, one, 0) for n in range(split)]
         new_counted = [
             [s + c * a for s, a in zip(row, added, strict=True)]
-            for c, row in zip(counts, counted_sums, strict=True)
+            for c, row in zip(counts + reached, counted_sums, strict=True)
         ]
         survives = dr.gather(mi.Float, packed_survival, material, shaded)
         survives = dr.select(depth < SPARED_REFLECTIONS, one, survives)
@@ -189,7 +181,7 @@ def _strip(
         dr.ones(mi.Float, count), [dr.ones(mi.Float, count) for _ in range(wavelengths)],
         [dr.zeros(mi.Float, count) for _ in range(wavelengths)],
         [dr.zeros(mi.Float, count) for _ in range(followed)],
-        [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed)],
+        [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed + split)],
     )  # fmt: skip
     *_, seen, _, _, sums, _, counted_sums = dr.while_loop(state, lambda index, *_: index < total, body)
     columns = [seen, *sums, *(s for row in counted_sums for s in row)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import BANDS, box_with_lamp, camera_inside
+from cboxlab.render.bounces import render_bounces
 from cboxlab.render.derivatives import render_derivatives
 from cboxlab.render.path_tracer import render_path_tracer
 from cboxlab.render.variant import compiled
@@ -72,3 +73,19 @@ def test_a_black_paint_has_no_derivative_to_show():
     with pytest.raises(InputError, match=r"material red: found reflectance 0 at 450 nm"):
         render_derivatives(scene, cornell_camera(8), BANDS)
     assert isinstance(scene.materials["red"].reflectance, Spectrum)
+
+
+def test_bounces_share_their_paths_and_add_up():
+    """Each part is the difference of pictures cut one reflection later and sooner; all of them make the picture."""
+    arguments = {"samples": 16, "batches": 2, "seed": 3}
+    parts = render_bounces(cornell_box(), cornell_camera(12), BANDS, bounces=3, **arguments)
+    whole = render_path_tracer(cornell_box(), cornell_camera(12), BANDS, **arguments)
+    radiance = whole.coefficients @ whole.spectra
+    assert parts.sum("part").values == pytest.approx(radiance, rel=1e-5, abs=1e-6 * radiance.max())
+    cut = [
+        render_path_tracer(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments)
+        for n in (1, 2)
+    ]
+    one, two = (image.coefficients @ image.spectra for image in cut)
+    assert parts.sel(part="2").values == pytest.approx(two - one, rel=1e-3, abs=1e-6 * one.max())
+    assert set(parts.surface.values.ravel()) >= {"floor", "left", "ceiling"}
