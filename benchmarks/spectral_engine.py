@@ -181,13 +181,16 @@ def main() -> None:
     for one in contenders.values():
         one.close()
     if "bias" in parts:
-        from bias import furnace, surface_bias
+        from bias import furnace, refinement_bias, surface_bias
 
         found = surface_bias(options.bias_samples, stock="specfilm" in parts)
         white = furnace(options.bias_samples // 2)
         result |= {**found.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
-            result["default"] |= {**found["default"], "furnace": white["default"]}
+            finer = refinement_bias(options.bias_samples // 4)
+            # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
+            result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
+            say("bias by patches' size:", json.dumps(finer))
         say("bias:", json.dumps(found), "furnace:", json.dumps(white))
     for name in [part for part in SMALL if part in parts]:
         from engine_parts import SMALL_PARTS
