@@ -1,7 +1,7 @@
 """How much picture a CPU second buys: our integrators against stock Mitsuba and against bare ray tracing.
 
-    python benchmarks/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias]
-                                         [--size 256] [--samples 64] [--rounds 8]
+    python benchmarks/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias,...]
+                                         [--size 256] [--samples 64] [--rounds 8] [--bias-samples 4096]
 
 The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),
 pixels that see the lamp left out. Every contender lives in a process of its own, renders once to warm up, and
@@ -11,10 +11,12 @@ error is the relative variance of one picture from the scatter of the rounds, th
 the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relative variance),
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
-"mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" compares the means over each
-surface: the path tracer with stock Mitsuba at three bands, the default with the path tracer at all; max_bias
-is the largest relative difference, beside it the largest difference over its standard error and the number of
-comparisons. The last line is one JSON object; --json prints nothing else. What was left out is null there.
+"mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
+surface of a small picture with many samples: the path tracer with stock Mitsuba at three bands, the default with
+the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
+differences over their standard errors are distributed; and it measures the white furnace. "slope", "pixels",
+"threads", "start", "general", "derivatives" and "sensor" are described in engine_parts.py.
+The last line is one JSON object; --json prints nothing else. What was left out is null there.
 """
 
 from __future__ import annotations
@@ -30,10 +32,11 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes import cornell_box, cornell_camera
-from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, REFERENCE_BANDS, contender
+from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, PATH_FACTOR, contender
 from scipy.stats import chi2
 
-PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias")
+SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
+PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
 def _serve(name: str, size: int, samples: int, pipe: Connection) -> None:
@@ -97,41 +100,13 @@ class Contender:
         return float(np.median(np.median(ratio, axis=0))) / bias
 
 
-def _surfaces(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(y, x) surface of pixels that see one flat face alone, else -1, and whether a pixel sees no lamp."""
+def _without_lamp(size: int) -> np.ndarray:
+    """(y, x) whether a pixel sees surfaces and no lamp."""
     from cboxlab.render.primary import facet_coverage
     from cboxlab.render.tracer import build_tracer
 
-    tracer = build_tracer(cornell_box())
-    coverage = facet_coverage(tracer, cornell_camera(size), samples=256)
-    alone = coverage.max(axis=-1) == 1
-    surface = np.where(alone, tracer.facet_surface[coverage.argmax(axis=-1)], -1)
-    seen = (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)
-    return np.where(seen, surface, -1), seen
-
-
-def _bias(one: Contender, other: Contender, bands: np.ndarray, surface: np.ndarray) -> dict[str, float]:
-    """Largest relative difference of surface means, the largest over its standard error, how many there are.
-
-    Pixels share no paths in the path tracer but share a radiosity solution in the gather: the standard error
-    of a surface's mean therefore comes from the scatter of that mean between rounds.
-    """
-    differences, scores = [], []
-    for index in range(surface.max() + 1):
-        here = surface == index
-        means = [np.array([p[here].mean(axis=0) for p in c.pictures], float) for c in (one, other)]
-        a, b = means[0][:, bands] if means[0].shape[1] > len(bands) else means[0], means[1]
-        difference = a.mean(axis=0) - b.mean(axis=0)
-        error = np.sqrt(a.var(axis=0, ddof=1) / len(a) + b.var(axis=0, ddof=1) / len(b))
-        differences.append(np.abs(difference / b.mean(axis=0)))
-        scores.append(np.abs(difference / error))
-    worst = np.unravel_index(np.argmax(differences), np.shape(differences))
-    return {
-        "max_bias": float(np.max(differences)),
-        "max_bias_over_standard_error": float(np.max(scores)),
-        "max_bias_standard_error": float(np.array(differences)[worst] / np.array(scores)[worst]),
-        "comparisons": int(np.size(scores)),
-    }
+    coverage = facet_coverage(build_tracer(cornell_box()), cornell_camera(size), samples=256)
+    return (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)
 
 
 def main() -> None:
@@ -142,6 +117,9 @@ def main() -> None:
     parser.add_argument("--parts", default=",".join(PARTS), help="comma-separated, of " + ", ".join(PARTS))
     parser.add_argument("--size", type=int, default=256, help="width and height, pixels")
     parser.add_argument("--samples", type=int, default=64, help=f"per pixel (default: {GATHER_FACTOR} times)")
+    parser.add_argument(
+        "--bias-samples", type=int, default=4096, help="per pixel and batch, of the part bias"
+    )
     parser.add_argument("--rounds", type=int, default=8, help="pictures of each contender, at least 2")
     options = parser.parse_args()
     parts = set(options.parts.split(","))
@@ -151,7 +129,6 @@ def main() -> None:
 
     names = ["path"] + [name for name in ("default", "specfilm", "mono") if name in parts]
     names += [f"{name}-76" for name in ("path", "default") if name in names and "bands" in parts]
-    names += ["reference"] if "bias" in parts else []
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read by the contenders' processes
         os.environ[variable] = "1"
     contenders = {name: Contender(name, options.size, options.samples) for name in names}
@@ -159,13 +136,13 @@ def main() -> None:
         for one in contenders.values():
             one.turn(seed)
         say(f"round {seed}: CPU s", {name: round(c.cpu[-1], 2) for name, c in contenders.items()})
-    surface, used = _surfaces(options.size)
+    used = _without_lamp(options.size)
     errors = {}
     for name, c in contenders.items():
         # our own least noisy mean of the same bands: stock pictures of few samples have black pixels
         ours = "default" if "default" in parts else "path"
         truth = contenders[f"{ours}-76" if name.endswith("-76") else ours].mean
-        subset = {"mono": MONO_BANDS, "reference": REFERENCE_BANDS}.get(name, slice(None))
+        subset = MONO_BANDS if name == "mono" else slice(None)
         errors[name] = c.relative_variance(used & (truth.min(axis=-1) > 0), truth[..., subset])
     costs = {name: c.cost for name, c in contenders.items()}
     if "mono" in costs:
@@ -173,7 +150,6 @@ def main() -> None:
     for name, c in contenders.items():
         say(
             f"{name:12} CPU {costs[name]:8.2f} s, wall {np.median(c.wall):7.2f} s, {c.memory_mib:6.0f} MiB, "
-            f"relative variance x samples {errors[name] * options.samples:.4f}, "
             f"one picture's error {100 * errors[name] ** 0.5:.3f}%"
         )
 
@@ -190,11 +166,6 @@ def main() -> None:
         return values
 
     result = {**summary("path"), "default": summary("default") if "default" in parts else None}
-    if "bias" in parts:
-        result |= _bias(contenders["path"], contenders["reference"], REFERENCE_BANDS, surface)
-        if "default" in parts:
-            every = np.arange(len(BANDS))
-            result["default"] |= _bias(contenders["default"], contenders["path"], every, surface)
     if "floor" in parts:
         from ray_floor import floor_per_path
 
@@ -203,12 +174,31 @@ def main() -> None:
             seconds, rays = floor_per_path(cornell_box(), cornell_camera(128), BANDS, 8, 3)
             floors.append(seconds)
             contenders["path"].turn(1000 + seed)
-        floor = float(np.median(floors)) * options.size**2 * options.samples
+        floor = float(np.median(floors)) * options.size**2 * options.samples * PATH_FACTOR
         cost = float(np.median(contenders["path"].cpu[-3:]))
         result["fraction_of_ray_floor"] = floor / cost
         say(f"floor: {rays:.2f} rays a path, {floor:.2f} of {cost:.2f} CPU s")
     for one in contenders.values():
         one.close()
+    if "bias" in parts:
+        from bias import furnace, refinement_bias, surface_bias
+
+        found = surface_bias(options.bias_samples, stock="specfilm" in parts)
+        white = furnace(options.bias_samples // 2)
+        result |= {**found.get("path", {}), "furnace": white["path"]}
+        if result["default"] is not None:
+            finer = refinement_bias(options.bias_samples // 4)
+            # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
+            result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
+            say("bias by patches' size:", json.dumps(finer))
+        say("bias:", json.dumps(found), "furnace:", json.dumps(white))
+    for name in [part for part in SMALL if part in parts]:
+        from engine_parts import SMALL_PARTS
+
+        values = SMALL_PARTS[name]()
+        result[name] = values
+        say(f"{name}: {json.dumps(values)}")
+    result["peak_memory_mib"] = {name: round(c.memory_mib) for name, c in contenders.items()}
     result |= {"size": options.size, "samples": options.samples, "rounds": options.rounds}
     print(json.dumps(result))
 

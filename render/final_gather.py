@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
 from .image import RenderedImage
@@ -33,6 +34,10 @@ PATCHES_PER_DIAGONAL = 24
 
 #: A gathering ray that lands within so many patches' edges goes on once more.
 NEAR_PATCHES = 2.0
+
+#: Gathering rays of one camera ray, where the samples can be shared out so. Camera rays see little noise: with
+#: 2 the product of time and variance is a fifth less than with 1, with 4 no less but edges are noisier.
+GATHERS = 2
 
 #: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
 _LANES = 2**15
@@ -65,7 +70,13 @@ def solve_light(
     patch_samples: int = 1024,
     seed: int = 0,
 ) -> LightField:
-    """Solve the scene's interreflection. Parameters as in ``render_final_gather``."""
+    """Solve the scene's interreflection. Parameters as in ``render_final_gather``.
+
+    Raises InputError for a scene that is not diffuse.
+    """
+    if not scene.diffuse:
+        found = "surfaces that are not Lambertian, or a medium"
+        raise InputError(f"scene {scene.name}", found, "a diffuse scene", "`cbox render` takes any scene")
     tracer = build_tracer(scene)
     lamp = build_lamp_sampler(tracer)
     extent = tracer.vertices.reshape(-1, 3)
@@ -184,6 +195,7 @@ def _strip(
     local = dr.arange(mi.UInt32, count)
     lane = local + dr.opaque(mi.UInt32, start * camera.width_px)
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    gathers = GATHERS if samples % GATHERS == 0 else 1
     points = SobolPoints(12, samples, lane, seed)
     paints = len(tracer.material_names)
     n_surfaces = len(tracer.scene.surfaces)
@@ -192,6 +204,38 @@ def _strip(
     third = max_bounces is None or max_bounces >= 3
     per_paint = 1 + paints + paints**2 + rank
     reach = dr.opaque(mi.Float, light.near)
+
+    def gathered(i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool) -> list[mi.Float]:
+        """What one gathering ray brings: direct light by second and third paints, and the patches' part."""
+        direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
+        far = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction), shaded)
+        lit = far.front & (dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < n_surfaces)
+        paint = dr.gather(mi.UInt32, tracer.packed_material, far.triangle, lit)
+        u, v = points.point(i, 2), points.point(i, 3)
+        arriving = direct_light(tracer, lamp, far.position, far.normal, u, v, lit)
+        values = [dr.select(lit & (paint == m), arriving, 0) for m in range(paints)]
+        if not third:
+            return values
+        close = lit & (far.distance < reach)
+        onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
+        last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
+        at_last = last.front & (
+            dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces
+        )
+        last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
+        u, v = points.point(i, 10), points.point(i, 11)
+        arriving = direct_light(tracer, lamp, last.position, last.normal, u, v, at_last)
+        values += [
+            dr.select(at_last & (paint == m) & (last_paint == n), arriving, 0)
+            for m in range(paints)
+            for n in range(paints)
+        ]
+        read = (lit & ~close) | at_last
+        triangle = dr.select(close, last.triangle, far.triangle)
+        uv = mi.Point2f(dr.select(close, last.uv.x, far.uv.x), dr.select(close, last.uv.y, far.uv.y))
+        patch = patch_of(patches, triangle, uv, read)
+        entry = (patch + dr.select(close, (paint + 1) * len(patches), 0)) * rank
+        return values + [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         ray = camera_ray(camera, column + points.point(i, 4) - 0.5, row + points.point(i, 5) - 0.5)
@@ -203,40 +247,17 @@ def _strip(
         values = []
         if first:
             u, v = points.point(i, 6), points.point(i, 7)
-            values.append(direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded))
+            values.append(gathers * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded))
         if second:
-            direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
-            far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
-            lit = far.front & (
-                dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < n_surfaces
-            )
-            paint = dr.gather(mi.UInt32, tracer.packed_material, far.triangle, lit)
-            arriving = direct_light(
-                tracer, lamp, far.position, far.normal, points.point(i, 2), points.point(i, 3), lit
-            )
-            values += [dr.select(lit & (paint == m), arriving, 0) for m in range(paints)]
-            if third:
-                close = lit & (far.distance < reach)
-                onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
-                last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
-                at_last = last.front & (
-                    dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces
-                )
-                last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
-                u, v = points.point(i, 10), points.point(i, 11)
-                arriving = direct_light(tracer, lamp, last.position, last.normal, u, v, at_last)
-                values += [
-                    dr.select(at_last & (paint == m) & (last_paint == n), arriving, 0)
-                    for m in range(paints)
-                    for n in range(paints)
-                ]
-                read = (lit & ~close) | at_last
-                triangle = dr.select(close, last.triangle, far.triangle)
-                uv = mi.Point2f(dr.select(close, last.uv.x, far.uv.x), dr.select(close, last.uv.y, far.uv.y))
-                patch = patch_of(patches, triangle, uv, read)
-                entry = (patch + dr.select(close, (paint + 1) * len(patches), 0)) * rank
-                values += [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
-        glow = lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
+
+            def inner(j: mi.UInt32, brought: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+                more = gathered(j, hit.position, hit.normal, shaded)
+                return j + 1, [old + value for old, value in zip(brought, more, strict=True)]
+
+            end = (i + 1) * gathers
+            nothing = [dr.zeros(mi.Float, count) for _ in range(per_paint - 1 if third else paints)]
+            values += dr.while_loop((i * gathers, nothing), lambda j, _: j < end, inner)[1]
+        glow = gathers * lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
         new = [sums[0] + dr.select(on_lamp, glow, mi.Float(0))]
         for m in range(paints):
             here = shaded & (material == m)
@@ -245,7 +266,7 @@ def _strip(
             new += mine[len(values) :]
         return i + 1, new
 
-    total = dr.opaque(mi.UInt32, samples)
+    total = dr.opaque(mi.UInt32, samples // gathers)
     start_state = (
         dr.zeros(mi.UInt32, count),
         [dr.zeros(mi.Float, count) for _ in range(1 + paints * per_paint)],

@@ -12,6 +12,7 @@ from cboxlab.scenes.scene import Scene
 
 from . import variant
 from .final_gather import render_final_gather
+from .general_path_tracer import render_general_path_tracer
 from .image import RenderedImage
 from .path_tracer import render_path_tracer
 from .stock import render_stock
@@ -38,14 +39,17 @@ def render(
     independent randomisations, whose scatter gives the standard error. max_bounces : reflections between
     lamp and camera (0 the lamp alone, 1 direct light; None for all). Repeatable by ``seed``.
     progress : told the part done, 0 to 1. integrator : "default" is the final gather, and Mitsuba's own
-    integrator ("stock", warned of once) where nothing can be compiled.
+    integrator ("stock", warned of once) where nothing can be compiled. Scenes with other than Lambertian
+    surfaces, or with a medium, go through the general path tracer in place of final gather and "path".
     """
     if not variant.compiled() and integrator != "stock":
         warnings.warn(variant.HINT, RuntimeWarning, stacklevel=2)
         integrator = "stock"
     integrators: dict[str, Callable[..., RenderedImage]] = {
-        "default": render_final_gather, "final-gather": render_final_gather,
-        "path": render_path_tracer, "stock": render_stock,
+        "default": render_final_gather if scene.diffuse else render_general_path_tracer,
+        "final-gather": render_final_gather,
+        "path": render_path_tracer if scene.diffuse else render_general_path_tracer,
+        "stock": render_stock,
     }  # fmt: skip
     return integrators[integrator](
         scene, camera, wavelength_nm, samples=samples, batches=batches, seed=seed,

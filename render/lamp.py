@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from cboxlab.scenes.scene import Lamp
 
 from .tracer import RAY_OFFSET_MM, Tracer, visible
 
-__all__ = ["LampSampler", "build_lamp_sampler", "direct_light", "lamp_pattern", "lamp_point"]
+__all__ = ["LampSampler", "build_lamp_sampler", "direct_light", "lamp_pattern", "lamp_point", "lamp_radiance"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,36 @@ class LampSampler:
     half_size: np.ndarray
     edge_ratio: float
     exponent: float
+    cells: _Cells | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The lamp's pattern: values row by row, and the corner and edges along which they lie."""
+
+    values: mi.Float
+    shape: tuple[int, int]
+    corner: mi.Point3f
+    along_columns: mi.Vector3f
+    along_rows: mi.Vector3f
+
+    def __call__(self, point: mi.Point3f) -> mi.Float:
+        offset = point - self.corner
+        places = []
+        for axis, count in ((self.along_rows, self.shape[0]), (self.along_columns, self.shape[1])):
+            part = dr.dot(offset, axis) / dr.squared_norm(axis)
+            places.append(mi.UInt32(dr.clip(part * count, 0, count - 1)))
+        return dr.gather(mi.Float, self.values, places[0] * self.shape[1] + places[1])
+
+
+def _cells(lamp: Lamp) -> _Cells | None:
+    if lamp.pattern is None:
+        return None
+    corner, right, _, up = lamp.surface.vertices_mm[:4]
+    edges = (mi.Vector3f(*(float(x) for x in end - corner)) for end in (right, up))
+    return _Cells(
+        mi.Float(lamp.pattern.astype(np.float32).ravel()), lamp.pattern.shape, _point(corner), *edges
+    )
 
 
 def _point(values: np.ndarray) -> mi.Point3f:
@@ -54,6 +85,7 @@ def build_lamp_sampler(tracer: Tracer) -> LampSampler:
         half_size=np.maximum((high - low) / 2, 1e-9),
         edge_ratio=lamp.edge_ratio,
         exponent=lamp.exponent,
+        cells=_cells(lamp),
     )
 
 
@@ -127,6 +159,8 @@ def lamp_pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.F
         value = (e + (1 - e) * (1 - x * x) * (1 - z * z)) / (e + (1 - e) * 4 / 9)
     if lamp.exponent != 0.0:
         value = value * dr.power(cosine, lamp.exponent)
+    if lamp.cells is not None:
+        value = value * lamp.cells(point)
     return value
 
 
@@ -191,3 +225,22 @@ def lamp_point(
     if patterned:
         weight = dr.select(facing, weight * lamp_pattern(lamp, point, lamp_cosine), 0)
     return weight, offset, dr.select(facing, square / (lamp.area * lamp_cosine), 0)
+
+
+def lamp_radiance(
+    lamp: LampSampler, origin: mi.Point3f, u: mi.Float, v: mi.Float
+) -> tuple[mi.Vector3f, mi.Float, mi.Float, mi.Float]:
+    """One point of the lamp, uniform over its area: unit direction to it, distance in mm, the probability per
+    steradian of the direction (0 behind the lamp), and the radiance from there over the lamp's mean."""
+    offset = _sample(lamp, u, v) - origin
+    distance = dr.norm(offset)
+    direction = offset / distance
+    cosine = -dr.dot(direction, lamp.normal)
+    facing = cosine > 0
+    pattern = lamp_pattern(lamp, origin + offset, cosine)
+    return (
+        direction,
+        distance,
+        dr.select(facing, dr.square(distance) / (lamp.area * cosine), 0),
+        dr.select(facing, pattern, mi.Float(0)),
+    )

@@ -23,7 +23,7 @@ from .primary import facet_coverage
 from .sampling import cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
 
-__all__ = ["render_path_tracer"]
+__all__ = ["render_path_tracer", "trace_paths"]
 
 #: Lanes of one kernel call: enough to fill the processors, few enough for a progress bar to move.
 LANES_PER_CALL = 2**15
@@ -56,25 +56,10 @@ def render_path_tracer(
     """
     wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
-    lamp = build_lamp_sampler(tracer)
-    reflectances = np.array([m.reflectance.at(wavelengths) for m in scene.materials.values()])
-    rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
-    starts = range(0, camera.height_px, rows)
-    images = []
-    for batch in range(batches):
-        strips = []
-        for start in starts:
-            height = min(rows, camera.height_px - start)
-            mixed_seed = seed + 7919 * (batch + 1)
-            strips.append(
-                _strip(tracer, lamp, reflectances, camera, start, height, samples, mixed_seed, max_bounces)
-            )
-            if progress:
-                progress((batch + (start + height) / camera.height_px) / batches)
-        images.append(np.concatenate(strips))
+    sums = trace_paths(tracer, camera, wavelengths, samples, batches, seed, max_bounces, progress)
     lamp_radiance = scene.lamp.radiance.at(wavelengths)
     return RenderedImage(
-        coefficients=np.stack(images),
+        coefficients=sums,
         spectra=np.vstack([lamp_radiance, np.diag(lamp_radiance)]),
         wavelength_nm=wavelengths,
         coverage=facet_coverage(tracer, camera),
@@ -83,11 +68,47 @@ def render_path_tracer(
     )
 
 
+def trace_paths(
+    tracer: Tracer,
+    camera: Camera,
+    wavelengths: np.ndarray,
+    samples: int,
+    batches: int,
+    seed: int,
+    max_bounces: int | None,
+    progress: Callable[[float], None] | None,
+    counted: bool = False,
+    split: int = 0,
+) -> np.ndarray:
+    """(batch, y, x, n) means over paths: of the lamp as seen, then of light at each wavelength, over the lamp's.
+
+    counted : then also, for each paint, of light at each wavelength times the number of reflections by it.
+    split : then also of light reflected once, twice, up to so many times, at each wavelength.
+    """
+    lamp = build_lamp_sampler(tracer)
+    reflectances = np.array([m.reflectance.at(wavelengths) for m in tracer.scene.materials.values()])
+    rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
+    starts = range(0, camera.height_px, rows)
+    images = []
+    for batch in range(batches):
+        strips = []
+        for start in starts:
+            height = min(rows, camera.height_px - start)
+            mixed_seed = seed + 7919 * (batch + 1)
+            bounds = start, height, samples, mixed_seed, max_bounces
+            strips.append(_strip(tracer, lamp, reflectances, camera, *bounds, counted, split))
+            if progress:
+                progress((batch + (start + height) / camera.height_px) / batches)
+        images.append(np.concatenate(strips))
+    return np.stack(images)
+
+
 def _strip(
     tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera,
-    start: int, height: int, samples: int, seed: int, max_bounces: int | None,
+    start: int, height: int, samples: int, seed: int, max_bounces: int | None, counted: bool = False,
+    split: int = 0,
 ) -> np.ndarray:  # fmt: skip
-    """(height, x, 1 + w) of a strip of rows.
+    """(height, x, n) of a strip of rows, see ``trace_paths``.
 
     One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
     path in the same step, so none waits for the longest path of its neighbours.
@@ -111,6 +132,7 @@ def _strip(
     def body(
         index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float,
         weight: mi.Float, throughput: list[mi.Float], sums: list[mi.Float],
+        counts: list[mi.Float], counted_sums: list[list[mi.Float]],
     ) -> tuple:  # fmt: skip
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
@@ -123,7 +145,14 @@ def _strip(
             tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
         )
         reflected = [t * r for t, r in zip(throughput, paints(material), strict=True)]
-        new_sums = [s + t * light for s, t in zip(sums, reflected, strict=True)]
+        added = [t * light for t in reflected]
+        new_sums = [s + a for s, a in zip(sums, added, strict=True)]
+        counts = [c + dr.select(shaded & (material == m), one, 0) for m, c in enumerate(counts)]
+        reached = [dr.select(depth == n, one, 0) for n in range(split)]
+        new_counted = [
+            [s + c * a for s, a in zip(row, added, strict=True)]
+            for c, row in zip(counts + reached, counted_sums, strict=True)
+        ]
         survives = dr.gather(mi.Float, packed_survival, material, shaded)
         survives = dr.select(depth < SPARED_REFLECTIONS, one, survives)
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
@@ -139,19 +168,25 @@ def _strip(
             dr.select(ended, one, weight / survives),
             [dr.select(ended, one, t) for t in reflected],
             new_sums,
+            [dr.select(ended, 0, c) for c in counts],
+            new_counted,
         )
 
     zero = dr.zeros(mi.UInt32, count)
     first = begin(zero)
     wavelengths = reflectances.shape[1]
+    followed = len(reflectances) if counted else 0
     state = (
         zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.zeros(mi.Float, count),
         dr.ones(mi.Float, count), [dr.ones(mi.Float, count) for _ in range(wavelengths)],
         [dr.zeros(mi.Float, count) for _ in range(wavelengths)],
+        [dr.zeros(mi.Float, count) for _ in range(followed)],
+        [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed + split)],
     )  # fmt: skip
-    *_, seen, _, _, sums = dr.while_loop(state, lambda index, *_: index < total, body)
-    dr.eval(seen, sums)
-    stacked = np.stack([np.array(s) for s in (seen, *sums)], axis=-1) / np.float32(samples)
+    *_, seen, _, _, sums, _, counted_sums = dr.while_loop(state, lambda index, *_: index < total, body)
+    columns = [seen, *sums, *(s for row in counted_sums for s in row)]
+    dr.eval(columns)
+    stacked = np.stack([np.array(s) for s in columns], axis=-1) / np.float32(samples)
     return stacked.reshape(height, camera.width_px, -1)
 
 

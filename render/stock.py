@@ -13,10 +13,11 @@ import mitsuba as mi
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.scene import Lamp, Scene, Surface
+from cboxlab.scenes.scene import Lamp, Medium, Scene, Surface
 from numpy.typing import NDArray
 
 from . import variant as _variant
+from .bsdf import bsdf_dict
 from .image import RenderedImage
 from .pinhole import Film, film_for, resampling
 from .tracer import facets
@@ -56,14 +57,14 @@ def render_stock(
     groups = np.array_split(np.arange(len(wavelengths)), -(-len(wavelengths) // 3))
     values = np.zeros((batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
     with mi.scoped_set_variant(variant):
-        integrator = mi.load_dict(
-            {"type": "path", "max_depth": -1 if max_bounces is None else max_bounces + 1}
-        )
-        sensor = mi.load_dict(sensor_dict(film, camera, {"pixel_format": "rgb"}))
+        kind = "path" if scene.medium is None else "volpath"
+        integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
             paints = {name: _rgb(m.reflectance.at(three)) for name, m in scene.materials.items()}
-            loaded = mi.load_dict(scene_dict(scene, paints, _rgb(np.ones(3))), optimize=False)
+            loaded = mi.load_dict(scene_dict(scene, paints, _radiance(scene.lamp)), optimize=False)
+            view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium(scene.medium, three)
+            sensor = mi.load_dict(view)
             for batch in range(batches):
                 picture = mi.render(
                     loaded, sensor=sensor, integrator=integrator, spp=-(-samples // oversampling**2),
@@ -89,7 +90,7 @@ def scene_dict(scene: Scene, paints: Mapping[str, Any], radiance: Any) -> dict[s
 
     paints : Mitsuba's description of each material's reflectance. radiance : of the lamp's radiance.
     """
-    bsdfs = {name: {"type": "diffuse", "reflectance": value} for name, value in paints.items()}
+    bsdfs = {name: bsdf_dict(scene.materials[name], value) for name, value in paints.items()}
     black = {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}}
     shapes = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
     lamp = {"bsdf": black, "emitter": {"type": "area", "radiance": radiance}}
@@ -130,22 +131,56 @@ def _check(lamp: Lamp) -> None:
             )
 
 
+def _radiance(lamp: Lamp) -> dict[str, Any]:
+    """Of the lamp, over its mean: 1, or its pattern as a texture."""
+    if lamp.pattern is None:
+        return _rgb(np.ones(3))
+    cells = mi.TensorXf(np.repeat(lamp.pattern[..., None], 3, axis=-1).astype(np.float32))
+    return {"type": "bitmap", "data": cells, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
+
+
+def _medium(medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
+    """The sensor's entry for a medium that fills all space."""
+    if medium is None:
+        return {}
+    scattering = medium.scattering_per_mm.at(wavelengths)
+    extinction = scattering + medium.absorption_per_mm.at(wavelengths)
+    entry = {
+        "type": "homogeneous",
+        "sigma_t": _rgb(extinction),
+        "albedo": _rgb(scattering / np.maximum(extinction, 1e-12)),
+        "phase": {"type": "hg", "g": float(medium.anisotropy)},
+    }
+    return {"medium": entry}
+
+
 def _rgb(values: NDArray) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(v) for v in values]}
 
 
 def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:
-    """Triangles without shared corners, so that Mitsuba smooths no normal."""
+    """Triangles without shared corners, so that Mitsuba smooths no normal.
+
+    Texture coordinates go along the first edge (u) and the last (v) of the first quad.
+    """
     properties = mi.Properties()
     for name, part in parts.items():
         properties[name] = mi.load_dict(part)
     corners = surface.vertices_mm[surface.faces].reshape(-1, 3).astype(np.float32)
-    mesh = mi.Mesh(surface.name, len(corners), len(surface.faces), properties)
+    mesh = mi.Mesh(surface.name, len(corners), len(surface.faces), properties, has_vertex_texcoords=True)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = corners.ravel()
+    parameters["vertex_texcoords"] = _texture_coordinates(surface, corners).ravel()
     parameters["faces"] = np.arange(len(corners), dtype=np.uint32)
     parameters.update()
     return mesh
+
+
+def _texture_coordinates(surface: Surface, corners: NDArray) -> NDArray[np.float32]:
+    first = surface.vertices_mm[0]
+    edges = np.stack([surface.vertices_mm[i] - first for i in (1, min(3, len(surface.vertices_mm) - 1))])
+    places = (corners - first) @ (edges / np.maximum((edges**2).sum(axis=1, keepdims=True), 1e-12)).T
+    return np.ascontiguousarray(places, np.float32)
 
 
 def _coverage(scene: Scene, camera: Camera, film: Film) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

@@ -12,6 +12,7 @@ import os
 import re
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 
 __all__ = ["HINT", "compiled", "find_llvm", "use"]
@@ -51,9 +52,10 @@ def find_llvm() -> str | None:
 def use(device: str = "cpu") -> str:
     """Activate and return the variant for ``device`` ("cpu", "cuda", or "scalar": nothing compiled).
 
+    Without a GPU "cuda" is "cpu".
     Own integrators carry their wavelengths themselves, so the compiled variants are the monochrome ones.
     """
-    if device == "cuda":
+    if device == "cuda" and dr.has_backend(dr.JitBackend.CUDA):
         mi.set_variant("cuda_ad_mono")
     elif device != "scalar" and (library := find_llvm()):
         os.environ["DRJIT_LIBLLVM_PATH"] = library

@@ -3,7 +3,7 @@
 from .camera import Camera
 from .cornell_box import cornell_box, cornell_camera
 from .errors import InputError
-from .scene import Lamp, Material, Scene, Surface
+from .scene import Lamp, Material, Medium, Scene, Surface
 from .scene_file import load_scene
 from .spectra import Spectrum, read_spectra, read_spectrum
 
@@ -12,6 +12,7 @@ __all__ = [
     "InputError",
     "Lamp",
     "Material",
+    "Medium",
     "Scene",
     "Spectrum",
     "Surface",

@@ -6,13 +6,24 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from .errors import InputError
 from .faults import path_inside, referred
 from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, vector_area
 
-__all__ = ["LampEntry", "SceneFile", "SpectrumTable", "SurfaceEntry", "lamp_mesh", "surface_mesh"]
+__all__ = [
+    "LampEntry",
+    "MediumEntry",
+    "SceneFile",
+    "SpectrumTable",
+    "SurfaceEntry",
+    "lamp_mesh",
+    "lamp_pattern",
+    "surface_mesh",
+]
 
 Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
@@ -48,12 +59,20 @@ class SurfaceEntry(_Table):
 
 class MaterialEntry(_Table):
     reflectance: Any
+    bsdf: dict[str, Any] | None = None
 
 
 class LampEntry(_Table):
     name: Name = "light"
     quads_mm: Annotated[list[Quad], Field(min_length=1)]
     radiance: Any
+    pattern: list[list[Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]]] | None = None
+
+
+class MediumEntry(_Table):
+    scattering_per_mm: Any = 0.0
+    absorption_per_mm: Any = 0.0
+    anisotropy: Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)] = 0.0
 
 
 class SceneFile(_Table):
@@ -63,11 +82,27 @@ class SceneFile(_Table):
     surface: Annotated[list[SurfaceEntry], Field(min_length=1)]
     material: dict[str, MaterialEntry]
     lamp: LampEntry
+    medium: MediumEntry | None = None
 
 
 def lamp_mesh(entry: LampEntry, where: str) -> Mesh:
     """The triangles of the lamp; InputError at ``where`` for a quad that crosses itself."""
     return _quads(entry.quads_mm, where)
+
+
+def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
+    """(rows, columns) of mean 1, or None; InputError at ``where`` for a table that cannot be one."""
+    if entry.pattern is None:
+        return None
+    table = f"{where}.pattern"
+    if len(entry.quads_mm) != 1:
+        raise InputError(table, f"a lamp of {len(entry.quads_mm)} quads", "a lamp of one quad")
+    if not entry.pattern or len({len(row) for row in entry.pattern}) != 1 or not entry.pattern[0]:
+        raise InputError(table, "rows of different lengths, or none", "rows of the same length")
+    values = np.array(entry.pattern, float)
+    if values.max() == 0:
+        raise InputError(table, "only zeros", "a cell above 0")
+    return values / values.mean()
 
 
 def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str) -> Mesh:

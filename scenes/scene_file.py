@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from .checks import radiance_faults, reflectance_faults, surface_faults
 from .errors import InputError
 from .faults import combined, faults_of_validation, referred, suggestion
-from .scene import Lamp, Material, Scene, Surface
-from .scene_entries import SceneFile, SpectrumTable, lamp_mesh, surface_mesh
+from .scene import Lamp, Material, Medium, Scene, Surface
+from .scene_entries import MediumEntry, SceneFile, SpectrumTable, lamp_mesh, lamp_pattern, surface_mesh
 from .spectra import Outside, Spectrum, read_spectrum
 
 __all__ = ["load_scene", "packaged_scenes"]
@@ -78,14 +78,23 @@ def _built(path: Path, file: SceneFile) -> Scene:
         with _gathered(faults):
             reflectance = _spectrum(path, material.reflectance, where, "hold")
             faults += reflectance_faults(reflectance, where)
-            materials[name] = Material(name, reflectance)
+            materials[name] = Material(name, reflectance, material.bsdf)
+            if material.bsdf is not None and not isinstance(material.bsdf.get("type"), str):
+                hint = 'for example bsdf = { type = "roughplastic", diffuse_reflectance = "reflectance" }'
+                raise InputError(
+                    f"{path}: material.{name}.bsdf", "no type", "the name of a BSDF of Mitsuba", hint
+                )
     with _gathered(faults):
         where = f"{path}: lamp"
         radiance = _spectrum(path, file.lamp.radiance, f"{where}.radiance", "zero")
         shape = lamp_mesh(file.lamp, where)
-        lamp = Lamp(Surface(file.lamp.name, file.lamp.name, *shape), radiance)
+        surface = Surface(file.lamp.name, file.lamp.name, *shape)
+        lamp = Lamp(surface, radiance, pattern=lamp_pattern(file.lamp, where))
         faults += radiance_faults(radiance, f"{where}.radiance")
         faults += surface_faults(lamp.surface, f"{where}.quads_mm")
+    medium = None
+    with _gathered(faults):
+        medium = None if file.medium is None else _medium(path, file.medium)
     names = [file.lamp.name]
     for index, entry in enumerate(file.surface):
         where = f"{path}: surface[{index}] ({entry.name})"
@@ -101,7 +110,19 @@ def _built(path: Path, file: SceneFile) -> Scene:
             surfaces.append(surface)
     if faults or lamp is None:
         raise combined(faults)
-    return Scene(file.name, tuple(surfaces), materials, lamp, file.source)
+    return Scene(file.name, tuple(surfaces), materials, lamp, file.source, medium)
+
+
+def _medium(path: Path, entry: MediumEntry) -> Medium:
+    coefficients = []
+    for key in ("scattering_per_mm", "absorption_per_mm"):
+        where = f"{path}: medium.{key}"
+        spectrum = _spectrum(path, getattr(entry, key), where, "hold")
+        if (lowest := spectrum.values.min()) < 0:
+            raise InputError(where, f"{lowest:g}", "no coefficient below 0")
+        coefficients.append(spectrum)
+    scattering, absorption = coefficients
+    return Medium(scattering, absorption, entry.anisotropy)
 
 
 def _missing_material(name: str, known: list[str], where: str) -> InputError:

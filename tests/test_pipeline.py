@@ -12,9 +12,9 @@ import pytest
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
 from cboxlab.render.bands import render_bands
 from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.render.precision import render_to_precision
 from cboxlab.scenes import Camera, InputError
 from cboxlab.scenes.camera import REFERENCE_ROTATION
-from cboxlab.validate.forward import render_to_precision
 from cboxlab.validate.maps import read_map
 from cboxlab.validate.model import Model, RenderSettings
 from cboxlab.validate.pipeline import validate, write_validation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +13,7 @@ from cboxlab.scenes.errors import InputError
 
 from .console import (
     bar,
+    choose_device,
     console,
     data_table,
     positive_number,
@@ -23,6 +25,7 @@ from .console import (
 
 if TYPE_CHECKING:
     import numpy as np
+    import xarray as xr
     from cboxlab.render.laboratory import CaptureSettings
     from cboxlab.scenes.camera import Camera
 
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
     from .model import Model
 
 __all__ = ["capture", "render", "reveal"]
+
+Progress = Callable[[float], None]
 
 ModelArgument = Annotated[
     str,
@@ -42,8 +47,10 @@ ModelArgument = Annotated[
 #: Effects drawn until one can be made as strong as asked for.
 _DRAWS = 8
 
-#: Cubes and captures that take more memory than this are refused before anything is computed.
+#: Pixels a side beyond which nothing is computed.
 LARGEST_SIZE = 8192
+#: Bytes of all passes of a cube from which on it is rendered and written by strips of rows.
+LARGEST_IN_MEMORY = 2**32
 
 
 def _model(name: str) -> Model:
@@ -71,20 +78,36 @@ def render(
     camera: Annotated[
         Path | None, typer.Option(help="A capture folder: its calibrated camera, in place of --size.")
     ] = None,
-    noise: Annotated[str, typer.Option(help="Relative standard error of a pixel, median.")] = "0.3%",
+    noise: Annotated[
+        str, typer.Option(help="Relative standard error of a pixel and wavelength to render down to.")
+    ] = "0.3%",
+    percentile: Annotated[
+        float, typer.Option(help="Of the pixels' errors, which --noise is about: the median.", min=1, max=100)
+    ] = 50.0,
     samples: Annotated[
         int | None, typer.Option(help="Samples per pixel and batch, in place of --noise.", min=1)
     ] = None,
     seed: Annotated[
         int | None, typer.Option(help="Of the random numbers; the model's where left out.", min=0)
     ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler whose workers share the passes.")
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(help="cpu or cuda; the environment's CBOX_DEVICE where left out.")
+    ] = None,
 ) -> None:
-    """A spectral cube of a model: everything before filters and sensor."""
+    """A spectral cube of a model: everything before filters and sensor.
+
+    Interrupted, it goes on from its last finished pass (kept beside the cube as CUBE.passes) when started again.
+    """
+    choose_device(device)
     from cboxlab.render.cube_files import WRITABLE, write_cube
     from cboxlab.render.integrators import render as run
+    from cboxlab.render.precision import BATCHES, render_to_precision
     from cboxlab.scenes.cornell_box import cornell_camera
 
-    from .forward import BATCHES, labelled_cube, model_cube_inputs, render_to_precision
+    from .forward import labelled_cube, model_cube_inputs
 
     if out.suffix.lower() not in WRITABLE:
         raise InputError(out, f"the ending '{out.suffix}'", f"one of {', '.join(WRITABLE)}")
@@ -95,16 +118,43 @@ def render(
     scene, view, bounces = model_cube_inputs(chosen, view)
     number = chosen.render.seed if seed is None else seed
     require_compiled()
-    with bar("rendering") as report:
+    kept = out.with_name(f"{out.name}.passes")
+
+    def picture(part: Camera, index: int, report: Progress, checkpoint: Path | None) -> xr.Dataset:
+        own_seed = number + 104729 * index
         if samples is None:
-            image = render_to_precision(scene, view, grid, error, bounces, number, report)
+            image = render_to_precision(
+                scene, part, grid, error, bounces, own_seed, report, percentile, checkpoint, scheduler
+            )
         else:
-            image = run(scene, view, grid, samples, BATCHES, number, bounces, report)
-    write_cube(out, labelled_cube(image))
+            image = run(scene, part, grid, samples, BATCHES, own_seed, bounces, report)
+        return labelled_cube(image)
+
+    with bar("rendering") as report:
+        if BATCHES * 4 * view.width_px * view.height_px * grid.size > LARGEST_IN_MEMORY:
+            write_in_strips(out, view, picture, report)
+        else:
+            write_cube(out, picture(view, 0, report, kept))
+            kept.unlink(missing_ok=True)
     behind = [e.id for e in chosen.effects if e.effect.stage in ("filter", "optics", "counts")]
     if behind:
         say(f"• Not in a cube, since they act behind the scene: {', '.join(behind)}")
     say(f"Cube: {out} ({view.width_px} x {view.height_px} px, {grid.size} wavelengths)")
+
+
+def write_in_strips(
+    out: Path, view: Camera, picture: Callable[[Camera, int, Progress, None], xr.Dataset], report: Progress
+) -> None:
+    """A cube larger than memory: ``picture`` of one strip after another, as NetCDF."""
+    from cboxlab.render.cube_strips import strip_cameras, write_strips
+
+    parts = strip_cameras(view)
+
+    def reported(index: int) -> Progress:
+        return lambda done: report((index + done) / len(parts))
+
+    strips = (picture(part, index, reported(index), None) for index, part in enumerate(parts))
+    write_strips(out, view.height_px, strips)
 
 
 def _calibrated_camera(folder: Path) -> Camera:

@@ -19,6 +19,7 @@ from rich.text import Text
 
 __all__ = [
     "bar",
+    "choose_device",
     "console",
     "data_table",
     "errors",
@@ -62,6 +63,19 @@ def bar(title: str) -> Iterator[Callable[[float], None]]:
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as progress:
         task = progress.add_task(title, total=1.0)
         yield lambda part: progress.update(task, completed=part)
+
+
+def choose_device(name: str | None) -> None:
+    """Render on "cpu" or "cuda", for the rest of the process; None leaves it as it is. Raises InputError."""
+    if name is None:
+        return
+    if name not in ("cpu", "cuda"):
+        raise InputError("--device", f"'{name}'", "cpu or cuda")
+    os.environ["CBOX_DEVICE"] = name
+    from cboxlab.render import variant
+
+    if variant.use(name).split("_")[0] != "cuda" and name == "cuda":
+        raise InputError("--device", "no GPU that Mitsuba can use", "cuda where there is one, else cpu")
 
 
 def require_compiled() -> None:

@@ -21,6 +21,7 @@ from cboxlab.render.capture_writer import (
 )
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.laboratory import CaptureSettings, Frame, FrameHooks
+from cboxlab.render.precision import render_to_precision
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
@@ -32,7 +33,7 @@ from scipy.interpolate import CubicSpline
 
 from .effects import AppliedEffect, BandCurves, Counts, Light
 from .expected import integral_responses
-from .forward import after_stage, render_to_precision
+from .forward import after_stage
 from .model import Model
 from .sensing import CURVE_NM, FIELD_ANGLES, field_sine_squared
 from .transported import transported
