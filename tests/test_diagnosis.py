@@ -15,12 +15,14 @@ from cboxlab.validate.diagnosis_output import (
     write_diagnosis,
 )
 from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validate.effects._blur import blur
 from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.model import Model, RenderSettings, load_model, write_model
 from cboxlab.validate.pipeline import validate
 from cboxlab.validate.search import fit, screen, signature
 from cboxlab.validate.selection import Place, build_bench
+from scipy.ndimage import convolve
 
 SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-block")
 
@@ -112,7 +114,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         for name, h in known.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
-    place = Place(offset, (replace(glare, chi2=offset.chi2),), bench.model.chi2)
+    place = Place(offset, (replace(glare, chi2=offset.chi2),), bench.model.chi2, 1.0, 1.0)
     (found,) = separations(validation.prepared, bench, [place])
     assert (found.effect, found.rival, found.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, bench) if c.capped)
@@ -121,6 +123,30 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
     reached = distance(validation.prepared, bench, capped, (), offset, glare)
     now = distance(validation.prepared, bench, None, (), offset, glare)
     assert 0.9 * least < reached - now < 1.2 * least
+
+
+def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
+    """White noise of variance v keeps the sum of k^2 v behind a blur with kernel k; that much chi2 is not the truth's.
+
+    One draw of n values: the sum of squares scatters by sqrt(2 sum of (v / sigma^2)^2); false alarm 6e-5 at 4.
+    """
+    validation, _ = outcome
+    bench = build_bench(validation.prepared, validation.rendered, ())
+    delta = np.zeros((15, 15))
+    delta[7, 7] = 1.0
+    kernel = blur(delta, 0.4)
+    variance = np.where(np.isfinite(validation.rendered.variance), validation.rendered.variance, 0.0)
+    behind = np.stack([convolve(v, kernel**2, mode="nearest") for v in variance])
+    model = bench.model
+    expected = bench.scale**2 * np.sum((variance - behind)[model.used] / model.sigma**2)
+    scatter = np.sqrt(2 * np.sum((variance[model.used] / model.sigma**2) ** 2))
+    task = bench.task(())
+    found = task.smoothed_away(apply_checked("defocus", {"sigma_px": 0.4}, "test"))
+    assert abs(found - expected) < 4 * scatter
+    assert expected > 20 * scatter
+    assert (
+        task.smoothed_away(apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")) == 0
+    )
 
 
 def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():

@@ -115,7 +115,7 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     start = bench.model
     chosen: list[Candidate] = []
     candidates, residual = singles, bench.model.residual
-    while candidates and len(chosen) < _MOST_EFFECTS and worth(candidates[0], residual, bench.model.count):
+    while candidates and len(chosen) < _MOST_EFFECTS and worth(candidates[0], residual, bench.model):
         bench = _about_better_camera(validation, bench, [*chosen, candidates[0]])
         chosen = refitted_together(bench, [*chosen, candidates[0]])
         residual = left_over(bench, chosen)

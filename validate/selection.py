@@ -28,6 +28,9 @@ UNKNOWN = "unknown"
 #: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
 SMALLEST_GAIN = 0.015
 
+#: And by this part of what the effects already in explain: a shape wrong by a tenth leaves a hundredth of chi2.
+_SHAPE_FLAW = 0.01
+
 #: Effects that only the priors speak against (they imitate a nuisance), and how often chance alone may relieve the
 #: priors by as much as is asked for.
 _PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
@@ -129,14 +132,16 @@ def _penalised(candidate: Candidate) -> float:
     return candidate.chi2 + _INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
 
 
-def worth(candidate: Candidate, residual: NDArray, count: int) -> bool:
-    """Whether a gain is more than the base picture's own flaws, or a strained prior relieved, could give."""
-    gain = float(residual @ residual) - candidate.chi2
+def worth(candidate: Candidate, residual: NDArray, model: LinearModel) -> bool:
+    """Whether a gain is more than flaws of the base picture or of the effects already in could give, or relieves a
+    strained prior."""
+    before = float(residual @ residual)
+    gain, explained = before - candidate.chi2, model.chi2 - before
     if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
-        before, after = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
+        strain, left = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
         needed = chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
-        return gain > 0 and float(before @ before - after @ after) > needed
-    return gain > SMALLEST_GAIN * count
+        return gain > 0 and float(strain @ strain - left @ left) > needed
+    return gain > max(SMALLEST_GAIN * model.count, _SHAPE_FLAW * explained)
 
 
 def refitted_together(bench: Bench, chosen: Sequence[Candidate], rounds: int = 2) -> list[Candidate]:
