@@ -17,7 +17,7 @@ from .hypotheses import hypotheses
 from .linear_model import LinearModel, smooth_excess
 from .model import Model
 from .nuisances import fit_lamp_scale
-from .pipeline import Validation, compared, polished, refitted, rendered_from, solved_light
+from .pipeline import Validation, compared, polished, rendered_from, solved_light
 from .rendering import Progress
 from .search import Candidate, Signature, signature
 from .selection import (
@@ -47,7 +47,8 @@ NOTHING_MISSING = 0.95
 _MOST_EFFECTS = 3
 _REFINED = 6
 
-#: The base picture is rendered again when the refit with an effect moves the box's corners further than this.
+#: The base picture is rendered again when the refit with an effect moves the box's corners further than this; below,
+#: it is warped.
 _STALE_PX = 0.01
 
 
@@ -174,22 +175,24 @@ def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signatu
 
 
 def _about_better_camera(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> Bench:
-    """What the model lacked has pulled at the camera: refit it, render again if it moved."""
-    prepared, rendered = validation.prepared, bench.rendered
+    """What the model lacked has pulled at the camera: refit it; render again where it moved or the light changed."""
+    prepared, rendered, predictor = validation.prepared, bench.rendered, bench.predictor
     effects = (*bench.given, *(c.applied for c in chosen))
-    camera = refitted(prepared, rendered, effects).camera
-    corners = np.concatenate([s.vertices_mm for s in prepared.scene.surfaces])
-    moved = camera.project(corners) - rendered.fit.camera.project(corners)
-    resolve = any(c.hypothesis.effect.stage in ("scene", "settings") for c in chosen)
-    if np.sqrt(np.nanmean(moved**2)) < _STALE_PX and not resolve:
-        return bench
     settings = validation.model.render
-    light = (
-        solved_light(prepared, settings, effects) if resolve or validation.light is None else validation.light
-    )
-    fresh = polished(prepared, rendered_from(prepared, light, camera, settings, effects), effects)
+    altered = polished(prepared, replace(rendered, signal=predictor.signal(effects)), effects)
+    corners = np.concatenate([s.vertices_mm for s in prepared.scene.surfaces])
+    moved = altered.fit.camera.project(corners) - predictor.camera.project(corners)
+    resolve = any(c.hypothesis.effect.stage in ("scene", "settings") for c in chosen)
+    if resolve or np.sqrt(np.nanmean(moved**2)) > _STALE_PX:
+        light = (
+            solved_light(prepared, settings, effects)
+            if resolve or validation.light is None
+            else validation.light
+        )
+        again = rendered_from(prepared, light, altered.fit.camera, settings, effects)
+        altered = polished(prepared, again, effects)
     # the signatures are known at the pixels used first
-    return build_bench(prepared, replace(fresh, used=rendered.used), bench.given)
+    return build_bench(prepared, replace(altered, used=rendered.used), bench.given)
 
 
 def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> Step:

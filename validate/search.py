@@ -28,6 +28,9 @@ __all__ = [
 
 _ROUNDS = 4
 
+#: What further rounds may gain, over the gain of the last one.
+_PROMISE = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -191,8 +194,11 @@ def clustered_variance(
     return np.diag(inverse @ (sums @ sums.T) @ inverse)
 
 
-def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candidate:
-    """Refine a screened candidate by Gauss-Newton on its exact predictions; peaks and lobes may move too."""
+def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf) -> Candidate:
+    """Refine a screened candidate by Gauss-Newton on its exact predictions; peaks and lobes may move too.
+
+    known : chi2 that another effect reaches; a candidate that would not come near it is not followed to its end.
+    """
     hypothesis = start.hypothesis
     numeric = [p for p in hypothesis.effect.numbers if p.name in start.numbers or p.null is None]
     if not hypothesis.free:
@@ -235,7 +241,8 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64]) -> Candi
             trial_candidate = _evaluate(task, hypothesis, moved, residual)
             if trial_candidate.chi2 < best.chi2:
                 gain = best.chi2 - trial_candidate.chi2
-                best, improved = trial_candidate, gain > max(1.0, 1e-4 * best.chi2)
+                best = trial_candidate
+                improved = gain > max(1.0, 1e-4 * best.chi2) and best.chi2 - _PROMISE * gain < known
                 break
         if not improved:
             break

@@ -111,9 +111,12 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
 
 
 def best_singles(
-    task: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int
+    task: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int, known: float = np.inf
 ) -> list[Candidate]:
-    """Candidates, the best hypothesis of every effect, best first; the most promising fitted in full."""
+    """Candidates, the best hypothesis of every effect, best first; the most promising fitted in full.
+
+    known : chi2 that another effect already reaches, beside which some are not promising.
+    """
     best: dict[str, Candidate] = {}
     for candidate in sorted((screen(task, s, residual) for s in signatures), key=_penalised):
         best.setdefault(candidate.hypothesis.effect.id, candidate)
@@ -121,10 +124,10 @@ def best_singles(
     start = float(residual @ residual)
     done: list[Candidate] = []
     for candidate in ranked[:refined]:
-        lowest = min((c.chi2 for c in done), default=np.inf)
-        if done and start - candidate.chi2 < _OUTDONE * (start - lowest):
+        lowest = min((c.chi2 for c in done), default=known)
+        if np.isfinite(lowest) and start - candidate.chi2 < _OUTDONE * (start - lowest):
             break
-        done.append(fit(task, candidate, residual))
+        done.append(fit(task, candidate, residual, lowest))
     return sorted([*done, *ranked[len(done) :]], key=_penalised)
 
 
@@ -218,8 +221,9 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         residual, task = left_over(bench, others), bench.task(others)
-        best = best_singles(task, rest, residual, _RIVALS)
-        fitted = replace(candidate, chi2=float(together @ together) + task.smoothed_away(candidate.applied))
+        reached = float(together @ together) + task.smoothed_away(candidate.applied)
+        best = best_singles(task, rest, residual, _RIVALS, reached)
+        fitted = replace(candidate, chi2=reached)
         shape = residual - together
         found.append(
             Place(
