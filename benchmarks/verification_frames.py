@@ -209,11 +209,6 @@ def patch_means(
     return np.array([how(frame[own][region[own]]) for region in regions.values()])
 
 
-def bands_of(cells: Cells) -> list[str]:
-    """In the order taken."""
-    return list(dict.fromkeys(cells.band.tolist()))
-
-
 STEPS = {
     "published numbers alone": Assumptions(),
     "+ black level and shutter by the frames": Assumptions(BLACK_DN, LATE_S),

@@ -21,16 +21,12 @@ from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_radiance
 from .medium import SpectralMedium
 from .path_points import PathPoints
+from .path_tracer import HIGHEST_SURVIVAL, LANES_PER_CALL, SPARED_REFLECTIONS, UNLIMITED
 from .primary import facet_coverage
 from .sampling import cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect, visible
 
 __all__ = ["render_general_path_tracer"]
-
-LANES_PER_CALL = 2**15
-UNLIMITED = 2**32 - 1
-SPARED_REFLECTIONS = 2
-HIGHEST_SURVIVAL = 0.95
 
 
 def render_general_path_tracer(
