@@ -127,6 +127,7 @@ def _follows_pattern(lamp: LampSampler) -> bool:
     level = lamp.half_size[1] <= 1e-6
     return bool(
         level
+        and lamp.cells is None
         and lamp.edge_ratio != 1.0
         and abs(lamp.area / (4 * lamp.half_size[0] * lamp.half_size[2]) - 1) < 1e-6
     )

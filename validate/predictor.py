@@ -104,6 +104,19 @@ class Predictor:
                 scene = effect.apply(scene)
             elif effect.effect.stage == "settings":
                 settings = effect.apply(settings)
+        e = scene.lamp.edge_ratio
+        if e in (0.0, 1.0):
+            return self._picture_of(scene, settings, effects)
+        # all light is in proportion to the lamp's, whose pattern is a mixture of two: between them no new rays, no noise
+        even = e / (e + (1 - e) * 4 / 9)
+        ends = (replace(scene, lamp=replace(scene.lamp, edge_ratio=end)) for end in (1.0, 0.0))
+        level, domed = (self._picture_of(end, settings, effects) for end in ends)
+        return even * level + (1 - even) * domed
+
+    def _picture_of(
+        self, scene: Scene, settings: RenderSettings, effects: Sequence[AppliedEffect]
+    ) -> NDArray[np.float64]:
+        """The same in a scene that holds the effects of the scene."""
         weights = sensor_matrix(integral_responses(self.sensing.curves))
         lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
         light: PatchLight = patch_light(self._transport(scene), scene, self.effective_nm, WAVELENGTH_NM, weights, lamp,
