@@ -1,10 +1,10 @@
 """Blind practice: captures with hidden effects, diagnosed and scored as a stranger would.
 
-Every capture has its own camera, detector, exposures, survey and noise, and its blocks stand a little beside where
-they were surveyed. Kinds: every effect of the catalogue by itself at every strength (chi2 per sample of 0.06, 1 and
-8), pairs of effects, nothing at all, and effects that the catalogue does not hold. Finished captures are kept in
---results (JSON lines), so that an interrupted run goes on where it stopped; --part K/N does a share of the set. The
-last line printed with --json is one JSON object.
+Four laboratories take turns, each with its own camera, detector, exposures and survey, and with blocks that stand a
+little beside where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
+by itself at every strength (chi2 per sample of 0.06, 1 and 8), pairs of effects, nothing at all, and effects that the
+catalogue does not hold. Finished captures are kept in --results (JSON lines), so that an interrupted run goes on where
+it stopped; --part K/N does a share of the set. The last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations
@@ -17,23 +17,43 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
+from cboxlab.render.image import RenderedImage
+from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.render.precision import render_to_precision
+from cboxlab.scenes.camera import Camera
 from cboxlab.validate.blind import draw_effect
 from cboxlab.validate.diagnosis import Diagnosis, diagnose
 from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model, RenderSettings
 from cboxlab.validate.pipeline import validate
 from cboxlab.validate.strengths import STRENGTHS, Scale, at_strength, scale_of
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validate.synthetic import (
+    perturbed_camera,
+    photograph_image,
+    photographed_scene,
+    write_model_capture,
+)
 from cboxlab.validate.varied import settled, varied_settings
 from outside_effects import OUTSIDE
 
 _DRAWS = 8
+
+#: Cameras, detectors, surveys and boxes that captures share in turn; noise and effects are each capture's own.
+_LABORATORIES = 4
+
+#: Relative error of the pictures that are photographed, median over pixels.
+_PICTURE_ERROR = 0.002
+
+_AFTER_THE_PICTURE = ("filter", "optics", "counts")
 
 #: A fitted number is right within this part of its distance from null, or within so many standard deviations.
 _CLOSE, _SIGMAS = 0.15, 2.0
@@ -49,6 +69,11 @@ class Case:
     seed: int
 
     @property
+    def laboratory(self) -> int:
+        """Seeds camera, detector, exposures, survey and where the blocks stand."""
+        return 7000 + self.seed % _LABORATORIES
+
+    @property
     def key(self) -> str:
         """Names the capture in the results."""
         return f"{self.kind}:{'+'.join(self.names)}:{self.strength}:{self.seed}"
@@ -59,8 +84,8 @@ def cases(options: argparse.Namespace) -> list[Case]:
     names = options.effects.split(",") if options.effects else [*catalogue()]
     strengths = options.strengths.split(",")
     found = []
-    for seed in range(options.first_seed, options.first_seed + options.seeds):
-        found += [Case("single", (name,), strength, seed) for name in names for strength in strengths]
+    for name, strength, _ in product(names, strengths, range(options.seeds)):
+        found.append(Case("single", (name,), strength, options.first_seed + len(found)))
     generator = np.random.default_rng(options.first_seed)
     able = [name for name in names if catalogue()[name].stage != "settings"]
     for index in range(options.pairs):
@@ -88,17 +113,30 @@ def drawn(name: str, strength: str, generator: np.random.Generator, scale: Scale
     return None
 
 
+@cache
+def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scale]:
+    """A camera, the rest of the laboratory, and how strong effects are in it."""
+    camera, settings = perturbed_camera(128, seed), varied_settings(seed)
+    return camera, settings, scale_of(Model(), camera, settings, seed)
+
+
+@cache
+def picture(seed: int) -> RenderedImage:
+    """What a laboratory photographs when its box holds no effect."""
+    box = settled(photographed_scene(Model()), seed)
+    return render_to_precision(box, perturbed_camera(128, seed), WAVELENGTH_NM, _PICTURE_ERROR, None, seed)
+
+
 def run(case: Case) -> dict[str, Any] | None:
     """Make one capture, diagnose it, and score the answer; None where the effect cannot be so strong."""
     generator = np.random.default_rng([case.seed, len(case.key)])
-    camera, settings = perturbed_camera(128, case.seed), varied_settings(case.seed)
+    camera, settings, scale = laboratory(case.laboratory)
     model = Model(render=RenderSettings(seed=case.seed))
     given, effects = Model(), []
     if case.names == ("interreflection",):
         given = Model(render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
         effects = [AppliedEffect(catalogue()["interreflection"], {"max_bounces": np.inf})]
     elif case.names:
-        scale = scale_of(model, camera, settings, case.seed)
         for name in case.names:
             one = drawn(name, case.strength, generator, scale)
             if one is None:
@@ -107,10 +145,14 @@ def run(case: Case) -> dict[str, Any] | None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
         inside = tuple(e for e in effects if e.effect.stage != "settings")
-        write_model_capture(
-            path, replace(model, effects=inside), camera, settings, case.seed, 0.002, None,
-            lambda scene: settled(scene, case.seed),
-        )  # fmt: skip
+        if all(e.effect.stage in _AFTER_THE_PICTURE for e in inside):
+            image, scene = picture(case.laboratory), photographed_scene(model)
+            photograph_image(path, image, inside, scene, camera, settings, case.seed)
+        else:
+            write_model_capture(
+                path, replace(model, effects=inside), camera, settings, case.seed, _PICTURE_ERROR, None,
+                lambda scene: settled(scene, case.laboratory),
+            )  # fmt: skip
         start = time.perf_counter()
         diagnosis = diagnose(validate(path, given))
         seconds = time.perf_counter() - start

@@ -195,7 +195,9 @@ def _averaged(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     for one in np.unique(face[face >= 0]):
         own = face == one
         weight = gaussian_filter(own.astype(float), _NEIGHBOURS_PX, mode="constant")[own]
-        values = gaussian_filter(np.where(own, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
+        values = gaussian_filter(
+            np.where(own, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant"
+        )
         result[:, own] = values[:, own] / weight
     return result
 
