@@ -57,6 +57,8 @@ def test_the_key_is_the_content():
         ("lamp-directional", {"exponent": 0.1}), ("block-pose", {"block": "tall", "dx_mm": 0.1}),
     ):  # fmt: skip
         keys.append(content_key(apply_checked(effect, values, "test").apply(SCENE), 0.3, None))
+    patterned = replace(SCENE, lamp=replace(SCENE.lamp, pattern=np.array([[0.5, 1.5]])))
+    keys.append(content_key(patterned, 0.3, None))
     assert len(set(keys)) == len(keys)
     assert content_key(cornell_box(), 0.3, None) == keys[0]
 

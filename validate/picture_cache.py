@@ -42,6 +42,7 @@ def content_key(scene: Scene, *further: object) -> str:
         digest.update(name.encode() + material.reflectance.at(grid).tobytes())
     lamp = scene.lamp
     digest.update(lamp.radiance.at(grid).tobytes() + repr((lamp.edge_ratio, lamp.exponent)).encode())
+    digest.update(b"" if lamp.pattern is None else lamp.pattern.tobytes())
     for thing in further:
         digest.update(thing.tobytes() if isinstance(thing, np.ndarray) else repr(thing).encode())
     return digest.hexdigest()[:32]
