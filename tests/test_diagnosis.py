@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.scenes import cornell_box
 from cboxlab.validate.demo import DEMO_CAPTURE
 from cboxlab.validate.diagnosis import diagnose
 from cboxlab.validate.diagnosis_output import (
@@ -23,8 +24,6 @@ from cboxlab.validate.pipeline import validate
 from cboxlab.validate.search import fit, screen, signature
 from cboxlab.validate.selection import Place, build_bench
 from scipy.ndimage import convolve
-
-SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-block")
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +105,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
     task, residual = bench.task(()), bench.model.residual
     known = {
         h.effect.id: h
-        for h in hypotheses(bench.predictor.sensing.curves.bands, (), (), False)
+        for h in hypotheses(bench.predictor.sensing.curves.bands, cornell_box(), False)
         if h.effect.id in ("dark-offset", "veiling-glare")
     }
     fitted = {
@@ -150,9 +149,9 @@ def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
 
 
 def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
-    known = hypotheses(("f400", "f550"), ("white", "red", "green"), SURFACES, truncated=True)
+    known = hypotheses(("f400", "f550"), cornell_box(), truncated=True)
     assert {h.effect.id for h in known} == set(catalogue())
-    whole = hypotheses(("f400", "f550"), ("white", "red", "green"), SURFACES, truncated=False)
+    whole = hypotheses(("f400", "f550"), cornell_box(), truncated=False)
     assert "interreflection" not in {h.effect.id for h in whole}
     bands = {h.fixed["band"] for h in whole if h.effect.id == "band-gain"}
     assert bands == {"f400", "f550"}

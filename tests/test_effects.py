@@ -1,12 +1,13 @@
 """The catalogue: names as in the contract, identity at null, faults named, effects of other packages."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from cboxlab.scenes import InputError, Spectrum
+from cboxlab.scenes import InputError, Spectrum, cornell_box
 from cboxlab.validate import effects
-from cboxlab.validate.effects import Effect, Parameter, apply_checked, catalogue
+from cboxlab.validate.effects import Effect, Parameter, apply_checked, catalogue, names_in
+from cboxlab.validate.hypotheses import hypotheses
 from fake_stages import NM, apply, counts, start
 
 #: Identifier, then parameters with their null value; "-" for one that has none or is a name.
@@ -115,7 +116,31 @@ def test_unknown_names_are_refused_with_what_is_known():
         with pytest.raises(InputError, match=r"from 0 to 0\.5"):
             apply_checked("ghost", {"fraction": wrong}, "model.toml: effect[0]")
     with pytest.raises(InputError, match="white, red, green"):
-        apply_checked("wall-reflectance", {"material": "blue"}, "model.toml: effect[0]")
+        apply_checked(
+            "wall-reflectance", {"material": "blue"}, "model.toml: effect[0]", names_in(cornell_box())
+        )
+
+
+def test_effects_name_what_the_scene_holds():
+    """Another scene has other paints, surfaces, blocks and bands than the published box."""
+    box = cornell_box()
+    surfaces = (replace(box.surface("tall-block"), name="round-block", material="blue"), box.surface("floor"))
+    scene = replace(box, surfaces=surfaces, materials={**box.materials, "blue": box.materials["red"]})
+    names = names_in(scene)
+    assert names["block"] == ("round",)
+    blue = apply_checked("gloss", {"material": "blue", "specular": 0.1, "roughness": 0.2}, "x", names)
+    assert blue.values["material"] == "blue"
+    with pytest.raises(InputError, match="one of round"):
+        apply_checked("block-pose", {"block": "tall"}, "x", names)
+    with pytest.raises(InputError, match="blue"):
+        apply_checked("wall-reflectance", {"material": "violet", "scale": 1.1}, "x").apply(scene)
+    known = hypotheses(("b1", "b2"), scene, False)
+    assert {h.fixed["surface"] for h in known if h.effect.id == "reflectance-gradient"} == {
+        "round-block",
+        "floor",
+    }
+    assert {h.fixed["band"] for h in known if h.effect.id == "band-gain"} == {"b1", "b2"}
+    assert "blue" in {h.fixed["material"] for h in known if h.effect.id == "fluorescence"}
 
 
 def test_effects_of_other_packages_come_by_their_entry_point(monkeypatch):

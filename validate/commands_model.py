@@ -32,17 +32,19 @@ def add(
     ] = None,
 ) -> None:
     """A model with one more effect; parameters left out take their default or null value, or are fitted."""
-    from .effects import apply_checked
+    from cboxlab.scenes.scene_file import load_scene
+
+    from .effects import apply_checked, names_in
     from .model import Model, load_model, write_model
 
-    given = dict(_pair(text) for text in values or ())
-    applied = apply_checked(effect, given, "cbox add")
-    if fit is not None:
-        require_folder(model.parent)
-        applied = _fitted(fit, load_model(model) if model.exists() else Model(), effect, given)
     if model.suffix != ".toml":
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
+    given = dict(_pair(text) for text in values or ())
     current = load_model(model) if model.exists() else Model(name=model.stem)
+    applied = apply_checked(effect, given, "cbox add", names_in(load_scene(current.scene)))
+    if fit is not None:
+        require_folder(model.parent)
+        applied = _fitted(fit, current, effect, given)
     if current.scene.endswith(".toml"):
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     grown = current.with_effect(applied)

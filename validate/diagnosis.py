@@ -164,7 +164,7 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
 def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signature]:
     scene = bench.predictor.scene
     bands = bench.predictor.sensing.curves.bands
-    known = hypotheses(bands, tuple(scene.materials), tuple(s.name for s in scene.surfaces), truncated)
+    known = hypotheses(bands, scene, truncated)
     found, rough = [], bench.predictor.rough()
     for index, hypothesis in enumerate(known):
         one = signature(rough, bench.given, bench.rendered.used, hypothesis)

@@ -43,9 +43,8 @@ def fit_effect(
     bench = build_bench(validation.prepared, validation.rendered, model.effects)
     scene, bands = validation.prepared.scene, bench.predictor.sensing.curves.bands
     truncated = after_stage(model.render, model.effects, "settings").max_bounces is not None
-    names = tuple(scene.materials), tuple(surface.name for surface in scene.surfaces)
     possible = []
-    for hypothesis in hypotheses(bands, *names, truncated):
+    for hypothesis in hypotheses(bands, scene, truncated):
         kept = {key: value for key, value in given.items() if key in hypothesis.fixed}
         choices = [p.name for p in effect.parameters if p.choices]
         if hypothesis.effect.id != identifier or any(

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.scenes.scene import Scene
 
-from .effects import AppliedEffect, Effect, Parameter, catalogue
+from .effects import AppliedEffect, Effect, Parameter, catalogue, names_in
 
 __all__ = ["Hypothesis", "hypotheses"]
 
@@ -44,19 +45,12 @@ def _null(parameter: Parameter) -> float:
     return parameter.null
 
 
-def hypotheses(
-    bands: tuple[str, ...], materials: tuple[str, ...], surfaces: tuple[str, ...], truncated: bool
-) -> list[Hypothesis]:
-    """All hypotheses that make sense for a capture of these bands and a scene of these names.
+def hypotheses(bands: tuple[str, ...], scene: Scene, truncated: bool) -> list[Hypothesis]:
+    """All hypotheses that make sense for a capture of these bands and this scene.
 
     truncated : whether the model stops light after some bounces; only then can more of them be missing.
     """
-    present = {
-        "band": bands,
-        "material": materials,
-        "surface": surfaces,
-        "block": tuple(s.removesuffix("-block") for s in surfaces),
-    }
+    present = {"band": bands, **names_in(scene)}
     found = []
     for effect in catalogue().values():
         if effect.id == "interreflection":
@@ -67,7 +61,7 @@ def hypotheses(
         started = [p for p in effect.numbers if p.null is None]
         options: list[Sequence[str | float]] = []
         for p in named:
-            options.append([c for c in p.choices if p.name not in present or c in present[p.name]])
+            options.append(present[p.name] if p.open else p.choices)
         for p in started:
             options.append(_STARTS.get(p.name, (p.default or 0.5 * (p.low + p.high),)))
         for values in itertools.product(*options):

@@ -10,9 +10,10 @@ from typing import Any
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import combined, faults_of_validation
 from cboxlab.scenes.files import replacing
+from cboxlab.scenes.scene_file import load_scene
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .effects import AppliedEffect, apply_checked
+from .effects import AppliedEffect, apply_checked, names_in
 
 __all__ = ["Model", "RenderSettings", "load_model", "write_model"]
 
@@ -76,15 +77,16 @@ def load_model(path: Path) -> Model:
         raise combined(faults_of_validation(path, error, _ModelFile)) from None
     if entry.format != "model/1":
         raise InputError(f"{path}: format", f"'{entry.format}'", "'model/1'")
+    scene = entry.scene
+    if scene.endswith(".toml"):
+        scene = str((path.parent / scene).resolve())
+    names = names_in(load_scene(scene)) if entry.effect else {}
     effects = []
     for index, item in enumerate(entry.effect):
         values = dict(item)
         identifier, where = values.pop("id", None), f"{path}: effect[{index}]"
         sigma = _checked_sigma(values.pop("sigma", {}), f"{where}.sigma")
-        effects.append(replace(apply_checked(identifier, values, where), sigma=sigma))
-    scene = entry.scene
-    if scene.endswith(".toml"):
-        scene = str((path.parent / scene).resolve())
+        effects.append(replace(apply_checked(identifier, values, where, names), sigma=sigma))
     settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
     return Model(scene, tuple(effects), settings, entry.name or path.stem)
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from cboxlab.calibration.sensor_equation import BandResponse
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
-__all__ = ["AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage"]
+__all__ = ["AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage", "index_of"]
 
 #: Where an effect acts, in the order of the chain from lamp to counts, and what its function changes:
 #: scene: Scene. settings: RenderSettings. transport: PatchLight.
@@ -25,6 +26,7 @@ class Parameter:
 
     null : the value at which the effect does nothing, None for a parameter that has none (a peak's place).
     low, high : bounds of what is physically plausible. step : a small change, for derivatives.
+    open : the choices are the published box's; any name that the scene or the capture at hand holds will do.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Parameter:
     step: float = 1e-3
     default: float | None = None
     choices: tuple[str, ...] = ()
+    open: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,14 @@ class Effect:
     def numbers(self) -> tuple[Parameter, ...]:
         """The parameters that are numbers."""
         return tuple(p for p in self.parameters if not p.choices)
+
+
+def index_of(name: str, known: Iterable[str], key: str) -> int:
+    """Where a name stands among those that scene or capture hold; raises InputError (at ``key``) if nowhere."""
+    names = list(known)
+    if name not in names:
+        raise InputError(f"effect {key}", f"'{name}', which is not there", f"one of {', '.join(names)}")
+    return names.index(name)
 
 
 @dataclass(frozen=True, eq=False)

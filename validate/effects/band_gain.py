@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 
-from ._effect import Counts, Effect, Parameter
+from ._effect import Counts, Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
 
 def _apply(counts: Counts, band: str, scale: float) -> Counts:
     """Raises InputError for a band that the capture lacks."""
-    if band not in counts.bands:
-        found = f"'{band}', which the capture has not"
-        raise InputError("effect band-gain: band", found, f"one of {', '.join(counts.bands)}")
-    factor = np.where(np.array(counts.bands) == band, scale, 1.0)[:, None, None]
+    factor = np.ones((len(counts.bands), 1, 1))
+    factor[index_of(band, counts.bands, "band-gain: band")] = scale
     dark = counts.dark_scene[:, None, None]
     return replace(counts, scene=dark + factor * (counts.scene - dark))
 
@@ -28,7 +25,7 @@ EFFECT = Effect(
     summary="One band's throughput (filter, lens or quantum efficiency) differs from its tables in frames of "
     "the scene: its signal above dark times scale.",
     parameters=(
-        Parameter("band", choices=("f400", "f450", "f500", "f550", "f600", "f650", "f700")),
+        Parameter("band", choices=("f400", "f450", "f500", "f550", "f600", "f650", "f700"), open=True),
         Parameter("scale", "1", null=1.0, low=0.1, high=10.0, step=1e-2),
     ),
     apply=_apply,

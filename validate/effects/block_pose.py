@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene, Surface
 from scipy.spatial.transform import Rotation
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
@@ -27,13 +26,9 @@ def _moved(block: Surface, dx_mm: float, dz_mm: float, yaw_deg: float) -> Surfac
 
 def _apply(scene: Scene, block: str, dx_mm: float, dz_mm: float, yaw_deg: float) -> Scene:
     """Raises InputError for a block that the scene lacks. Whether the block meets a wall is not checked."""
-    name = f"{block}-block"
-    known = [surface.name for surface in scene.surfaces]
-    if name not in known:
-        found = f"'{block}', but no surface '{name}' in the scene '{scene.name}'"
-        raise InputError("effect block-pose: block", found, f"a block among the surfaces {', '.join(known)}")
-    surfaces = tuple(_moved(s, dx_mm, dz_mm, yaw_deg) if s.name == name else s for s in scene.surfaces)
-    return replace(scene, surfaces=surfaces)
+    own = index_of(f"{block}-block", (s.name for s in scene.surfaces), "block-pose: block")
+    moved = (_moved(s, dx_mm, dz_mm, yaw_deg) if i == own else s for i, s in enumerate(scene.surfaces))
+    return replace(scene, surfaces=tuple(moved))
 
 
 EFFECT = Effect(
@@ -42,7 +37,7 @@ EFFECT = Effect(
     summary="A block stands or turns elsewhere on the floor: turned by yaw about +y (right-handed) through "
     "the mean of its footprint's corners, then shifted by dx and dz.",
     parameters=(
-        Parameter("block", choices=("short", "tall")),
+        Parameter("block", choices=("short", "tall"), open=True),
         Parameter("dx_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5),
         Parameter("dz_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5),
         Parameter("yaw_deg", "deg", null=0.0, low=-30.0, high=30.0, step=0.25),

@@ -7,7 +7,7 @@ from cboxlab.calibration.sensor_equation import trapezoidal_weights
 from cboxlab.render.patch_light import PatchLight
 from cboxlab.render.radiosity import solve
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
@@ -19,7 +19,7 @@ _BELL_SIGMA_NM = 24.0
 def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) -> PatchLight:
     transport = light.transport
     scene = light.scene
-    paint = list(scene.materials).index(material)
+    paint = index_of(material, scene.materials, "fluorescence: material")
     wavelength = np.arange(light.grid_nm[0], _ABSORBED_BELOW_NM + 1e-6, _STEP_NM)
     lamp = np.interp(wavelength, light.grid_nm, light.lamp)
     table = np.array([m.reflectance.at(wavelength) for m in scene.materials.values()])
@@ -48,7 +48,7 @@ EFFECT = Effect(
     summary="Quanta that the paint absorbs below about 455 nm come back with the stated yield, diffusely, in a "
     "bell about peak_nm (standard deviation about 24 nm); the table's reflectance is kept.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green")),
+        Parameter("material", choices=("white", "red", "green"), open=True),
         Parameter("yield", "1", null=0.0, low=0.0, high=1.0, step=0.02),
         Parameter("peak_nm", "nm", low=430.0, high=680.0, step=5.0, default=520.0),
     ),

@@ -9,7 +9,7 @@ from cboxlab.render.brdf_change import Coat, changed_reflection, fresnel
 from cboxlab.render.patch_light import PatchLight, with_albedo
 from numpy.typing import NDArray
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
@@ -24,7 +24,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     if specular == 0:
         return light
     transport = light.transport
-    paint = list(light.scene.materials).index(material)
+    paint = index_of(material, light.scene.materials, "gloss: material")
     rho = np.array([m.reflectance.at(light.wavelength_nm) for m in light.scene.materials.values()])
     coat = Coat(specular, roughness)
     cosine = np.linspace(0.02, 1.0, 50)
@@ -76,7 +76,7 @@ EFFECT = Effect(
     summary="A coat reflects specular times Fresnel's part (index 1.5) with a GGX lobe of alpha = roughness above "
     "the diffuse base, which gets what the coat lets through on the way in and out.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green")),
+        Parameter("material", choices=("white", "red", "green"), open=True),
         Parameter("specular", "1", null=0.0, low=0.0, high=1.0, step=0.05),
         Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25),
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from cboxlab.render.patch_light import PatchLight
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
@@ -15,7 +15,7 @@ _SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-b
 def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> PatchLight:
     transport = light.transport
     scene, patches = light.scene, transport.light.patches
-    index = [s.name for s in scene.surfaces].index(surface)
+    index = index_of(surface, (s.name for s in scene.surfaces), "reflectance-gradient: surface")
     along = "xyz".index(axis)
     extent = scene.surfaces[index].vertices_mm[:, along]
     length = max(float(np.ptp(extent)), 1e-9)
@@ -37,7 +37,7 @@ EFFECT = Effect(
     summary="The table's reflectance times 1 - amplitude s, s from 0 to 1 along the positive axis over the "
     "surface's extent.",
     parameters=(
-        Parameter("surface", choices=_SURFACES),
+        Parameter("surface", choices=_SURFACES, open=True),
         Parameter("axis", choices=("x", "y", "z")),
         Parameter("amplitude", "1", null=0.0, low=-0.3, high=0.9, step=0.02),
     ),

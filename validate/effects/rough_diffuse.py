@@ -11,7 +11,7 @@ from cboxlab.render.brdf_change import changed_reflection
 from cboxlab.render.patch_light import PatchLight, with_albedo
 from numpy.typing import NDArray
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
@@ -34,7 +34,7 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         return light
     transport = light.transport
     materials = light.scene.materials
-    paint = list(materials).index(material)
+    paint = index_of(material, materials, "rough-diffuse: material")
     square = sigma_rad**2
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
     lobe = _lobe_albedo()
@@ -88,7 +88,7 @@ EFFECT = Effect(
     stage="transport",
     summary="Oren and Nayar's qualitative model (A, B from sigma in radians), without the interreflection term.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green")),
+        Parameter("material", choices=("white", "red", "green"), open=True),
         Parameter("sigma_rad", "rad", null=0.0, low=0.0, high=1.2, step=0.1),
     ),
     apply=_apply,

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
 
-from ._effect import Effect, Parameter
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
 
 def _apply(scene: Scene, material: str, scale: float) -> Scene:
     """No paint returns more light than it gets: 1 is the limit. Raises InputError for an unknown paint."""
-    if material not in scene.materials:
-        found = f"'{material}', which the scene '{scene.name}' has not"
-        raise InputError("effect wall-reflectance: material", found, f"one of {', '.join(scene.materials)}")
+    index_of(material, scene.materials, "wall-reflectance: material")
     paint = scene.materials[material]
     table = paint.reflectance
     scaled = Spectrum(table.wavelength_nm, np.minimum(table.values * scale, 1.0), table.outside)
@@ -30,7 +27,7 @@ EFFECT = Effect(
     stage="scene",
     summary="One paint reflects more or less than its table: the table times scale, at most 1.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green")),
+        Parameter("material", choices=("white", "red", "green"), open=True),
         Parameter("scale", "1", null=1.0, low=0.5, high=1.5, step=1e-2),
     ),
     apply=_apply,
