@@ -19,8 +19,8 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
-    "HOPELESS", "MOST_OF_IT", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged", "explained_part",
-    "groups", "left_over", "predictive", "refitted_together", "remains", "without_idle", "worth",
+    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged",
+    "explained_part", "groups", "left_over", "predictive", "refitted_together", "remains", "without_idle", "worth",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
@@ -33,7 +33,7 @@ _SHAPE_FLAW = 0.01
 
 #: Effects that only the priors speak against (they imitate a nuisance), and how often chance alone may relieve the
 #: priors by as much as is asked for.
-_PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
+PRIOR_EFFECTS = ("camera-pose", "lens-distortion", "lamp-power")
 _PRIOR_CHANCE = 3e-4
 
 #: Interior block means may exceed noise by this much of chi2 per sample before something is said to remain, all
@@ -140,7 +140,7 @@ def worth(candidate: Candidate, residual: NDArray, model: LinearModel) -> bool:
     strained prior."""
     before = float(residual @ residual)
     gain, explained = before - candidate.chi2, model.chi2 - before
-    if candidate.hypothesis.effect.id in _PRIOR_EFFECTS:
+    if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
         strain, left = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
         needed = chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
         return gain > 0 and float(strain @ strain - left @ left) > needed
@@ -177,7 +177,7 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
             left = left_over(bench, rest)
             costs.append((float(left @ left - full @ full), index, rest))
         cost, index, rest = min(costs, key=lambda item: item[0])
-        if cost > SMALLEST_GAIN * bench.model.count or current[index].hypothesis.effect.id in _PRIOR_EFFECTS:
+        if cost > SMALLEST_GAIN * bench.model.count or current[index].hypothesis.effect.id in PRIOR_EFFECTS:
             break
         current = rest
     return current
@@ -261,7 +261,7 @@ def predictive(
     kept = [
         candidate
         for candidate, place in zip(chosen, known, strict=True)
-        if candidate.hypothesis.effect.id in _PRIOR_EFFECTS
+        if candidate.hypothesis.effect.id in PRIOR_EFFECTS
         or not (place.heldout_pixels < PREDICTS or place.heldout_bands < PREDICTS)
     ]
     if len(kept) == len(chosen):

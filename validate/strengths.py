@@ -14,17 +14,19 @@ from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
 from .effects import AppliedEffect, Parameter
+from .linear_model import nuisance_priors
 from .model import Model
 from .pipeline import prepare, rendered_from, solved_light
+from .selection import PRIOR_EFFECTS
 from .synthetic import write_model_capture
 
 __all__ = ["STRENGTHS", "Scale", "at_strength", "scale_of"]
 
-#: Expected change of chi2 per sample at 128 x 128 pixels, the lamp's scale fitted.
+#: Expected change of chi2 per sample at 128 x 128 pixels, the lamp's scale fitted. Effects that imitate a nuisance
+#: leave only strain in what is known of camera and lamp when these are fitted: 5, 10 and 17 standard deviations of it.
 STRENGTHS: Mapping[str, float] = {"weak": 0.06, "medium": 1.0, "strong": 8.0}
 
-#: These only change what the fit of lamp or camera takes up: of them the whole change counts.
-_NUISANCES = ("lamp-power",)
+_STRAIN = 100.0
 
 _CLOSE = 0.02
 _MOST_TRIALS = 40
@@ -52,10 +54,16 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
     level: NDArray[np.float64] = base[used] / sigma
     level /= np.linalg.norm(level)
 
+    priors = nuisance_priors(prepared.calibrated_camera, prepared.lamp_sigma)
+
     def scale(effect: AppliedEffect) -> float:
+        if effect.id in PRIOR_EFFECTS:
+            moved = effect.apply(camera) if effect.effect.stage == "camera" else camera
+            brighter = float(effect.values["scale"]) - 1 if effect.id == "lamp-power" else 0.0
+            strain = priors @ np.append(moved.parameters - camera.parameters, brighter)
+            return (float(strain @ strain) / _STRAIN) ** 2
         change = (predictor.signal((*model.effects, effect)) - base)[used] / sigma
-        if effect.id not in _NUISANCES:
-            change = change - level * (level @ change)
+        change = change - level * (level @ change)
         return float(change @ change) / len(sigma)
 
     return scale
