@@ -12,8 +12,8 @@ from .effects import catalogue
 
 __all__ = ["settled", "varied_settings"]
 
-#: Standard deviations of where the blocks really stand: a ruler's.
-_BLOCK_MM, _BLOCK_DEG = 0.1, 0.02
+#: Standard deviations of where the blocks really stand: what a diagnosis cannot see.
+_BLOCK_MM, _BLOCK_DEG = 0.05, 0.01
 
 
 def varied_settings(seed: int) -> CaptureSettings:
