@@ -135,15 +135,24 @@ def _subtract_offsets(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
     """Two-point scale (n, m): white as tabulated (m,), darkest patch neutral. Also the offsets and its row.
 
-    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o).
+    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o). An offset is as
+    uncertain as the darkest patch's own value, and as what its bands scatter by beyond that: nobody knows how
+    neutral a black is.
     """
     darkest = int(np.nanargmin(np.median(reflectance, axis=1)))
     dark = reflectance[darkest]
     neutral = float(np.median(dark))
     offset = white * (dark - neutral) / (white - dark)
     corrected = reflectance * (white + offset) / white - offset
-    spread = 1.4826 * float(np.median(np.abs(dark - neutral)))
-    return corrected, np.hypot(sigma, spread * np.abs(1 - reflectance / white)), offset, darkest
+    own = sigma[darkest]
+    beyond = max(float(np.sum((dark - dark.mean()) ** 2) / (dark.size - 1) - np.mean(own**2)), 0.0)
+    # The median of n values has 1.25 of the standard error of their mean.
+    level = 1.5708 / dark.size * (np.mean(own**2) + beyond)
+    spread = np.sqrt(own**2 + beyond + level) * np.abs(1 - reflectance / white)
+    corrected_sigma = np.hypot(sigma, spread)
+    # What it is set to is the same in all bands.
+    corrected_sigma[darkest] = np.sqrt(level + beyond)
+    return corrected, corrected_sigma, offset, darkest
 
 
 def measure_patches(

@@ -13,6 +13,7 @@ from cboxlab.scenes.camera import Camera
 
 from .calibrate import Calibration
 from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+from .dark_fit import dark_level_sigma
 from .geometry import CameraFit, read_points
 from .geometry_plot import plot_geometry
 from .patch_colour import ILLUMINANT, patch_errors, patches_csv
@@ -48,13 +49,16 @@ def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
 def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
     dark = calibration.dark
     levels = []
-    for exposure, repeats, level in zip(dark.exposure_s, dark.repeats, dark.level, strict=True):
+    sigmas = dark_level_sigma(dark, calibration.noise)
+    for exposure, repeats, level, sigma in zip(
+        dark.exposure_s, dark.repeats, dark.level, sigmas, strict=True
+    ):
         levels.append(
             {
                 "exposure_s": float(exposure),
                 "median_dn": float(np.median(level)),
                 "mean_dn": float(level.mean()),
-                "sigma_dn": float(level.std(ddof=1) / np.sqrt(level.size)),
+                "sigma_dn": float(sigma),
                 "pixel_spread_dn": float(level.std(ddof=1)),
                 "frames": int(repeats),
             }
@@ -115,10 +119,11 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
         else {
             "value": radiometry.constant,
             "sigma": radiometry.sigma,
+            "sigma_degrees_of_freedom": radiometry.degrees,
             "nominal": radiometry.nominal,
             "bands": {c.band: {"value": c.constant, "sigma": c.sigma} for c in radiometry.by_band},
             "chi2": radiometry.chi2,
-            "degrees_of_freedom": radiometry.degrees,
+            "degrees_of_freedom": radiometry.chi2_degrees,
             "probability": radiometry.probability,
         },
         "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},

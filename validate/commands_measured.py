@@ -82,6 +82,12 @@ def calibrate(
         bool,
         typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
     ] = False,
+    reference_uncertainty: Annotated[
+        float,
+        typer.Option(
+            help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0
+        ),
+    ] = 0.0,
 ) -> None:
     """Camera, noise, linearity, filter weights, absolute scale, as far as a capture allows."""
     if init:
@@ -93,7 +99,7 @@ def calibrate(
 
     require_folder(out)
     with bar("calibrating"):
-        calibration = run(load_capture(capture))
+        calibration = run(load_capture(capture), reference_uncertainty)
     write_calibration(calibration, out)
     _print_calibration(calibration)
     for note in calibration.notes:
