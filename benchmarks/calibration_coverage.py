@@ -27,7 +27,7 @@ from cboxlab.calibration.calibrate import Calibration, calibrate
 from cboxlab.calibration.camera_jacobian import parameter_jacobian
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
-from cboxlab.calibration.dark_fit import dark_level_sigma
+from cboxlab.calibration.dark_fit import dark_level_sigma, ordinary_pixels
 from cboxlab.calibration.patch_colour import patch_xyz
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, nominal_constant, trapezoidal_weights
 from cboxlab.calibration.uncertainty import xyz_parts
@@ -86,8 +86,9 @@ def _sensor(found: Calibration, truth: Truth) -> Shares:
         "DSNU": interval(transfer.dsnu_e - settings.bias_pattern_dn * gain, transfer.dsnu_sigma),
         "PRNU": interval(transfer.prnu - settings.prnu, transfer.prnu_sigma),
     }
-    bias, rate = float(maps.bias_dn.mean()), float(maps.dark_current_e_s.mean()) / gain
-    level = found.dark.level.mean(axis=(1, 2)) - bias - rate * found.dark.exposure_s
+    ordinary = ordinary_pixels(found.dark, noise)
+    bias, rate = (float(values[ordinary].mean()) for values in (maps.bias_dn, maps.dark_current_e_s / gain))
+    level = found.dark.level[:, ordinary].mean(axis=1) - bias - rate * found.dark.exposure_s
     return shares | {
         "dark level": interval(level, dark_level_sigma(found.dark, noise)),
         "dark level at no exposure": interval(dark.bias_dn - bias, dark.bias_sigma, dark.degrees),
@@ -191,8 +192,8 @@ def _colours(
     step = trapezoidal_weights(WAVELENGTH_NM)
     exact = LUMINOUS_EFFICACY * truth.radiance[used] @ (step * colour_matching_functions()).T
     error = value - weighted
-    mean_shared = shared.mean(axis=0)
-    total = pixel.mean(axis=0) / len(value) + mean_shared
+    middle = xyz_parts(signal.mean(axis=1), 0 * signal[:, 0], matrix, found.uncertainty)
+    total = pixel.mean(axis=0) / len(value) + middle.total
     freedom = found.uncertainty.band_degrees
     parts = xyz_parts(found.images["signal"].values[:, used], 0 * signal, matrix, found.uncertainty)
     shares = {"XYZ of a pixel, as one": region(error, pixel + shared)}
@@ -208,7 +209,7 @@ def _colours(
             error[:, axis].mean(),
             np.sqrt(total[axis, axis]),
             freedom,
-            np.sqrt(parts.band.mean(axis=0)[axis, axis]),
+            np.sqrt(middle.band[axis, axis]),
         )
     sums = value.sum(axis=1, keepdims=True)
     for axis, name in enumerate("xy"):
@@ -250,8 +251,12 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
     )
     known = spectra @ table.filters.T
     dyed = slice(1, len(known))
-    shares = {"reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed])}
-    ratios, sigmas, degrees = [], [], 0.0
+    # What the patches tell of the light has so many degrees of freedom.
+    degrees = min(shading.degrees for shading in table.shading.values())
+    shares = {
+        "reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)
+    }
+    ratios, sigmas = [], []
     centre = (SIZE - 1) / 2
     for shading in table.shading.values():
         # The middle of the frame lies between four pixels.
@@ -260,12 +265,13 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
         for u, v in ((8, 8), (39, 8), (8, 39), (39, 39)):
             ratios.append(float(shading.at(u, v) / shading.at(centre, centre)) / true[v, u] - 1)
             sigmas.append(float(shading.relative_sigma(u, v, (centre, centre))))
-        degrees = shading.degrees
     shares["shading, corner over the middle"] = interval(ratios, sigmas, degrees)
     xyz, sigma = patch_xyz(table)
     exact = replace(table, reflectance=known)
     return shares | {
-        "XYZ of a patch, for its band reflectances": interval((xyz - patch_xyz(exact)[0])[dyed], sigma[dyed])
+        "XYZ of a patch, for its band reflectances": interval(
+            (xyz - patch_xyz(exact)[0])[dyed], sigma[dyed], degrees
+        )
     }
 
 

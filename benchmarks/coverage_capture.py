@@ -8,7 +8,6 @@ to frame, and the survey.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import t as student
 
 from .dark import DarkLibrary
+from .defects import hot_pixels
 from .noise import NoiseModel
 
-__all__ = ["DarkFit", "dark_level_sigma", "fit_dark", "measure_dark_fit"]
+__all__ = ["DarkFit", "dark_level_sigma", "fit_dark", "measure_dark_fit", "ordinary_pixels"]
 
 _IMPROBABLE = 1e-2
 
@@ -59,8 +60,7 @@ def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: ArrayLike = 0
     excess = max(float(np.sum(residual**2) - np.sum(left * noise**2)) / freedom, 0.0)
     known, estimated = lever**2 @ noise**2, lever**2 @ np.full(time.size, excess)
     sigma = np.sqrt(known + estimated)
-    # Welch and Satterthwaite: noise is known, a scatter about the line is only estimated.
-    degrees = freedom * float((sigma[1] ** 2 / estimated[1]) ** 2) if excess > 0 else np.inf
+    degrees = freedom if excess > 0 else np.inf
     falls = np.diff(level) < -3 * np.hypot(noise[1:], noise[:-1])
     return DarkFit(
         time, level, float(line[0]), float(sigma[0]), float(line[1]), float(sigma[1]), residual,
@@ -92,8 +92,15 @@ def dark_level_sigma(dark: DarkLibrary, noise: NoiseModel) -> NDArray[np.float64
     return np.sqrt(np.array(variance) / (dark.repeats * dark.bias.size))
 
 
+def ordinary_pixels(dark: DarkLibrary, noise: NoiseModel) -> NDArray[np.bool_]:
+    """(y, x) False for pixels that are hot at the longest exposure: they fill up, and their level bends."""
+    smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
+    return ~hot_pixels(dark.level[-1], smallest)
+
+
 def measure_dark_fit(dark: DarkLibrary, noise: NoiseModel) -> DarkFit | None:
-    """The fit over a capture's dark levels (means of all pixels); None for fewer than three exposures."""
+    """The fit over a capture's dark levels (means of ordinary pixels); None for fewer than three exposures."""
     if dark.exposure_s.size < 3:
         return None
-    return fit_dark(dark.exposure_s, dark.level.mean(axis=(1, 2)), dark_level_sigma(dark, noise))
+    levels = dark.level[:, ordinary_pixels(dark, noise)].mean(axis=1)
+    return fit_dark(dark.exposure_s, levels, dark_level_sigma(dark, noise))

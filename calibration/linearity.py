@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from .capture import Capture, FrameTable
 from .dark import DarkLibrary
@@ -32,6 +33,7 @@ _LOWEST_MEAN_DN = 3.0
 _HIGHEST_SHARE = 0.92
 # Relative scatter of tile means that no noise model explains: it keeps bright tiles from outweighing all others.
 _SCATTER = 0.003
+_IMPROBABLE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -136,9 +138,11 @@ def _covariance(
     sizes = np.bincount(shot, common[np.arange(shot.size), shot] ** 2, count)
     shown = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count) / np.maximum(sizes, 1e-12)
     spare = count - np.unique(means.band).size - 2
-    measured = float(np.sum(shown**2)) / spare if spare > 0 else 0.0
     frames = np.array([means.frames[shot == k][0] for k in range(count)])
-    jitter = np.maximum(REPEATABILITY**2 / frames, measured)
+    jitter = REPEATABILITY**2 / frames
+    # A few exposures scatter now more and now less than they should: only what chance does not do is believed.
+    if spare > 0 and chi2.sf(np.sum(shown**2 / jitter), spare) < _IMPROBABLE:
+        jitter = jitter * float(np.sum(shown**2 / jitter)) / spare
     scatter = (1.4826 * float(np.median(np.abs(residual)))) ** 2 * residual.size / freedom
     own = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
     lever = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T

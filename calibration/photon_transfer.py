@@ -98,19 +98,24 @@ def frame_statistics(
     middle = np.median(residual[good])
     spread = 1.4826 * np.median(np.abs(residual[good] - middle))
     good &= np.abs(residual - middle) <= _OUTLIER_SIGMAS * max(spread, np.sqrt(ROUNDING_VARIANCE))
+    weight = np.ones(mean.shape)
     if flatten:
-        residual = mean - _smooth_part(mean, good)
+        smooth = _smooth_part(mean, good)
+        # A pattern of sensitivity is a share of the light that falls there.
+        weight = float(mean[good].mean()) / np.maximum(smooth, 1.0)
+        residual = (mean - smooth) * weight
     taken = 1 + (flatten * ((_ORDER + 1) * (_ORDER + 2) // 2 - 1))
     count, repeats = int(good.sum()), stack.shape[0]
     # The light may change between repeats: the frames' own means are no noise of the pixels.
     steady = counts - (counts - mean)[:, good].mean(axis=1)[:, None, None]
-    temporal = float(steady.var(axis=0, ddof=1)[good].mean())
+    own = steady.var(axis=0, ddof=1)
+    temporal = float(own[good].mean())
     measured = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - taken))
     return FrameStatistics(
         float(mean[good].mean()),
         temporal,
         temporal * float(np.sqrt(2 / (count * (repeats - 1)))),
-        measured - temporal / repeats,
+        measured - float((own * weight**2)[good].mean()) / repeats,
         float(np.sqrt(2 / count) * np.hypot(measured, temporal / repeats / np.sqrt(repeats - 1))),
         clipped,
     )

@@ -179,8 +179,7 @@ def join_constants(
 ) -> Radiometry:
     """One C from those of at least one reference table.
 
-    Bands are weighted by 1 / (noise^2 + scatter^2) with ``band_scatter``; the degrees of freedom of the mean's
-    sigma by Welch and Satterthwaite (GUM, annex G.4), since noise is known and a scatter is only estimated.
+    Bands are weighted by 1 / (noise^2 + scatter^2) with ``band_scatter``.
     """
     by_band, notes = _one_per_band(constants), list(notes)
     values, noise = (np.array([getattr(c, name) for c in by_band]) for name in ("constant", "sigma"))
@@ -198,8 +197,7 @@ def join_constants(
     shares /= shares.sum()
     mean = float(np.sum(shares * values))
     variance = float(np.sum(shares**2 * (noise**2 + (scatter * mean) ** 2)))
-    estimated = float(np.sum(shares**2)) * (scatter * mean) ** 2
-    freedom = degrees * (variance / estimated) ** 2 if estimated else np.inf
+    freedom = degrees if scatter else np.inf
     return Radiometry(
         mean,
         float(np.sqrt(variance)),

@@ -114,8 +114,8 @@ def fit_response(
 ) -> ResponseFit:  # fmt: skip
     """Fit S = a x by weighted least squares; where that is improbable, name the departure that explains it.
 
-    setting, signal, sigma : (n,), n >= 3, sigma by noise alone. frames : averaged for each. Raises ValueError for fewer points or for
-    settings or signals that are not above 0.
+    setting, signal, sigma : (n,), n >= 3, sigma by noise alone. frames : averaged for each.
+    Raises ValueError for fewer points or for settings or signals that are not above 0.
     """
     value, level = np.asarray(setting, float), np.asarray(signal, float)
     if value.size < 3 or np.any(value <= 0) or np.any(level <= 0):

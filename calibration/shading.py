@@ -41,8 +41,8 @@ class Shading:
     """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to ``order``, 1 at ``centre_px``.
 
     x, y : (u, v) - centre in units of ``scale_px``. covariance : of the coefficients, by the jackknife over
-    patches, so that unevenness within patches counts; degrees : of freedom of that, for Student's t. validation : by order, the weighted mean square of the
-    residuals in patches left out of the fit.
+    patches, so that unevenness within patches counts; degrees : of freedom of that, for Student's t. validation :
+    by order, the weighted mean square of the residuals in patches left out of the fit.
     """
 
     order: int
