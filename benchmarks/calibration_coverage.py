@@ -293,11 +293,11 @@ def coverage(results: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, list
     found: dict[str, list[tuple[float, float]]] = {}
     for name in dict.fromkeys(name for result in results for name in result):
         values = np.array([result[name] for result in results if name in result])
-        binomial = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / len(values))
-        spread = values.std(axis=0, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else binomial
-        found[name] = list(
-            zip(values.mean(axis=0).tolist(), np.where(spread > 0, spread, binomial).tolist(), strict=True)
-        )
+        # Where a capture has one such interval, by what should hold; else by what the captures show.
+        error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / len(values))
+        if np.any((values > 0) & (values < 1)):
+            error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+        found[name] = list(zip(values.mean(axis=0).tolist(), error.tolist(), strict=True))
     return found
 
 
