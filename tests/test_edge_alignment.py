@@ -139,7 +139,7 @@ def test_a_loose_calibration_is_refused():
 def test_measuring_again_finds_a_camera_that_one_search_missed():
     """Corners 1.5 px off and more: found to 0.3 px, three of the EDGE_BIAS_PX that the picture's edges have."""
     true, box = cornell_camera(SIZE), cornell_box()
-    stated = true.with_parameters(true.parameters + [1.0, -1.0, 3, 0.15, -0.1, 0.02, 1.0, -1.0, 1.0, 0.01])
+    stated = true.with_parameters(true.parameters + np.array([1, -1, 3, 0.15, -0.1, 0.02, 1, -1, 1, 0.01]))
     stated = replace(stated, covariance=SURVEY)
     corners = box.surface("back").vertices_mm
     picture = photograph(box, true) + 0.002 * np.random.default_rng(2).standard_normal((SIZE, SIZE))

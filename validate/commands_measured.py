@@ -117,7 +117,7 @@ def _refine_geometry(calibration: Calibration, out: Path) -> None:
     write_geometry(camera, errors, out)
     table = data_table(
         "Geometry by edges: photograph less model", "object", "x, mm", "y, mm", "z, mm", "samples",
-        "rms across edges, px", "left, px",
+        "rms, px", "left, px",
     )  # fmt: skip
     for error in errors:
         sigma = error.covariance.diagonal() ** 0.5
