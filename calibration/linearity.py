@@ -138,13 +138,17 @@ def _covariance(
     sizes = np.bincount(shot, common[np.arange(shot.size), shot] ** 2, count)
     shown = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count) / np.maximum(sizes, 1e-12)
     spare = count - np.unique(means.band).size - 2
-    frames = np.array([means.frames[shot == k][0] for k in range(count)])
-    jitter = REPEATABILITY**2 / frames
-    # A few exposures scatter now more and now less than they should: only what chance does not do is believed.
-    if spare > 0 and chi2.sf(np.sum(shown**2 / jitter), spare) < _IMPROBABLE:
-        jitter = jitter * float(np.sum(shown**2 / jitter)) / spare
     scatter = (1.4826 * float(np.median(np.abs(residual)))) ** 2 * residual.size / freedom
     own = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
+    frames = np.array([means.frames[shot == k][0] for k in range(count)])
+    jitter = REPEATABILITY**2 / frames
+    expected = jitter + np.bincount(shot, own**2, count) / np.bincount(shot, minlength=count) / np.maximum(
+        sizes, 1e-12
+    )
+    # A few exposures scatter now more and now less than they should: only what chance does not do is believed.
+    misfit = float(np.sum(shown**2 / expected))
+    if spare > 0 and chi2.sf(misfit, spare) < _IMPROBABLE:
+        jitter = jitter + expected * (misfit / spare - 1)
     lever = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
     return np.asarray((lever * own**2) @ lever.T + (lever @ common * jitter) @ (lever @ common).T, np.float64)
 
