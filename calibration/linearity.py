@@ -98,11 +98,11 @@ def _tile_means(
                     np.full(good.size, len(table.frames)),
                 )
             )
-    band, tile, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    owner, tile, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
     _, tile, members = np.unique(tile, return_inverse=True, return_counts=True)
     several = members[tile] > 1
     _, tile = np.unique(tile[several], return_inverse=True)
-    return _TileMeans(band[several], tile, *(values[several] for values in rest))
+    return _TileMeans(owner[several], tile, *(values[several] for values in rest))
 
 
 def _deviations(means: _TileMeans, black: float, offset: float) -> NDArray[np.float64]:
