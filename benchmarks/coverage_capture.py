@@ -113,7 +113,7 @@ def make_capture(folder: Path, seed: int) -> Truth:
     part = SIZE / _FULL
     settings = CaptureSettings(
         film_width_mm=25.0 * part, focal_length_mm=35.0 * part, image_distance_mm=36.6 * part,
-        reference_repeats=2, point_count=30, hot_share=2e-3,
+        reference_repeats=2, point_count=30, point_sigma_px=0.15 * part, hot_share=2e-3,
     )  # fmt: skip
     camera, responses = perturbed_camera(SIZE, seed), unit_responses(settings, SIZE)
     first = np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[0])

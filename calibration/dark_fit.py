@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from .dark import DarkLibrary
@@ -57,7 +58,10 @@ def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: ArrayLike = 0
     residual = level - design @ line
     freedom = time.size - 2
     left = 1 - np.einsum("ni,in->n", design, lever)
-    excess = max(float(np.sum(residual**2) - np.sum(left * noise**2)) / freedom, 0.0)
+    misfit = float(np.sum(residual**2) / np.sum(left * noise**2)) if np.any(noise > 0) else np.inf
+    # By noise alone the scatter is now more and now less than it should be: only what chance does not do is believed.
+    beyond = chi2.sf(misfit * freedom, freedom) < _IMPROBABLE
+    excess = float(np.sum(residual**2) - np.sum(left * noise**2)) / freedom if beyond else 0.0
     known, estimated = lever**2 @ noise**2, lever**2 @ np.full(time.size, excess)
     sigma = np.sqrt(known + estimated)
     degrees = freedom if excess > 0 else np.inf

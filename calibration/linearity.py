@@ -62,6 +62,7 @@ class _TileMeans:
     sigma: NDArray[np.float64]
     noise: NDArray[np.float64]
     frames: NDArray[np.int64]
+    table: NDArray[np.int64]
 
 
 def _tile_means(
@@ -96,6 +97,7 @@ def _tile_means(
                     np.sqrt(variance + (_SCATTER * mean[good]) ** 2),
                     np.sqrt(variance),
                     np.full(good.size, len(table.frames)),
+                    np.full(good.size, len(parts)),
                 )
             )
     owner, tile, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -123,7 +125,7 @@ def _covariance(
     weight = 1 / means.sigma**2
     rate_rows = weight * means.exposure**2
     total = np.bincount(means.tile, rate_rows)
-    _, shot = np.unique(np.stack([means.band, means.exposure]), axis=1, return_inverse=True)
+    _, shot = np.unique(means.table, return_inverse=True)
     count = int(shot.max()) + 1
 
     def without_rates(columns: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from .capture import Capture
 from .corrected_bands import CorrectedBands
 from .correction import correct, evaluate_variance, uniform_flat
 from .dark import DarkLibrary
-from .manifest import BandTable, BracketTable, FlatTable
+from .manifest import BandTable, BracketTable
 from .mosaic import channel_mask
 from .noise import NoiseModel
 from .nonlinearity import LightSeries
@@ -40,7 +40,8 @@ class ResponsePoint:
     source : "reference", "flat" or "scene". settings : by key of LAWS, None where not stated; the flux is
     Int F Q T L dl of the reference, proportional to photoelectrons per second.
     signal_dn, sigma_dn : mean above dark over the middle of the field, flat divided out, and its standard
-    deviation by noise. count_dn : mean count as stored, dark included. frames : repeats averaged.
+    deviation by noise, with flat_sigma, relative, of the flat that all points of a light share beside it.
+    count_dn : mean count as stored, dark included. frames : repeats averaged.
     """
 
     band: str
@@ -50,6 +51,7 @@ class ResponsePoint:
     sigma_dn: float
     count_dn: float
     frames: int = 1
+    flat_sigma: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +143,7 @@ def _points(
         if not keep or level < _LOWEST_DN:
             continue
         variance = evaluate_variance(frame.coefficients, frame.signal)[usable].sum() / response**2
-        if source == "scene" or not isinstance(table, FlatTable):
-            variance += level**2 * float((flat.relative_variance[usable]).sum()) / response**2
+        shared = float(np.sqrt(flat.relative_variance[usable].sum())) / response
         settings = {
             "exposure": table.exposure_s,
             "f_number": capture.f_number(table),
@@ -152,7 +153,14 @@ def _points(
         count = level * response / usable.sum() + float(dark.at(table.exposure_s)[usable].mean())
         points.append(
             ResponsePoint(
-                band, source, settings, float(level), float(np.sqrt(variance)), count, len(table.frames)
+                band,
+                source,
+                settings,
+                float(level),
+                float(np.sqrt(variance)),
+                count,
+                len(table.frames),
+                shared,
             )
         )
     return points
@@ -178,7 +186,7 @@ def measure_responses(points: tuple[ResponsePoint, ...], full_scale_dn: float) -
                 signal, sigma, frames = (
                     [getattr(p, name) for p in chosen] for name in ("signal_dn", "sigma_dn", "frames")
                 )
-                fit = fit_response(law, values, signal, sigma, full_scale_dn, frames)
+                fit = fit_response(law, values, signal, sigma, full_scale_dn, frames, chosen[0].flat_sigma)
                 found.append(ResponseSeries(key, band, source, fit))
     return tuple(found)
 
