@@ -15,6 +15,7 @@ import xarray as xr
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 
 from .band_images import Mask
 from .capture import Capture
@@ -22,7 +23,7 @@ from .corrected_bands import CorrectedBands
 from .manifest_faults import nearest
 from .registration import Registration, move, register
 
-__all__ = ["HyperspectralCube", "hyperspectral_cube", "region_mask"]
+__all__ = ["HyperspectralCube", "as_scene", "hyperspectral_cube", "region_mask"]
 
 _HALF_MAXIMUM = 0.5
 
@@ -168,6 +169,20 @@ def hyperspectral_cube(
     return HyperspectralCube(
         cube, tuple(order), np.array(scales), np.array(sigmas), tuple(moves), tuple(notes)
     )
+
+
+def as_scene(cube: xr.Dataset) -> xr.Dataset:
+    """The cube as light that a simulation can take: without holes and without negative values.
+
+    Pixels that are out have the radiance of the nearest one that is not, band by band; below 0, where noise outweighs
+    the light, it is 0. The standard error stays as it is: NaN tells what was filled.
+    """
+    radiance = cube["radiance"].values.copy()
+    for band in range(radiance.shape[-1]):
+        plane = radiance[..., band]
+        rows, columns = distance_transform_edt(np.isnan(plane), return_distances=False, return_indices=True)
+        radiance[..., band] = np.maximum(plane[rows, columns], 0.0)
+    return cube.assign(radiance=(cube["radiance"].dims, radiance, cube["radiance"].attrs))
 
 
 def _identity() -> Registration:

@@ -206,3 +206,18 @@ def test_mistakes_end_in_one_message(measured, readings, tmp_path, capsys, chang
     error = capsys.readouterr().err
     assert error.startswith("error: ") and message in error and "Traceback" not in error
     assert not list(tmp_path.iterdir())
+
+
+def test_a_measured_scene_can_be_photographed_by_another_camera(measured, readings, tmp_path):
+    """--scene: no holes and nothing below 0, what is known left as it is; simulate refuses the cube without it."""
+    capture = measured[0]
+    for name, options in (("holes.nc", ()), ("scene.nc", ("--scene",))):
+        arguments = ("--reading", f"{readings}:radiance", "--region", "48,33,55,41", "--out", tmp_path / name)
+        assert run("hyperspectral", capture.folder, *arguments, *options) == 0
+    holes, scene = (read_cube(tmp_path / name)["radiance"].values for name in ("holes.nc", "scene.nc"))
+    assert np.isnan(holes).any() and np.all(scene >= 0)
+    known = np.isfinite(holes)
+    np.testing.assert_array_equal(scene[known], np.maximum(holes[known], 0))
+    assert run("simulate", tmp_path / "holes.nc", "--out", tmp_path / "a.tif") == 2
+    assert run("simulate", tmp_path / "scene.nc", "--out", tmp_path / "b.tif") == 0
+    assert (tmp_path / "b.tif").exists() and not (tmp_path / "a.tif").exists()

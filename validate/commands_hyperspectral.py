@@ -44,12 +44,15 @@ def hyperspectral(
     unaligned: Annotated[
         bool, typer.Option("--unaligned", help="Leave the bands where they are: no registration.")
     ] = False,
+    scene: Annotated[
+        bool, typer.Option("--scene", help="For cbox simulate: pixels that are out filled, none below 0.")
+    ] = False,
 ) -> None:
     """A spectral cube from a camera with many filters and one spectroradiometer reading."""
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.corrected_bands import correct_bands
     from cboxlab.calibration.dark import read_darks
-    from cboxlab.calibration.hyperspectral import hyperspectral_cube, region_mask
+    from cboxlab.calibration.hyperspectral import as_scene, hyperspectral_cube, region_mask
     from cboxlab.calibration.mosaic import band_channels
     from cboxlab.calibration.noise import measure_noise
     from cboxlab.render.cube_files import WRITABLE, write_cube
@@ -69,7 +72,7 @@ def hyperspectral(
         found = hyperspectral_cube(
             loaded, bands, inside, spectrum, reference_band=reference_band, aligned=not unaligned
         )
-    write_cube(out, found.cube)
+    write_cube(out, as_scene(found.cube) if scene else found.cube)
     _print_bands(found)
     for note in dict.fromkeys((*noise.notes, *bands.notes, *found.notes)):
         say(f"• {note}")
