@@ -88,7 +88,8 @@ class Calibration:
         """Measured tristimulus images, see ``xyz_image``. ValueError where the capture cannot give them."""
         if self.weights is None or self.responses is None:
             raise ValueError("the capture lacks what XYZ takes: see notes")
-        return xyz_image(self.images, self.weights, self.responses, self.uncertainty)
+        relative = None if self.colour is None else self.colour.errors[self.colour.recommended].relative
+        return xyz_image(self.images, self.weights, self.responses, self.uncertainty, relative)
 
 
 def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
@@ -101,8 +102,10 @@ def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
     return np.array(noise)
 
 
-def calibrate(capture: Capture) -> Calibration:
+def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Everything that the capture allows to be computed.
+
+    reference_relative_sigma : of the scale of the reference source's radiance, which the format does not hold.
 
     What a capture lacks is no error: the result is then None and a note says what is missing. Raises
     InputError for faulty frames or surveyed points that cannot determine a camera.
@@ -152,7 +155,7 @@ def calibrate(capture: Capture) -> Calibration:
         target_fit,
         linearity,
         sensor,
-        measure_uncertainty(radiometry, capture.band_ids),
+        measure_uncertainty(radiometry, capture.band_ids, reference_relative_sigma),
         patches,
         tuple(dict.fromkeys(notes)),
     )

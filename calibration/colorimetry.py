@@ -149,13 +149,16 @@ def xyz_image(
     weights: FilterWeights,
     responses: Sequence[BandResponse],
     uncertainty: Uncertainty | None = None,
+    relative_error: NDArray[np.float64] | None = None,
 ) -> xr.Dataset:
     """Tristimulus images of BandImages (band, y, x).
 
     Returns ``xyz`` (component, y, x), Y in cd m^-2, ``variance`` of the same shape by the images' own
     independent noise, and ``mask`` (y, x), the union of the bands' flags. Noise only: the error of the
     weights against the CIE functions and that of C stand apart. With an uncertainty also ``covariance_pixel``
-    and ``covariance_shared`` (y, x, component, component_2): the noise, and what bands and all bands share.
+    and ``covariance_shared`` (y, x, component, component_2): the noise, and what bands and all bands share. With
+    the relative errors (n, 3) of the weights over plausible spectra also ``covariance_weights``: what the bands do
+    not see, alike in pixels of one spectrum.
     """
     matrix = _signal_to_xyz(weights, responses)
     flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
@@ -173,10 +176,17 @@ def xyz_image(
         return found
     parts = xyz_parts(signal, variance, matrix, uncertainty)
     both = ("y", "x", "component", "component_2")
-    return found.assign(
+    found = found.assign(
         covariance_pixel=(both, parts.pixel, units),
         covariance_shared=(both, parts.band + parts.common, units),
     ).assign_coords(component_2=["X", "Y", "Z"])
+    if relative_error is None:
+        return found
+    value = np.moveaxis(found["xyz"].values, 0, -1)
+    unseen = (
+        value[..., :, None] * value[..., None, :] * (relative_error.T @ relative_error / len(relative_error))
+    )
+    return found.assign(covariance_weights=(both, unseen, units))
 
 
 def xyz_covariance(

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from .dark import DarkLibrary
+from .defects import hot_pixels
+from .noise import NoiseModel
 
-__all__ = ["DarkFit", "fit_dark", "measure_dark_fit"]
+__all__ = ["DarkFit", "dark_level_sigma", "fit_dark", "measure_dark_fit", "ordinary_pixels"]
 
 _IMPROBABLE = 1e-2
 
@@ -19,8 +22,9 @@ _IMPROBABLE = 1e-2
 class DarkFit:
     """level = bias + rate * exposure by least squares over n >= 3 exposures.
 
-    exposure_s, level_dn, residual_dn : (n,). bias_dn, rate_dn_s with one sigma from the scatter about the
-    line (n - 2 degrees of freedom), which holds what noise does not explain: no exposure counts more.
+    exposure_s, level_dn, residual_dn : (n,). No exposure counts more than another, since what bends the level is
+    no noise. bias_dn, rate_dn_s with one sigma from noise and from the scatter about the line beyond it; degrees :
+    of freedom of the sigmas, infinite where noise explains the scatter.
     rms_dn : of the residual. monotonic : the levels never fall with time. verdict : one sentence.
     """
 
@@ -32,12 +36,13 @@ class DarkFit:
     rate_sigma: float
     residual_dn: NDArray[np.float64]
     rms_dn: float
+    degrees: float
     monotonic: bool
     verdict: str
 
 
-def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: float = 0.0) -> DarkFit:
-    """Fit the levels (n,) of exposures (n,). noise_dn : standard deviation of a level by noise alone.
+def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: ArrayLike = 0.0) -> DarkFit:
+    """Fit the levels (n,) of exposures (n,). noise_dn : standard deviation of each level, or of all, by noise.
 
     Raises ValueError for fewer than three exposures.
     """
@@ -45,25 +50,32 @@ def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: float = 0.0) 
     if np.unique(time).size < 3:
         raise ValueError("a dark fit needs at least three exposures")
     order = np.argsort(time)
+    noise = np.broadcast_to(np.asarray(noise_dn, float), time.shape)[order]
     time, level = time[order], level[order]
     design = np.stack([np.ones_like(time), time], axis=1)
-    inverse = np.linalg.inv(design.T @ design)
-    line = inverse @ design.T @ level
+    lever = np.linalg.inv(design.T @ design) @ design.T
+    line = lever @ level
     residual = level - design @ line
     freedom = time.size - 2
-    scatter = max(float(np.sum(residual**2) / freedom), noise_dn**2)
-    sigma = np.sqrt(scatter * np.diag(inverse))
-    falls = np.diff(level) < -3 * np.sqrt(2) * noise_dn
+    left = 1 - np.einsum("ni,in->n", design, lever)
+    misfit = float(np.sum(residual**2) / np.sum(left * noise**2)) if np.any(noise > 0) else np.inf
+    # By noise alone the scatter is now more and now less than it should be: only what chance does not do is believed.
+    beyond = chi2.sf(misfit * freedom, freedom) < _IMPROBABLE
+    excess = float(np.sum(residual**2) - np.sum(left * noise**2)) / freedom if beyond else 0.0
+    known, estimated = lever**2 @ noise**2, lever**2 @ np.full(time.size, excess)
+    sigma = np.sqrt(known + estimated)
+    degrees = freedom if excess > 0 else np.inf
+    falls = np.diff(level) < -3 * np.hypot(noise[1:], noise[:-1])
     return DarkFit(
         time, level, float(line[0]), float(sigma[0]), float(line[1]), float(sigma[1]), residual,
-        float(np.sqrt(np.mean(residual**2))), not bool(np.any(falls)),
-        _verdict(time, line[1], sigma[1], residual, falls, freedom),
+        float(np.sqrt(np.mean(residual**2))), degrees, not bool(np.any(falls)),
+        _verdict(time, line[1], sigma[1], residual, falls, degrees),
     )  # fmt: skip
 
 
 def _verdict(
     time: NDArray[np.float64], rate: float, sigma: float, residual: NDArray[np.float64],
-    falls: NDArray[np.bool_], freedom: int,
+    falls: NDArray[np.bool_], freedom: float,
 ) -> str:  # fmt: skip
     chance = 2 * float(student.sf(abs(rate) / sigma, freedom)) if sigma > 0 else 0.0
     if chance > _IMPROBABLE:
@@ -78,13 +90,21 @@ def _verdict(
     return text
 
 
-def measure_dark_fit(dark: DarkLibrary, frame_sigma_dn: float) -> DarkFit | None:
-    """The fit over a capture's dark levels (medians of all pixels); None for fewer than three exposures.
+def dark_level_sigma(dark: DarkLibrary, noise: NoiseModel) -> NDArray[np.float64]:
+    """(k,) DN, standard deviation by noise of the mean over all pixels of each dark level."""
+    variance = [noise.variance(dark.thermal(float(time))).mean() for time in dark.exposure_s]
+    return np.sqrt(np.array(variance) / (dark.repeats * dark.bias.size))
 
-    frame_sigma_dn : noise of one count; a median of n pixels has 1.25 / sqrt(n) of it.
-    """
+
+def ordinary_pixels(dark: DarkLibrary, noise: NoiseModel) -> NDArray[np.bool_]:
+    """(y, x) False for pixels that are hot at the longest exposure: they fill up, and their level bends."""
+    smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
+    return ~hot_pixels(dark.level[-1], smallest)
+
+
+def measure_dark_fit(dark: DarkLibrary, noise: NoiseModel) -> DarkFit | None:
+    """The fit over a capture's dark levels (means of ordinary pixels); None for fewer than three exposures."""
     if dark.exposure_s.size < 3:
         return None
-    levels = dark.level.reshape(dark.exposure_s.size, -1)
-    noise = 1.2533 * frame_sigma_dn / np.sqrt(levels.shape[1] * float(dark.repeats.min()))
-    return fit_dark(dark.exposure_s, levels.mean(axis=1), noise)
+    levels = dark.level[:, ordinary_pixels(dark, noise)].mean(axis=1)
+    return fit_dark(dark.exposure_s, levels, dark_level_sigma(dark, noise))

@@ -25,9 +25,18 @@ from .calibrate import Calibration
 from .camera_jacobian import parameter_jacobian
 from .geometry_plot import wireframe
 
-__all__ = ["EDGE_BIAS_PX", "EdgeOffsets", "ObjectError", "align_edges", "geometry_errors", "measure_edges"]
+__all__ = [
+    "EDGE_BIAS_PX",
+    "EdgeOffsets",
+    "ObjectError",
+    "align_edges",
+    "align_photograph",
+    "measure_edges",
+    "refine_geometry",
+]
 
-#: Standard deviation of a whole edge's place, px: shading beside it and its contact shadow shift it as a whole.
+#: Standard deviation of a whole edge's place, and of its drift from middle to end, px: shading beside it and its
+#: contact shadow shift and turn it.
 EDGE_BIAS_PX = 0.1
 
 _STEP_PX = 2.0
@@ -37,7 +46,10 @@ _BLUR_PX = 0.6
 # Steps smaller than this many times the misfit of the model are no edges.
 _CLEAR = 8.0
 _OUTLIER_SIGMAS = 3.5
+# With a looser calibration the edges lie outside the search, or those of other objects within it.
+_LOOSEST_PX = 1.5
 _FEWEST = 10
+_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +174,17 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
     number = 0
     objects = _objects(scene)
     lamp = Scene("", (), {}, scene.lamp)
+    seen: set[frozenset[tuple[float, ...]]] = set()
     around_lamp = {tuple(np.round(corner, 2)) for corner in wireframe(lamp).reshape(-1, 3)}
     for owner, (_, members) in enumerate(objects):
         own = Scene("", tuple(scene.surfaces[i] for i in members), {}, scene.lamp)
         # The lamp's edges come last; it and its hole outshine what is next to them.
         for edge in wireframe(own)[: -len(wireframe(lamp))]:
-            if all(tuple(np.round(end, 2)) in around_lamp for end in edge):
+            ends_mm = frozenset(tuple(np.round(end, 2)) for end in edge)
+            # Two faces meet in one edge.
+            if ends_mm <= around_lamp or ends_mm in seen:
                 continue
+            seen.add(ends_mm)
             number += 1
             ends = camera.project(edge)
             length = float(np.linalg.norm(ends[1] - ends[0]))
@@ -204,21 +220,43 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
 
 
 def _whitened(
-    design: NDArray[np.float64], offset: NDArray[np.float64], edge: NDArray[np.int64], sigma: float
+    design: NDArray[np.float64], offsets: EdgeOffsets, keep: NDArray[np.bool_], sigma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rows of unit, independent errors: sigma for each sample, and EDGE_BIAS_PX common to those of an edge."""
-    rows = np.column_stack([design, offset]) / sigma
+    """Rows of unit, independent errors: sigma for each sample, EDGE_BIAS_PX common to those of an edge, and as much
+    at its ends for a drift along it.
+    """
+    rows = np.column_stack([design, offsets.offset_px])[keep] / sigma
+    edge, place = offsets.edge[keep], offsets.place_mm[keep]
     for number in np.unique(edge):
         own = edge == number
-        shrink = 1 - (1 + own.sum() * (EDGE_BIAS_PX / sigma) ** 2) ** -0.5
-        rows[own] -= shrink * rows[own].mean(axis=0)
+        along = place[own] @ (place[own][-1] - place[own][0])
+        along = along - along.mean()
+        for shape in (np.ones(along.size), along / max(float(np.abs(along).max()), 1e-12)):
+            size = float(shape @ shape)
+            if size > 0:
+                shrink = 1 - (1 + size * (EDGE_BIAS_PX / sigma) ** 2) ** -0.5
+                rows[own] -= shrink / size * np.outer(shape, shape @ rows[own])
     return rows[:, :-1], rows[:, -1]
 
 
-def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[ObjectError, ...]]:
-    """The camera refined by the edges, without a covariance, and the objects' errors.
+def _scatter(residual: NDArray[np.float64], edge: NDArray[np.int64]) -> float:
+    """Standard deviation of the samples about their edge's mean: what an edge shares is not in it.
 
-    Objects with too few samples are left out.
+    No median: edges along a row of pixels scatter less than slanted ones, and may be more than half of all.
+    """
+    _, which, count = np.unique(edge, return_inverse=True, return_counts=True)
+    own = residual - (np.bincount(which, residual) / count)[which]
+    return float(max(np.sqrt(np.sum(own**2) / max(residual.size - count.size, 1)), 1e-4))
+
+
+def align_edges(
+    offsets: EdgeOffsets, camera: Camera, seen_from: Camera | None = None
+) -> tuple[Camera, tuple[ObjectError, ...]]:
+    """The camera refined by the edges, with its covariance, and the objects' errors.
+
+    camera : as calibrated. seen_from : the one that the offsets were measured with, where it is another.
+    Both covariances hold what the calibration's camera left open, the samples' scatter along an edge, and
+    EDGE_BIAS_PX for every edge. Objects with too few samples are left out.
 
     Raises ValueError for a camera without covariance or offsets without the room.
     """
@@ -230,10 +268,11 @@ def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[Obj
     blocks = [k for k in range(1, len(offsets.objects)) if counts[k] >= _FEWEST]
     used = np.isin(offsets.owner, [0, *blocks])
     design = np.zeros((len(offsets.offset_px), 10 + 3 * len(blocks)))
-    by_camera = parameter_jacobian(camera, offsets.place_mm).reshape(-1, 2, 10)
+    start = seen_from or camera
+    by_camera = parameter_jacobian(start, offsets.place_mm).reshape(-1, 2, 10)
     design[:, :10] = np.einsum("ni,nij->nj", offsets.normal, by_camera)
     for axis in range(3):
-        moved = camera.project(offsets.place_mm + np.eye(3)[axis]) - camera.project(offsets.place_mm)
+        moved = start.project(offsets.place_mm + np.eye(3)[axis]) - start.project(offsets.place_mm)
         along = np.sum(offsets.normal * moved, axis=1)
         for rank, block in enumerate(blocks):
             design[:, 10 + 3 * rank + axis] = np.where(offsets.owner == block, along, 0.0)
@@ -241,18 +280,21 @@ def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[Obj
     prior: NDArray[np.float64] = np.zeros((design.shape[1],) * 2)
     prior[:10, :10] = np.linalg.inv(camera.covariance)
     prior[10:, 10:] = np.eye(3 * len(blocks)) / 500.0**2
+    expected = np.zeros(design.shape[1])
+    expected[:10] = camera.parameters - start.parameters
     keep, values, sigma = used.copy(), np.zeros(design.shape[1]), 1.0
     residual: NDArray[np.float64] = offsets.offset_px
     inverse: NDArray[np.float64] = prior
     for _ in range(8):
-        rows, right = _whitened(design[keep], offsets.offset_px[keep], offsets.edge[keep], sigma)
+        rows, right = _whitened(design, offsets, keep, sigma)
         inverse = np.asarray(np.linalg.inv(rows.T @ rows + prior), np.float64)
-        values = inverse @ rows.T @ right
+        values = inverse @ (rows.T @ right + prior @ expected)
         residual = offsets.offset_px - design @ values
-        sigma = max(1.4826 * float(np.median(np.abs(residual[keep]))), 1e-4)
+        sigma = _scatter(residual[keep], offsets.edge[keep])
         keep = used & (np.abs(residual) < _OUTLIER_SIGMAS * np.hypot(sigma, EDGE_BIAS_PX))
-    # What limits it is the picture's flaws, not noise: no covariance is claimed.
-    refined = replace(camera.with_parameters(camera.parameters + values[:10]), covariance=None)
+    refined = replace(
+        camera.with_parameters(start.parameters + values[:10]), covariance=inverse[:10, :10].copy()
+    )
     errors = []
     for block in (0, *blocks):
         own = keep & (offsets.owner == block)
@@ -270,8 +312,41 @@ def align_edges(offsets: EdgeOffsets, camera: Camera) -> tuple[Camera, tuple[Obj
     return refined, tuple(errors)
 
 
-def geometry_errors(calibration: Calibration) -> tuple[ObjectError, ...]:
-    """The error of every object of a calibrated capture's scene, by the edges in the mean of its bands.
+def _require_near(camera: Camera, scene: Scene) -> None:
+    corners = np.unique(wireframe(scene).reshape(-1, 3).round(2), axis=0)
+    by_camera = parameter_jacobian(camera, corners)
+    if camera.covariance is None:
+        raise ValueError("the camera needs its covariance: it says how far the edges may move it")
+    variance = np.einsum("ni,ij,nj->n", by_camera, camera.covariance, by_camera)
+    typical = float(np.sqrt(np.median(variance)))
+    if typical > _LOOSEST_PX:
+        raise ValueError(
+            f"a camera that places corners to {typical:.1f} px only, where {_LOOSEST_PX:g} px are needed to know "
+            f"which edge is which"
+        )
+
+
+def align_photograph(
+    photograph: NDArray[np.float64], camera: Camera, scene: Scene
+) -> tuple[Camera, tuple[ObjectError, ...]]:
+    """``measure_edges`` and ``align_edges`` in turn, since edges far off are looked for in the wrong place.
+
+    Ends where the refined camera moves by less than a tenth of its sigmas. Raises ValueError as ``align_edges``, and
+    for a camera so uncertain that other edges may lie within the search.
+    """
+    found = camera
+    _require_near(camera, scene)
+    for _ in range(_ROUNDS):
+        before = found
+        found, errors = align_edges(measure_edges(photograph, before, scene), camera, before)
+        moved = found.parameters - before.parameters
+        if np.all(np.abs(moved) < 0.1 * np.sqrt(np.diag(np.asarray(found.covariance)))):
+            break
+    return found, errors
+
+
+def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError, ...]]:
+    """The refined camera of a calibrated capture and the error of every object, by the edges in its bands' mean.
 
     Raises InputError where the capture names no scene that can be loaded, has no camera, or shows no edges.
     """
@@ -281,8 +356,6 @@ def geometry_errors(calibration: Calibration) -> tuple[ObjectError, ...]:
         raise InputError(where, "no scene or no [geometry]", "both, to compare the box's edges with")
     out = np.any(calibration.images["mask"].values != 0, axis=0)
     try:
-        return align_edges(
-            measure_edges(np.where(out, np.nan, calibration.photograph), camera, scene), camera
-        )[1]
+        return align_photograph(np.where(out, np.nan, calibration.photograph), camera, scene)
     except ValueError as error:
         raise InputError(where, str(error), "a photograph of the box that its camera sees") from None

@@ -15,20 +15,23 @@ import xarray as xr
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 
 from .band_images import Mask
 from .capture import Capture
 from .corrected_bands import CorrectedBands
+from .manifest_faults import nearest
 from .registration import Registration, move, register
 
-__all__ = ["HyperspectralCube", "hyperspectral_cube"]
+__all__ = ["HyperspectralCube", "as_scene", "hyperspectral_cube", "region_mask"]
 
 _HALF_MAXIMUM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class HyperspectralCube:
-    """cube : radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 with standard_error, wavelengths ascending.
+    """cube : radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 with standard_error, wavelengths ascending, and
+    scale_relative_sigma (wavelength), which all pixels of a band share.
 
     bands : their identifiers in that order. scale : (n,) radiance per DN; scale_relative_sigma : (n,) by the
     region's noise, without the spectroradiometer's own. registrations : n, the reference's is the identity.
@@ -68,6 +71,34 @@ def _through(curve: Spectrum, reading: Spectrum) -> float:
     grid = np.arange(curve.wavelength_nm[0], curve.wavelength_nm[-1] + 0.25, 0.5)
     weights = curve.at(grid)
     return float(np.sum(weights * reading.at(grid)) / np.sum(weights))
+
+
+def region_mask(capture: Capture, region: str) -> NDArray[np.bool_]:
+    """(y, x) True in a region: "u0,v0,u1,v1" in pixels with both corners in it, or the name of a label.
+
+    Raises InputError for anything else, or for a rectangle that is not within the frame.
+    """
+    height, width = capture.shape
+    if "," in region:
+        try:
+            u0, v0, u1, v1 = (int(part) for part in region.split(","))
+        except ValueError:
+            u0 = -1
+        if u0 < 0 or not (u0 <= u1 < width and 0 <= v0 <= v1 < height):
+            raise InputError(
+                "region",
+                f"'{region}'",
+                f"u0,v0,u1,v1 with 0 <= u0 <= u1 < {width} and 0 <= v0 <= v1 < {height}",
+            )
+        inside: NDArray[np.bool_] = np.zeros(capture.shape, bool)
+        inside[v0 : v1 + 1, u0 : u1 + 1] = True
+        return inside
+    if capture.manifest.labels is None:
+        raise InputError("region", f"'{region}' without [labels] in the capture", "u0,v0,u1,v1 in pixels")
+    names = {label.name: label.label for label in capture.label_names()}
+    if region not in names:
+        raise InputError("region", f"'{region}'", f"one of {', '.join(names)}", nearest(region, names))
+    return np.asarray(capture.labels() == names[region], np.bool_)
 
 
 def hyperspectral_cube(
@@ -130,6 +161,7 @@ def hyperspectral_cube(
         {
             "radiance": (dims, np.stack(planes, axis=-1), units),
             "standard_error": (dims, np.stack(errors, axis=-1), units),
+            "scale_relative_sigma": ("wavelength", np.array(sigmas)),
         },
         coords={"wavelength": ("wavelength", [centres[band][0] for band in order], {"units": "nm"})},
         attrs={"source": f"hyperspectral capture {capture.manifest.name}", "registered_to": chosen},
@@ -137,6 +169,20 @@ def hyperspectral_cube(
     return HyperspectralCube(
         cube, tuple(order), np.array(scales), np.array(sigmas), tuple(moves), tuple(notes)
     )
+
+
+def as_scene(cube: xr.Dataset) -> xr.Dataset:
+    """The cube as light that a simulation can take: without holes and without negative values.
+
+    Pixels that are out have the radiance of the nearest one that is not, band by band; below 0, where noise outweighs
+    the light, it is 0. The standard error stays as it is: NaN tells what was filled.
+    """
+    radiance = cube["radiance"].values.copy()
+    for band in range(radiance.shape[-1]):
+        plane = radiance[..., band]
+        rows, columns = distance_transform_edt(np.isnan(plane), return_distances=False, return_indices=True)
+        radiance[..., band] = np.maximum(plane[rows, columns], 0.0)
+    return cube.assign(radiance=(cube["radiance"].dims, radiance, cube["radiance"].attrs))
 
 
 def _identity() -> Registration:

@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from .capture import Capture, FrameTable
 from .dark import DarkLibrary
 from .mosaic import channel_mask
 from .noise import NoiseModel
+from .response import REPEATABILITY
 
 __all__ = ["Linearity", "measure_linearity"]
 
@@ -29,8 +31,9 @@ _TILE_PX = 16
 # Counts used: not so low that rounding and cutting off at 0 bend them, not so high that some pixels clip.
 _LOWEST_MEAN_DN = 3.0
 _HIGHEST_SHARE = 0.92
-# Relative scatter of tile means that no noise model explains (light source, shutter).
+# Relative scatter of tile means that no noise model explains: it keeps bright tiles from outweighing all others.
 _SCATTER = 0.003
+_IMPROBABLE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,9 @@ class _TileMeans:
     exposure: NDArray[np.float64]
     mean: NDArray[np.float64]
     sigma: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    frames: NDArray[np.int64]
+    table: NDArray[np.int64]
 
 
 def _tile_means(
@@ -81,23 +87,24 @@ def _tile_means(
             whole = (np.bincount(tiles[~usable], minlength=size.size) == 0) & (size > 0)
             mean = np.bincount(tiles[own], net[own], size.size) / np.maximum(size, 1)
             good = np.flatnonzero(whole & (mean > _LOWEST_MEAN_DN))
-            variance = (
-                noise.variance(mean[good]) / (size[good] * len(table.frames)) + (_SCATTER * mean[good]) ** 2
-            )
+            variance = noise.variance(mean[good]) / (size[good] * len(table.frames))
             parts.append(
                 (
                     np.full(good.size, index),
                     index * size.size + good,
                     np.full(good.size, table.exposure_s),
                     mean[good],
+                    np.sqrt(variance + (_SCATTER * mean[good]) ** 2),
                     np.sqrt(variance),
+                    np.full(good.size, len(table.frames)),
+                    np.full(good.size, len(parts)),
                 )
             )
-    band_index, tile, exposure, mean, sigma = (np.concatenate(column) for column in zip(*parts, strict=True))
+    owner, tile, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
     _, tile, members = np.unique(tile, return_inverse=True, return_counts=True)
     several = members[tile] > 1
     _, tile = np.unique(tile[several], return_inverse=True)
-    return _TileMeans(band_index[several], tile, exposure[several], mean[several], sigma[several])
+    return _TileMeans(owner[several], tile, *(values[several] for values in rest))
 
 
 def _deviations(means: _TileMeans, black: float, offset: float) -> NDArray[np.float64]:
@@ -107,13 +114,54 @@ def _deviations(means: _TileMeans, black: float, offset: float) -> NDArray[np.fl
     return signal - rate[means.tile] * time
 
 
+def _covariance(
+    means: _TileMeans, residual: NDArray[np.float64], jacobian: NDArray[np.float64], freedom: int
+) -> NDArray[np.float64]:
+    """(2, 2) of the fit with weights 1 / sigma, by what the means really scatter.
+
+    Each mean has its noise, or the scatter found where that is larger; all tiles of one exposure share what lamp
+    and shutter did to it, REPEATABILITY or what the exposures' mean residuals show where that is more.
+    """
+    weight = 1 / means.sigma**2
+    rate_rows = weight * means.exposure**2
+    total = np.bincount(means.tile, rate_rows)
+    _, shot = np.unique(means.table, return_inverse=True)
+    count = int(shot.max()) + 1
+
+    def without_rates(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Columns (n, k) in units of sigma, less what the tiles' own rates would take up."""
+        along = means.exposure / means.sigma
+        part = np.stack([np.bincount(means.tile, along * column) / total for column in columns.T], axis=1)
+        return columns - along[:, None] * part[means.tile]
+
+    common = np.zeros((means.mean.size, count))
+    common[np.arange(means.mean.size), shot] = means.mean / means.sigma
+    common = without_rates(common)
+    sizes = np.bincount(shot, common[np.arange(shot.size), shot] ** 2, count)
+    shown = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count) / np.maximum(sizes, 1e-12)
+    spare = count - np.unique(means.band).size - 2
+    scatter = (1.4826 * float(np.median(np.abs(residual)))) ** 2 * residual.size / freedom
+    own = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
+    frames = np.array([means.frames[shot == k][0] for k in range(count)])
+    jitter = REPEATABILITY**2 / frames
+    expected = jitter + np.bincount(shot, own**2, count) / np.bincount(shot, minlength=count) / np.maximum(
+        sizes, 1e-12
+    )
+    # A few exposures scatter now more and now less than they should: only what chance does not do is believed.
+    misfit = float(np.sum(shown**2 / expected))
+    if spare > 0 and chi2.sf(misfit, spare) < _IMPROBABLE:
+        jitter = jitter + expected * (misfit / spare - 1)
+    lever = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
+    return np.asarray((lever * own**2) @ lever.T + (lever @ common * jitter) @ (lever @ common).T, np.float64)
+
+
 def measure_linearity(
     capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
 ) -> Linearity | None:
     """Black level and exposure offset by robust least squares over all bands; None without brackets.
 
-    Every tile of 16 x 16 px has a rate of its own, eliminated from the fit. The sigmas are scaled by the
-    scatter found. Raises InputError for a faulty frame.
+    Every tile of 16 x 16 px has a rate of its own, eliminated from the fit. The sigmas: see ``_covariance``. Raises
+    InputError for a faulty frame.
     """
     if not capture.manifest.bracket:
         return None
@@ -129,9 +177,7 @@ def measure_linearity(
         bounds=([-np.inf, -0.9], np.inf),
         loss="soft_l1",
     )
-    residual = fit.fun
-    scale = (1.4826 * np.median(np.abs(residual))) ** 2 * residual.size / freedom
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * max(scale, 1.0)
+    covariance = _covariance(means, fit.fun, fit.jac, freedom)
     black, offset = float(fit.x[0]), float(fit.x[1] * shortest)
 
     def by_band(deviations: NDArray[np.float64]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from .labels import Label
 from .linearity import Linearity
 from .mosaic import channel_mask
 from .noise import NoiseModel
+from .sensor_equation import WAVELENGTH_NM, response_curve
 from .shading import PatchPixels, Shading, fit_shading
 
 __all__ = ["PatchTable", "band_filter", "measure_patches"]
@@ -44,7 +45,8 @@ class PatchTable:
 
     labels : n patches. bands : m identifiers. reflectance, sigma : (n, m), sigma by noise, shading and the
     offset, without the error of the white patch's own table. offset : (m,) reflectance that was subtracted.
-    shading : by band. filters : (m, wavelength) of unit sum on ``wavelength_nm``, cut to the peak +-15 nm.
+    shading : by band. filters : (m, wavelength) of unit sum on ``wavelength_nm``, cut to the peak +-15 nm; with
+    sensor, lens and lamp, and then whole, where the capture states all of them.
     """
 
     labels: tuple[Label, ...]
@@ -64,6 +66,23 @@ def band_filter(transmittance: Spectrum, wavelength_nm: NDArray[np.float64]) -> 
     values = transmittance.at(wavelength_nm)
     peak = wavelength_nm[np.argmax(values)]
     values = np.where(np.abs(wavelength_nm - peak) <= _HALF_WIDTH_NM, values, 0.0)
+    return values / values.sum()
+
+
+def _seen_through(
+    capture: Capture, bands: CorrectedBands, index: int, wavelength_nm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,) of unit sum: what weighs a reflectance in a band.
+
+    The whole of filter, sensor, lens and lamp where the capture states them all, else ``band_filter``.
+    """
+    band, lamp = capture.manifest.band[index], capture.manifest.lamp
+    channel = None if capture.manifest.mosaic is None else str(bands.images["channel"].values[index])
+    curve = response_curve(capture, band, channel)
+    if curve is None or lamp is None:
+        return band_filter(capture.light(str(band.transmittance)), wavelength_nm)
+    seen = Spectrum(WAVELENGTH_NM, curve * capture.light(lamp.radiance).at(WAVELENGTH_NM), "zero")
+    values = seen.at(wavelength_nm)
     return values / values.sum()
 
 
@@ -135,15 +154,24 @@ def _subtract_offsets(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
     """Two-point scale (n, m): white as tabulated (m,), darkest patch neutral. Also the offsets and its row.
 
-    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o).
+    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o). An offset is as
+    uncertain as the darkest patch's own value, and as what its bands scatter by beyond that: nobody knows how
+    neutral a black is.
     """
     darkest = int(np.nanargmin(np.median(reflectance, axis=1)))
     dark = reflectance[darkest]
     neutral = float(np.median(dark))
     offset = white * (dark - neutral) / (white - dark)
     corrected = reflectance * (white + offset) / white - offset
-    spread = 1.4826 * float(np.median(np.abs(dark - neutral)))
-    return corrected, np.hypot(sigma, spread * np.abs(1 - reflectance / white)), offset, darkest
+    own = sigma[darkest]
+    beyond = max(float(np.sum((dark - dark.mean()) ** 2) / (dark.size - 1) - np.mean(own**2)), 0.0)
+    # The median of n values has 1.25 of the standard error of their mean.
+    level = 1.5708 / dark.size * (np.mean(own**2) + beyond)
+    spread = np.sqrt(own**2 + beyond + level) * np.abs(1 - reflectance / white)
+    corrected_sigma = np.hypot(sigma, spread)
+    # What it is set to is the same in all bands.
+    corrected_sigma[darkest] = np.sqrt(level + beyond)
+    return corrected, corrected_sigma, offset, darkest
 
 
 def measure_patches(
@@ -160,8 +188,8 @@ def measure_patches(
     if white is None or any(band.transmittance is None for band in capture.manifest.band):
         return None
     wavelength = np.arange(380.0, 731.0)
-    curves = [capture.light(str(band.transmittance)) for band in capture.manifest.band]
-    filters = np.stack([band_filter(curve, wavelength) for curve in curves])
+    count = len(capture.band_ids)
+    filters = np.stack([_seen_through(capture, bands, index, wavelength) for index in range(count)])
     white_reflectance = filters @ capture.label_reflectances()[str(white.column)].at(wavelength)
     black = 0.0 if linearity is None else linearity.black_level_dn
     position = labels.index(white)

@@ -13,13 +13,14 @@ of s_y^2 by a polynomial of fourth order; the standard wants the light uniform i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .capture import Capture, FrameTable
 from .dark import DarkLibrary
+from .defects import hot_pixels
 from .mosaic import channel_mask
 from .noise import ROUNDING_VARIANCE
 
@@ -98,19 +99,24 @@ def frame_statistics(
     middle = np.median(residual[good])
     spread = 1.4826 * np.median(np.abs(residual[good] - middle))
     good &= np.abs(residual - middle) <= _OUTLIER_SIGMAS * max(spread, np.sqrt(ROUNDING_VARIANCE))
+    weight = np.ones(mean.shape)
     if flatten:
-        residual = mean - _smooth_part(mean, good)
+        smooth = _smooth_part(mean, good)
+        # A pattern of sensitivity is a share of the light that falls there.
+        weight = float(mean[good].mean()) / np.maximum(smooth, 1.0)
+        residual = (mean - smooth) * weight
     taken = 1 + (flatten * ((_ORDER + 1) * (_ORDER + 2) // 2 - 1))
     count, repeats = int(good.sum()), stack.shape[0]
     # The light may change between repeats: the frames' own means are no noise of the pixels.
     steady = counts - (counts - mean)[:, good].mean(axis=1)[:, None, None]
-    temporal = float(steady.var(axis=0, ddof=1)[good].mean())
+    own = steady.var(axis=0, ddof=1)
+    temporal = float(own[good].mean())
     measured = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - taken))
     return FrameStatistics(
         float(mean[good].mean()),
         temporal,
         temporal * float(np.sqrt(2 / (count * (repeats - 1)))),
-        measured - temporal / repeats,
+        measured - float((own * weight**2)[good].mean()) / repeats,
         float(np.sqrt(2 / count) * np.hypot(measured, temporal / repeats / np.sqrt(repeats - 1))),
         clipped,
     )
@@ -169,16 +175,22 @@ def measure_photon_transfer(
     tables: list[FrameTable] = [*capture.manifest.flats, *capture.manifest.reference]
     if not darks or dark.clipped:
         return None
+    patterns = {
+        t.exposure_s: frame_statistics(capture.frames(t), capture.saturation_dn, flatten=False) for t in darks
+    }
+    first = patterns[darks[0].exposure_s]
     bright = []
     for table in tables:
         if len(table.frames) < 2:
             continue
-        pixels = None
+        pixels = ~hot_pixels(dark.at(table.exposure_s), float(np.sqrt(ROUNDING_VARIANCE)))
         if channels is not None and capture.manifest.mosaic is not None:
             channel = channels[table.band]  # type: ignore[attr-defined]
-            pixels = channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
+            pixels &= channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
         stack = capture.frames(table)
         # Thermal charge is charge: it has the same K, and needs no place of its own.
-        bright.append(frame_statistics(stack, capture.saturation_dn, flatten=True, pixels=pixels))
-    first = frame_statistics(capture.frames(darks[0]), capture.saturation_dn, flatten=False)
+        found = frame_statistics(stack, capture.saturation_dn, flatten=True, pixels=pixels)
+        # The dark pattern grows with time: what a longer exposure has more of it is no pattern of sensitivity.
+        longer = patterns.get(table.exposure_s, first).spatial - first.spatial
+        bright.append(replace(found, spatial=found.spatial - longer))
     return transfer(first, bright, capture.saturation_dn)

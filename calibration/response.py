@@ -109,17 +109,19 @@ def _models(x: NDArray[np.float64], full_scale_dn: float) -> dict[str, Model]:
 
 
 def fit_response(
-    law: Law, setting: ArrayLike, signal: ArrayLike, sigma: ArrayLike, full_scale_dn: float
-) -> ResponseFit:
+    law: Law, setting: ArrayLike, signal: ArrayLike, sigma: ArrayLike, full_scale_dn: float,
+    frames: ArrayLike = 1, shared_sigma: float = 0.0,
+) -> ResponseFit:  # fmt: skip
     """Fit S = a x by weighted least squares; where that is improbable, name the departure that explains it.
 
-    setting, signal, sigma : (n,), n >= 3, sigma by noise alone. Raises ValueError for fewer points or for
-    settings or signals that are not above 0.
+    setting, signal, sigma : (n,), n >= 3, sigma by noise alone. frames : averaged for each. shared_sigma :
+    relative, of a factor on all of them, which the slope alone suffers from.
+    Raises ValueError for fewer points or for settings or signals that are not above 0.
     """
     value, level = np.asarray(setting, float), np.asarray(signal, float)
     if value.size < 3 or np.any(value <= 0) or np.any(level <= 0):
         raise ValueError("a response needs at least three settings and signals above 0")
-    spread = np.hypot(np.asarray(sigma, float), REPEATABILITY * level)
+    spread = np.hypot(np.asarray(sigma, float), REPEATABILITY * level / np.sqrt(np.asarray(frames, float)))
     x = value**law.power
     weight = 1 / spread**2
     slope = float(np.sum(weight * x * level) / np.sum(weight * x**2))
@@ -132,7 +134,8 @@ def fit_response(
         if left > 0.5 * misfit:
             departure, after = None, residual
     return ResponseFit(
-        law, value, level, spread, slope, float(np.sum(weight * x**2) ** -0.5), residual, misfit, probability,
+        law, value, level, spread, slope,
+        float(np.hypot(np.sum(weight * x**2) ** -0.5, shared_sigma * slope)), residual, misfit, probability,
         departure, after, _verdict(law, residual, probability, departure, after),
     )  # fmt: skip
 

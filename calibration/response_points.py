@@ -14,7 +14,7 @@ from .capture import Capture
 from .corrected_bands import CorrectedBands
 from .correction import correct, evaluate_variance, uniform_flat
 from .dark import DarkLibrary
-from .manifest import BandTable, BracketTable, FlatTable
+from .manifest import BandTable, BracketTable
 from .mosaic import channel_mask
 from .noise import NoiseModel
 from .nonlinearity import LightSeries
@@ -40,7 +40,8 @@ class ResponsePoint:
     source : "reference", "flat" or "scene". settings : by key of LAWS, None where not stated; the flux is
     Int F Q T L dl of the reference, proportional to photoelectrons per second.
     signal_dn, sigma_dn : mean above dark over the middle of the field, flat divided out, and its standard
-    deviation by noise. count_dn : mean count as stored, dark included.
+    deviation by noise, with flat_sigma, relative, of the flat that all points of a light share beside it.
+    count_dn : mean count as stored, dark included. frames : repeats averaged.
     """
 
     band: str
@@ -49,6 +50,8 @@ class ResponsePoint:
     signal_dn: float
     sigma_dn: float
     count_dn: float
+    frames: int = 1
+    flat_sigma: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,7 @@ def _points(
         if not keep or level < _LOWEST_DN:
             continue
         variance = evaluate_variance(frame.coefficients, frame.signal)[usable].sum() / response**2
-        if source == "scene" or not isinstance(table, FlatTable):
-            variance += level**2 * float((flat.relative_variance[usable]).sum()) / response**2
+        shared = float(np.sqrt(flat.relative_variance[usable].sum())) / response
         settings = {
             "exposure": table.exposure_s,
             "f_number": capture.f_number(table),
@@ -149,7 +151,18 @@ def _points(
             "flux": None if source == "scene" else _flux(capture, table, channel),
         }
         count = level * response / usable.sum() + float(dark.at(table.exposure_s)[usable].mean())
-        points.append(ResponsePoint(band, source, settings, float(level), float(np.sqrt(variance)), count))
+        points.append(
+            ResponsePoint(
+                band,
+                source,
+                settings,
+                float(level),
+                float(np.sqrt(variance)),
+                count,
+                len(table.frames),
+                shared,
+            )
+        )
     return points
 
 
@@ -170,8 +183,10 @@ def measure_responses(points: tuple[ResponsePoint, ...], full_scale_dn: float) -
                     continue
                 values = np.array(sorted(group))
                 chosen = [group[float(value)] for value in values]
-                signal, sigma = ([getattr(p, name) for p in chosen] for name in ("signal_dn", "sigma_dn"))
-                fit = fit_response(law, values, signal, sigma, full_scale_dn)
+                signal, sigma, frames = (
+                    [getattr(p, name) for p in chosen] for name in ("signal_dn", "sigma_dn", "frames")
+                )
+                fit = fit_response(law, values, signal, sigma, full_scale_dn, frames, chosen[0].flat_sigma)
                 found.append(ResponseSeries(key, band, source, fit))
     return tuple(found)
 
@@ -190,6 +205,6 @@ def light_series(points: tuple[ResponsePoint, ...]) -> list[LightSeries]:
             float(np.prod([(p.settings[key] or 1.0) ** law.power for key, law in LAWS.items()])) for p in own
         ]
         count = np.array([p.count_dn for p in own])
-        sigma = np.array([np.hypot(p.sigma_dn, REPEATABILITY * p.signal_dn) for p in own])
+        sigma = np.array([np.hypot(p.sigma_dn, REPEATABILITY * p.signal_dn / np.sqrt(p.frames)) for p in own])
         series.append(LightSeries(f"{band} {source}", np.array(light), count, sigma))
     return series

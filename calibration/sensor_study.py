@@ -55,7 +55,7 @@ def study_sensor(
         curve = fit_curve(series, level)
     return SensorStudy(
         measure_photon_transfer(capture, dark, channels),
-        measure_dark_fit(dark, float(np.sqrt(noise.floor_dn2))),
+        measure_dark_fit(dark, noise),
         points,
         measure_responses(points, float(capture.saturation_dn)),
         curve,

@@ -41,13 +41,14 @@ class Shading:
     """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to ``order``, 1 at ``centre_px``.
 
     x, y : (u, v) - centre in units of ``scale_px``. covariance : of the coefficients, by the jackknife over
-    patches, so that unevenness within patches counts. validation : by order, the weighted mean square of the
-    residuals in patches left out of the fit.
+    patches, so that unevenness within patches counts; degrees : of freedom of that, for Student's t. validation :
+    by order, the weighted mean square of the residuals in patches left out of the fit.
     """
 
     order: int
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    degrees: int
     centre_px: tuple[float, float]
     scale_px: float
     validation: dict[int, float]
@@ -125,4 +126,4 @@ def fit_shading(patches: Sequence[PatchPixels], orders: Sequence[int] = ORDERS) 
         jackknife: NDArray[np.float64] = (len(parts) - 1) / len(parts) * spread.T @ spread
         fits[order] = (np.asarray(np.linalg.solve(normal, right), np.float64), jackknife)
     order = min(validation, key=lambda o: validation[o])
-    return Shading(order, *fits[order], centre, scale, validation)
+    return Shading(order, *fits[order], len(bright) - 1, centre, scale, validation)

@@ -56,6 +56,8 @@ def uncertainty_record(uncertainty: Uncertainty) -> dict[str, Any]:
     """Relative standard deviations shared by a band and by everything; the pixels' own stand in the maps."""
     return {
         "band": dict(zip(uncertainty.bands, uncertainty.band.tolist(), strict=True)),
+        "band_covariance": uncertainty.band_covariance.tolist(),
+        "band_degrees_of_freedom": uncertainty.band_degrees,
         "common": uncertainty.common,
     }
 
@@ -83,6 +85,7 @@ def sensor_record(study: SensorStudy) -> dict[str, Any]:
         else {
             "bias_dn": _pair(dark.bias_dn, dark.bias_sigma),
             "rate_dn_s": _pair(dark.rate_dn_s, dark.rate_sigma),
+            "degrees_of_freedom": dark.degrees,
             "residual_dn": dark.residual_dn.tolist(),
             "rms_dn": dark.rms_dn,
             "monotonic": dark.monotonic,

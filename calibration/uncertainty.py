@@ -1,7 +1,7 @@
 """Uncertainty in three kinds, carried apart to the end, since they add up differently.
 
     pixel    independent in every pixel: shot and read noise, rounding, noise of dark and flat
-    band     the same factor on all pixels of a band: its flat's level, its filter's curve
+    band     the same factor on all pixels of a band: its filter's curve, what its lamp and shutter did
     common   one factor on everything: the constant C, the reference source's scale
 
 In the mean of many pixels the first averages away, the second does not, and in a chromaticity or a ratio of
@@ -15,18 +15,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .radiometry import BandConstant, Radiometry
+from .radiometry import Radiometry
 
-__all__ = ["CovarianceParts", "Uncertainty", "band_scatter", "measure_uncertainty", "xyz_parts"]
+__all__ = ["CovarianceParts", "Uncertainty", "measure_uncertainty", "xyz_parts"]
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """band : (band,) relative sigma, independent between bands. common : relative sigma of everything."""
+    """band_covariance : (band, band) relative, of what is common to a band. common : relative sigma of everything.
+
+    band_degrees : of freedom of the former, for Student's t: it is estimated from the scatter of a few bands.
+    """
 
     bands: tuple[str, ...]
-    band: NDArray[np.float64]
+    band_covariance: NDArray[np.float64]
     common: float
+    band_degrees: float = np.inf
+
+    @property
+    def band(self) -> NDArray[np.float64]:
+        """(band,) relative sigma of what is common to a band."""
+        return np.sqrt(np.diag(self.band_covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,29 +66,15 @@ def xyz_parts(
             np.einsum("ib,b...,jb->...ij", matrix, variances, matrix, optimize=True), np.float64
         )
 
-    relative = uncertainty.band.reshape(-1, *[1] * (values.ndim - 1))
+    size, direction = np.linalg.eigh(uncertainty.band_covariance)
+    root = direction * np.sqrt(np.maximum(size, 0.0))
+    moved = np.einsum("ib,b...,bk->...ik", matrix, values, root, optimize=True)
     xyz = np.tensordot(values, matrix, axes=(0, 1))
     return CovarianceParts(
         spread(np.asarray(variance, float)),
-        spread((relative * values) ** 2),
+        moved @ np.swapaxes(moved, -1, -2),
         uncertainty.common**2 * xyz[..., :, None] * xyz[..., None, :],
     )
-
-
-def band_scatter(constants: tuple[BandConstant, ...]) -> float:
-    """Relative standard deviation between the bands' constants C beyond their own noise.
-
-    That is what flats and filter curves do to a band: C itself is one for all. By the moment estimator
-    of DerSimonian and Laird (1986); 0 where noise explains the scatter or for a single band.
-    """
-    if len(constants) < 2:
-        return 0.0
-    value = np.array([c.constant for c in constants])
-    weight = 1 / np.array([c.sigma for c in constants]) ** 2
-    mean = np.average(value, weights=weight)
-    excess = np.sum(weight * (value - mean) ** 2) - (value.size - 1)
-    spread = excess / (weight.sum() - np.sum(weight**2) / weight.sum())
-    return float(np.sqrt(max(spread, 0.0)) / mean)
 
 
 def measure_uncertainty(
@@ -87,14 +82,22 @@ def measure_uncertainty(
 ) -> Uncertainty:
     """What a capture's references show of the two shared kinds.
 
-    band : the scatter between the bands' constants, the same for all bands, joined with each constant's own
-    noise where it was measured. common : of the mean constant, joined with reference_relative_sigma, the
-    scale of the reference source's spectrum, which the capture format does not state.
+    band : with the scatter s between the bands' constants and their weights a in the mean C, a band's light is
+    off by its own error less that of the mean, so that the covariance is s^2 (I - 1 a^T - a 1^T + a^T a 1 1^T):
+    what all bands have in common went into C. common : noise of C, joined with reference_relative_sigma, the scale
+    of the reference source's spectrum, which the capture format does not state. Without references the error of
+    the nominal C is unknown and in neither.
     """
-    scatter = band_scatter(radiometry.by_band)
-    own = {c.band: c.sigma / c.constant for c in radiometry.by_band}
-    band = np.array([np.hypot(scatter, own.get(name, 0.0)) for name in bands])
-    common = 0.0
-    if radiometry.sigma is not None and radiometry.constant is not None:
-        common = radiometry.sigma / radiometry.constant
-    return Uncertainty(bands, band, float(np.hypot(common, reference_relative_sigma)))
+    weight = dict(zip((c.band for c in radiometry.by_band), radiometry.weights.tolist(), strict=True))
+    share = np.array([weight.get(band, 0.0) for band in bands])
+    ones = np.ones(len(bands))
+    taken = np.outer(ones, share)
+    band = radiometry.scatter**2 * (
+        np.eye(len(bands)) - taken - taken.T + share @ share * np.outer(ones, ones)
+    )
+    noise = np.array([weight[c.band] * c.sigma for c in radiometry.by_band])
+    common = (
+        float(np.sqrt(noise @ noise)) / radiometry.constant if radiometry.constant and noise.size else 0.0
+    )
+    degrees = max(len(radiometry.by_band) - 1, 0) if radiometry.scatter > 0 else np.inf
+    return Uncertainty(bands, band, float(np.hypot(common, reference_relative_sigma)), degrees)

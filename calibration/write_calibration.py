@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,14 @@ from cboxlab.scenes.camera import Camera
 
 from .calibrate import Calibration
 from .calibration_plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+from .dark_fit import dark_level_sigma
+from .edge_alignment import ObjectError
 from .geometry import CameraFit, read_points
 from .geometry_plot import plot_geometry
 from .patch_colour import ILLUMINANT, patch_errors, patches_csv
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
-__all__ = ["calibration_record", "camera_record", "write_calibration"]
+__all__ = ["calibration_record", "camera_record", "write_calibration", "write_geometry"]
 
 
 def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
@@ -27,9 +29,13 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
     position_mm, position_sigma_mm : 3 each. rotation_deg : Rodrigues vector of R R0^T. covariance : 10 x 10,
     of position_mm, rotation_deg, focal_length_px, principal_point_px, k1.
     """
+    found = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
+    return found | {"outliers": list(fit.outliers)}
+
+
+def _parameters_record(camera: Camera) -> dict[str, Any]:
     covariance = np.full((10, 10), np.nan) if camera.covariance is None else camera.covariance
     return {
-        "reprojection_rms_px": fit.reprojection_rms_px,
         "position_mm": camera.position_mm.tolist(),
         "position_sigma_mm": np.sqrt(np.diag(covariance)[:3]).tolist(),
         "rotation_deg": camera.parameters[3:6].tolist(),
@@ -37,8 +43,29 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
         "principal_point_px": np.asarray(camera.principal_point_px).tolist(),
         "k1": camera.k1,
         "covariance": covariance.tolist(),
-        "outliers": list(fit.outliers),
     }
+
+
+def write_geometry(camera: Camera, errors: Sequence[ObjectError], folder: Path) -> Path:
+    """geometry.json: the camera refined by the box's edges and where its objects stand, with covariances."""
+    record = {
+        "camera": _parameters_record(camera),
+        "objects": [
+            {
+                "name": error.name,
+                "shift_mm": error.shift_mm.tolist(),
+                "covariance": error.covariance.tolist(),
+                "samples": error.samples,
+                "rms_before_px": error.rms_before_px,
+                "rms_after_px": error.rms_after_px,
+            }
+            for error in errors
+        ],
+    }
+    path = folder / "geometry.json"
+    text = json.dumps(_finite(record), indent=1, allow_nan=False) + "\n"
+    _write(path, lambda temporary: temporary.write_text(text))
+    return path
 
 
 def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
@@ -48,13 +75,16 @@ def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
 def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
     dark = calibration.dark
     levels = []
-    for exposure, repeats, level in zip(dark.exposure_s, dark.repeats, dark.level, strict=True):
+    sigmas = dark_level_sigma(dark, calibration.noise)
+    for exposure, repeats, level, sigma in zip(
+        dark.exposure_s, dark.repeats, dark.level, sigmas, strict=True
+    ):
         levels.append(
             {
                 "exposure_s": float(exposure),
                 "median_dn": float(np.median(level)),
                 "mean_dn": float(level.mean()),
-                "sigma_dn": float(level.std(ddof=1) / np.sqrt(level.size)),
+                "sigma_dn": float(sigma),
                 "pixel_spread_dn": float(level.std(ddof=1)),
                 "frames": int(repeats),
             }
@@ -115,10 +145,11 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
         else {
             "value": radiometry.constant,
             "sigma": radiometry.sigma,
+            "sigma_degrees_of_freedom": radiometry.degrees,
             "nominal": radiometry.nominal,
             "bands": {c.band: {"value": c.constant, "sigma": c.sigma} for c in radiometry.by_band},
             "chi2": radiometry.chi2,
-            "degrees_of_freedom": radiometry.degrees,
+            "degrees_of_freedom": radiometry.chi2_degrees,
             "probability": radiometry.probability,
         },
         "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},

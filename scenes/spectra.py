@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -71,6 +72,20 @@ def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
 
     Raises InputError naming the file, column and row of the first fault.
     """
+    try:
+        state = path.stat()
+    except OSError:
+        return _read_table(path, outside)
+    return dict(_table_as_of(path, outside, state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=32)
+def _table_as_of(path: Path, outside: Outside, changed_ns: int, size: int) -> dict[str, Spectrum]:
+    """A capture asks for columns of the same few files again and again."""
+    return _read_table(path, outside)
+
+
+def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
     lines = _read_lines(path)
     if len(lines) < 2:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")

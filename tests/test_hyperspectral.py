@@ -10,6 +10,7 @@ from cboxlab.calibration.noise import measure_noise
 from cboxlab.calibration.registration import move, register
 from cboxlab.render.cube_files import read_cube, write_cube
 from cboxlab.scenes import InputError, Spectrum
+from cboxlab.validate.cli import main
 from fake_capture import GRID, FakeCapture, bell
 from scipy.ndimage import minimum_filter
 from scipy.special import erf
@@ -143,3 +144,80 @@ def test_a_region_must_lie_in_the_image_and_be_lit(measured):
         hyperspectral_cube(capture, bands, np.zeros_like(region), reading)
     with pytest.raises(InputError, match="reference band"):
         hyperspectral_cube(capture, bands, region, reading, reference_band="f999")
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return caught.value.code or 0
+
+
+@pytest.fixture(scope="module")
+def readings(measured, tmp_path_factory):
+    """The spectroradiometer's file."""
+    path = tmp_path_factory.mktemp("reading") / "reading.csv"
+    table = np.column_stack([measured[2].wavelength_nm, measured[2].values])
+    np.savetxt(path, table, delimiter=",", header="wavelength_nm,radiance", comments="", fmt="%.10g")
+    return path
+
+
+def test_the_command_writes_what_the_library_finds(measured, readings, tmp_path, capsys):
+    capture, bands, reading, region, _ = measured
+    v, u = np.nonzero(region)
+    place = f"{u.min()},{v.min()},{u.max()},{v.max()}"
+    out = tmp_path / "cube.nc"
+    assert (
+        run(
+            "hyperspectral",
+            capture.folder,
+            "--reading",
+            f"{readings}:radiance",
+            "--region",
+            place,
+            "--out",
+            out,
+        )
+        == 0
+    )
+    shown = capsys.readouterr().out
+    assert "registered to f550" in shown and "f700" in shown
+    found = hyperspectral_cube(capture, bands, region, reading).cube
+    written = read_cube(out)
+    np.testing.assert_allclose(written["radiance"], found["radiance"], rtol=1e-5)
+    np.testing.assert_allclose(written["wavelength"], found["wavelength"])
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"--region": "5,5,500,9"}, "u0,v0,u1,v1 with 0 <= u0 <= u1 < 120"),
+        ({"--region": "white"}, "without [labels]"),
+        ({"--reading": "{reading}:radiant"}, "radiance"),
+        ({"--reading": "reading.csv"}, "such as reading.csv:radiance"),
+        ({"--out": "cube.tif"}, ".nc, .exr or .hdr"),
+        ({"--reference-band": "f555"}, "one of f400"),
+    ],
+)
+def test_mistakes_end_in_one_message(measured, readings, tmp_path, capsys, changed, message):
+    options = {"--region": "48,33,55,41", "--reading": "{reading}:radiance", "--out": "cube.nc", **changed}
+    options["--out"] = str(tmp_path / options["--out"])
+    arguments = [part.format(reading=readings) for pair in options.items() for part in pair]
+    assert run("hyperspectral", measured[0].folder, *arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and message in error and "Traceback" not in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_measured_scene_can_be_photographed_by_another_camera(measured, readings, tmp_path):
+    """--scene: no holes and nothing below 0, what is known left as it is; simulate refuses the cube without it."""
+    capture = measured[0]
+    for name, options in (("holes.nc", ()), ("scene.nc", ("--scene",))):
+        arguments = ("--reading", f"{readings}:radiance", "--region", "48,33,55,41", "--out", tmp_path / name)
+        assert run("hyperspectral", capture.folder, *arguments, *options) == 0
+    holes, scene = (read_cube(tmp_path / name)["radiance"].values for name in ("holes.nc", "scene.nc"))
+    assert np.isnan(holes).any() and np.all(scene >= 0)
+    known = np.isfinite(holes)
+    np.testing.assert_array_equal(scene[known], np.maximum(holes[known], 0))
+    assert run("simulate", tmp_path / "holes.nc", "--out", tmp_path / "a.tif") == 2
+    assert run("simulate", tmp_path / "scene.nc", "--out", tmp_path / "b.tif") == 0
+    assert (tmp_path / "b.tif").exists() and not (tmp_path / "a.tif").exists()

@@ -53,7 +53,7 @@ def test_stated_sigmas_cover_the_truth(ensemble, quantity):
 def test_bands_agree_on_one_constant(ensemble):
     """chi2 over bands summed over captures: 48 degrees, 1e-4 a side."""
     assert 18.0 < sum(r.chi2 for _, r in ensemble) < 95.0
-    assert all(r.degrees == 2 and not r.notes for _, r in ensemble)
+    assert all(r.chi2_degrees == 2 and not r.notes for _, r in ensemble)
 
 
 def test_a_band_with_another_throughput_is_named(tmp_path):

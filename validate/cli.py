@@ -14,7 +14,14 @@ import typer
 from cboxlab.scenes.errors import InputError
 from rich.text import Text
 
-from . import commands_diagnosis, commands_forward, commands_measured, commands_model, commands_sensor
+from . import (
+    commands_diagnosis,
+    commands_forward,
+    commands_hyperspectral,
+    commands_measured,
+    commands_model,
+    commands_sensor,
+)
 from .console import errors
 
 __all__ = ["app", "main"]
@@ -28,6 +35,7 @@ for command in (
     commands_measured.demo,
     commands_measured.validate,
     commands_measured.calibrate,
+    commands_hyperspectral.hyperspectral,
     commands_measured.compare,
     commands_diagnosis.diagnose,
     commands_forward.render,

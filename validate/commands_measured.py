@@ -82,6 +82,12 @@ def calibrate(
         bool,
         typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
     ] = False,
+    reference_uncertainty: Annotated[
+        float,
+        typer.Option(
+            help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0
+        ),
+    ] = 0.0,
 ) -> None:
     """Camera, noise, linearity, filter weights, absolute scale, as far as a capture allows."""
     if init:
@@ -93,24 +99,27 @@ def calibrate(
 
     require_folder(out)
     with bar("calibrating"):
-        calibration = run(load_capture(capture))
+        calibration = run(load_capture(capture), reference_uncertainty)
     write_calibration(calibration, out)
     _print_calibration(calibration)
     for note in calibration.notes:
         say(f"• {note}")
     if refine_geometry:
-        _print_objects(calibration)
+        _refine_geometry(calibration, out)
     say(f"Calibration: {out / 'calibration.json'}")
 
 
-def _print_objects(calibration: Calibration) -> None:
-    from cboxlab.calibration.edge_alignment import geometry_errors
+def _refine_geometry(calibration: Calibration, out: Path) -> None:
+    from cboxlab.calibration.edge_alignment import refine_geometry
+    from cboxlab.calibration.write_calibration import write_geometry
 
+    camera, errors = refine_geometry(calibration)
+    write_geometry(camera, errors, out)
     table = data_table(
         "Geometry by edges: photograph less model", "object", "x, mm", "y, mm", "z, mm", "samples",
-        "rms across edges, px", "left, px",
+        "rms, px", "left, px",
     )  # fmt: skip
-    for error in geometry_errors(calibration):
+    for error in errors:
         sigma = error.covariance.diagonal() ** 0.5
         pairs = zip(error.shift_mm, sigma, strict=True)
         shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "held" for shift, one in pairs]
@@ -118,6 +127,7 @@ def _print_objects(calibration: Calibration) -> None:
             error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
         )
     console.print(table)
+    say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
 
 
 def _write_first_manifest(folder: Path) -> None:
