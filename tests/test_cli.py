@@ -8,10 +8,12 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from cboxlab import scenes
 from cboxlab.calibration.capture import load_capture
 from cboxlab.render.cube_files import read_cube, write_cube
 from cboxlab.render.raw_files import read_raw
@@ -314,6 +316,8 @@ def test_a_model_grows_and_reads_back(tmp_path, cbox):
 
 def test_a_models_scene_stays_where_it_was(tmp_path, cbox):
     """A model names its scene relative to itself, and still does after an effect was added."""
+    shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "boxes")
+    (tmp_path / "boxes" / "cornell-box.toml").rename(tmp_path / "boxes" / "mine.toml")
     (tmp_path / "model.toml").write_text('format = "model/1"\nscene = "boxes/mine.toml"\n')
     assert cbox("add", tmp_path / "model.toml", "ghost", "fraction=0.01")[0] == 0
     assert 'scene = "boxes/mine.toml"' in (tmp_path / "model.toml").read_text()
