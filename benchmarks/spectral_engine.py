@@ -1,7 +1,7 @@
 """How much picture a CPU second buys: our integrators against stock Mitsuba and against bare ray tracing.
 
     python benchmarks/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias,...]
-                                         [--size 256] [--samples 64] [--rounds 8] [--bias-samples 4096]
+                                         [--size 256] [--samples 64] [--rounds 8] [--bias-error 0.00014]
 
 The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),
 pixels that see the lamp left out. Every contender lives in a process of its own, renders once to warm up, and
@@ -12,9 +12,10 @@ the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relati
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
-surface of a small picture with many samples: the path tracer with stock Mitsuba at three bands, the default with
+surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
-differences over their standard errors are distributed; and it measures the white furnace. "slope", "pixels",
+differences over their standard errors are distributed (the default's is what smaller patches change, which is less
+noisy; the comparison stands beside it); and it measures the white furnace. "slope", "pixels",
 "threads", "start", "general", "derivatives" and "sensor" are described in engine_parts.py.
 The last line is one JSON object; --json prints nothing else. What was left out is null there.
 """
@@ -118,7 +119,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=256, help="width and height, pixels")
     parser.add_argument("--samples", type=int, default=64, help=f"per pixel (default: {GATHER_FACTOR} times)")
     parser.add_argument(
-        "--bias-samples", type=int, default=4096, help="per pixel and batch, of the part bias"
+        "--bias-error", type=float, default=0.00014, help="relative, of a surface's mean, of the part bias"
     )
     parser.add_argument("--rounds", type=int, default=8, help="pictures of each contender, at least 2")
     options = parser.parse_args()
@@ -183,11 +184,11 @@ def main() -> None:
     if "bias" in parts:
         from bias import furnace, refinement_bias, surface_bias
 
-        found = surface_bias(options.bias_samples, stock="specfilm" in parts)
-        white = furnace(options.bias_samples // 2)
+        found = surface_bias(options.bias_error, stock="specfilm" in parts)
+        white = furnace(2048)
         result |= {**found.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
-            finer = refinement_bias(options.bias_samples // 4)
+            finer = refinement_bias(1024)
             # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
             result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
             say("bias by patches' size:", json.dumps(finer))

@@ -17,8 +17,8 @@ __all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
 class Patches:
     """Every triangle cut into divisions^2 equal ones; the lamp has none.
 
-    triangle : (p,) the parent. uv : (p, 2) the centroid's barycentric coordinates there. area : (p,) mm^2. material, surface : (p,). centre : (p, 3) mm.
-    corners : (p, 3, 3) mm.
+    triangle : (p,) the parent. uv : (p, 2) the centroid's barycentric coordinates there. area : (p,) mm^2.
+    material, surface : (p,). centre : (p, 3) mm. corners : (p, 3, 3) mm.
     """
 
     triangle: np.ndarray
