@@ -53,9 +53,9 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
     ways: dict[str, Render] = {"path": path, "default": default, **({"stock": mitsuba} if stock else {})}
     means: dict[str, list[np.ndarray]] = {name: [] for name in ways}
     names = [surface.name for surface in scene.surfaces]
-    for index, view in enumerate(_views(scene)):
+    for view, pixels in _views(scene):
         for name, render in ways.items():
-            means[name].append(_mean(render, view, index, error))
+            means[name].append(_mean(render, view, pixels, error))
     path_means = np.stack(means["path"], axis=1)
     results = {"default": _compared(np.stack(means["default"], axis=1), path_means, names)}
     if stock:
@@ -63,25 +63,30 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
     return results
 
 
-def _views(scene: Scene) -> list[Camera]:
-    """Cameras that see one surface each, as one camera of 128 x 128 pixels sees it."""
+def _views(scene: Scene) -> list[tuple[Camera, np.ndarray]]:
+    """For each surface the part of a camera's picture that shows it, and the pixels (y, x) that see it alone."""
     camera, tracer = cornell_camera(128), build_tracer(scene)
-    seen = facet_coverage(tracer, camera)[..., :-1] > 0.5
+    alone = facet_coverage(tracer, camera, samples=1024)[..., :-1] > 1 - 1e-6
     views = []
     for index in range(len(scene.surfaces)):
-        y, x = np.nonzero(seen[..., tracer.facet_surface[:-1] == index].any(axis=-1))
-        centre = camera.principal_point_px - [x.min(), y.min()]
-        width, height = np.ptp(x) + 1, np.ptp(y) + 1
-        views.append(replace(camera, width_px=width, height_px=height, principal_point_px=centre))
+        mask = alone[..., tracer.facet_surface[:-1] == index].any(axis=-1)
+        y, x = np.nonzero(mask)
+        view = replace(
+            camera,
+            width_px=int(np.ptp(x)) + 1,
+            height_px=int(np.ptp(y)) + 1,
+            principal_point_px=camera.principal_point_px - [x.min(), y.min()],
+        )
+        views.append((view, mask[y.min() : y.max() + 1, x.min() : x.max() + 1]))
     return views
 
 
-def _mean(render: Render, view: Camera, index: int, error: float) -> np.ndarray:
-    """(batch, w) means over the pixels that see a surface alone, to about a relative standard ``error``."""
+def _mean(render: Render, view: Camera, pixels: np.ndarray, error: float) -> np.ndarray:
+    """(batch, w) means over ``pixels`` (y, x), to about a relative standard ``error``."""
 
     def run(samples: int, seed: int) -> np.ndarray:
         image = render(view, samples, seed)
-        return (image.coefficients @ image.spectra)[:, image.pure & (image.surface == index)].mean(axis=1)
+        return (image.coefficients @ image.spectra)[:, pixels].mean(axis=1)
 
     samples = max(2, int(TRIAL / BATCHES / view.width_px / view.height_px))
     trial = run(samples, 1)

@@ -188,7 +188,7 @@ def main() -> None:
         white = furnace(2048)
         result |= {**found.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
-            finer = refinement_bias(1024)
+            finer = refinement_bias(256)
             # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
             result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
             say("bias by patches' size:", json.dumps(finer))
