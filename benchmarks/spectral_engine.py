@@ -11,6 +11,8 @@ error is the relative variance of one picture from the scatter of the rounds, th
 the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relative variance),
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
+"floor" traces the path tracer's own rays again, bare: fraction_of_ray_floor is that over the cost of a picture of
+128 x 128 pixels and 1024 samples; beside it the same for --size and --samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
 surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
@@ -33,10 +35,12 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes import cornell_box, cornell_camera
-from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, PATH_FACTOR, contender
+from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, contender
 from scipy.stats import chi2
 
 SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
+#: The part "floor": a picture of many samples, as paths are used. With few, lanes wait for their neighbours at the end.
+FLOOR_SIZE, FLOOR_SAMPLES = 128, 1024
 PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
@@ -170,15 +174,24 @@ def main() -> None:
     if "floor" in parts:
         from ray_floor import floor_per_path
 
-        floors = []
+        bare, contenders["long"] = [], Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
         for seed in range(3):
-            seconds, rays = floor_per_path(cornell_box(), cornell_camera(128), BANDS, 8, 3)
-            floors.append(seconds)
+            seconds, rays = floor_per_path(cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
+            bare.append(seconds)
             contenders["path"].turn(1000 + seed)
-        floor = float(np.median(floors)) * options.size**2 * options.samples * PATH_FACTOR
-        cost = float(np.median(contenders["path"].cpu[-3:]))
-        result["fraction_of_ray_floor"] = floor / cost
-        say(f"floor: {rays:.2f} rays a path, {floor:.2f} of {cost:.2f} CPU s")
+            contenders["long"].turn(1000 + seed)
+        fractions = {}
+        for name, size, samples in (
+            ("path", options.size, options.samples),
+            ("long", FLOOR_SIZE, FLOOR_SAMPLES),
+        ):
+            cost = float(np.median(contenders[name].cpu[-3:]))
+            fractions[samples] = float(np.median(bare)) * size**2 * samples / cost
+            say(
+                f"floor: {rays:.2f} rays a path, {fractions[samples]:.1%} of {cost:.2f} CPU s, {samples} samples"
+            )
+        result["fraction_of_ray_floor"] = fractions[FLOOR_SAMPLES]
+        result["fraction_of_ray_floor_by_samples"] = fractions
     for one in contenders.values():
         one.close()
     if "bias" in parts:
