@@ -132,6 +132,11 @@ def main() -> None:
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
     say = (lambda *words: None) if options.json else (lambda *words: print(*words, flush=True))
 
+    # here, before the long work, and not above, where each contender's process would import them
+    from bias import furnace, refinement_bias, surface_bias
+    from engine_parts import SMALL_PARTS
+    from ray_floor import floor_per_path
+
     names = ["path"] + [name for name in ("default", "specfilm", "mono") if name in parts]
     names += [f"{name}-76" for name in ("path", "default") if name in names and "bands" in parts]
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read by the contenders' processes
@@ -172,8 +177,6 @@ def main() -> None:
 
     result = {**summary("path"), "default": summary("default") if "default" in parts else None}
     if "floor" in parts:
-        from ray_floor import floor_per_path
-
         bare, contenders["long"] = [], Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
         for seed in range(3):
             seconds, rays = floor_per_path(cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
@@ -195,8 +198,6 @@ def main() -> None:
     for one in contenders.values():
         one.close()
     if "bias" in parts:
-        from bias import furnace, refinement_bias, surface_bias
-
         found = surface_bias(options.bias_error, stock="specfilm" in parts)
         white = furnace(2048)
         result |= {**found.get("path", {}), "furnace": white["path"]}
@@ -207,8 +208,6 @@ def main() -> None:
             say("bias by patches' size:", json.dumps(finer))
         say("bias:", json.dumps(found), "furnace:", json.dumps(white))
     for name in [part for part in SMALL if part in parts]:
-        from engine_parts import SMALL_PARTS
-
         values = SMALL_PARTS[name]()
         result[name] = values
         say(f"{name}: {json.dumps(values)}")
