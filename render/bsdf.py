@@ -143,7 +143,7 @@ class SpectralBsdfs:
 
 
 def _spectrum(wavelengths: np.ndarray, values: np.ndarray) -> dict[str, Any]:
-    """Mitsuba's description of a spectrum; an even one takes no search, which is a third of a picture's cost."""
+    """Mitsuba's description of a spectrum; an even one takes no search, which is a quarter of a picture's cost."""
     at, listed = (",".join(f"{x:.9g}" for x in table) for table in (wavelengths, values))
     steps = np.diff(wavelengths)
     if np.allclose(steps, steps[0], rtol=1e-9):
