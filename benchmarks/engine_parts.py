@@ -18,8 +18,8 @@ from cboxlab.render.final_gather import render_final_gather
 from cboxlab.render.general_path_tracer import render_general_path_tracer
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.path_tracer import render_path_tracer
-from cboxlab.render.sensor import auto_exposure, expected_electrons
 from cboxlab.render.sensor_cameras import load_camera
+from cboxlab.render.sensor_simulation import auto_exposure, expected_electrons
 from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera
 from contenders import BANDS
 from sensor_speed import plain, random_cube

@@ -1,7 +1,7 @@
 """How much picture a CPU second buys: our integrators against stock Mitsuba and against bare ray tracing.
 
     python benchmarks/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias,...]
-                                         [--size 256] [--samples 64] [--rounds 8] [--bias-samples 4096]
+                                         [--size 256] [--samples 64] [--rounds 8] [--bias-error 0.00014]
 
 The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),
 pixels that see the lamp left out. Every contender lives in a process of its own, renders once to warm up, and
@@ -11,10 +11,13 @@ error is the relative variance of one picture from the scatter of the rounds, th
 the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relative variance),
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
+"floor" traces the path tracer's own rays again, bare: fraction_of_ray_floor is that over the cost of a picture of
+128 x 128 pixels and 1024 samples; beside it the same for --size and --samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
-surface of a small picture with many samples: the path tracer with stock Mitsuba at three bands, the default with
+surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
-differences over their standard errors are distributed; and it measures the white furnace. "slope", "pixels",
+differences over their standard errors are distributed (the default's is what smaller patches change, which is less
+noisy; the comparison stands beside it); and it measures the white furnace. "slope", "pixels",
 "threads", "start", "general", "derivatives" and "sensor" are described in engine_parts.py.
 The last line is one JSON object; --json prints nothing else. What was left out is null there.
 """
@@ -32,10 +35,12 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes import cornell_box, cornell_camera
-from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, PATH_FACTOR, contender
+from contenders import BANDS, GATHER_FACTOR, MONO_BANDS, contender
 from scipy.stats import chi2
 
 SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
+#: The part "floor": a picture of many samples, as paths are used. With few, lanes wait for their neighbours at the end.
+FLOOR_SIZE, FLOOR_SAMPLES = 128, 1024
 PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
@@ -118,7 +123,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=256, help="width and height, pixels")
     parser.add_argument("--samples", type=int, default=64, help=f"per pixel (default: {GATHER_FACTOR} times)")
     parser.add_argument(
-        "--bias-samples", type=int, default=4096, help="per pixel and batch, of the part bias"
+        "--bias-error", type=float, default=0.00014, help="relative, of a surface's mean, of the part bias"
     )
     parser.add_argument("--rounds", type=int, default=8, help="pictures of each contender, at least 2")
     options = parser.parse_args()
@@ -126,6 +131,11 @@ def main() -> None:
     if unknown := parts - set(PARTS):
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
     say = (lambda *words: None) if options.json else (lambda *words: print(*words, flush=True))
+
+    # here, before the long work, and not above, where each contender's process would import them
+    from bias import furnace, refinement_bias, surface_bias
+    from engine_parts import SMALL_PARTS
+    from ray_floor import floor_per_path
 
     names = ["path"] + [name for name in ("default", "specfilm", "mono") if name in parts]
     names += [f"{name}-76" for name in ("path", "default") if name in names and "bands" in parts]
@@ -167,34 +177,37 @@ def main() -> None:
 
     result = {**summary("path"), "default": summary("default") if "default" in parts else None}
     if "floor" in parts:
-        from ray_floor import floor_per_path
-
-        floors = []
+        bare, contenders["long"] = [], Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
         for seed in range(3):
-            seconds, rays = floor_per_path(cornell_box(), cornell_camera(128), BANDS, 8, 3)
-            floors.append(seconds)
+            seconds, rays = floor_per_path(cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
+            bare.append(seconds)
             contenders["path"].turn(1000 + seed)
-        floor = float(np.median(floors)) * options.size**2 * options.samples * PATH_FACTOR
-        cost = float(np.median(contenders["path"].cpu[-3:]))
-        result["fraction_of_ray_floor"] = floor / cost
-        say(f"floor: {rays:.2f} rays a path, {floor:.2f} of {cost:.2f} CPU s")
+            contenders["long"].turn(1000 + seed)
+        fractions = {}
+        for name, size, samples in (
+            ("path", options.size, options.samples),
+            ("long", FLOOR_SIZE, FLOOR_SAMPLES),
+        ):
+            cost = float(np.median(contenders[name].cpu[-3:]))
+            fractions[samples] = float(np.median(bare)) * size**2 * samples / cost
+            say(
+                f"floor: {rays:.2f} rays a path, {fractions[samples]:.1%} of {cost:.2f} CPU s, {samples} samples"
+            )
+        result["fraction_of_ray_floor"] = fractions[FLOOR_SAMPLES]
+        result["fraction_of_ray_floor_by_samples"] = fractions
     for one in contenders.values():
         one.close()
     if "bias" in parts:
-        from bias import furnace, refinement_bias, surface_bias
-
-        found = surface_bias(options.bias_samples, stock="specfilm" in parts)
-        white = furnace(options.bias_samples // 2)
+        found = surface_bias(options.bias_error, stock="specfilm" in parts)
+        white = furnace(2048)
         result |= {**found.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
-            finer = refinement_bias(options.bias_samples // 4)
+            finer = refinement_bias(256)
             # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
             result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
             say("bias by patches' size:", json.dumps(finer))
         say("bias:", json.dumps(found), "furnace:", json.dumps(white))
     for name in [part for part in SMALL if part in parts]:
-        from engine_parts import SMALL_PARTS
-
         values = SMALL_PARTS[name]()
         result[name] = values
         say(f"{name}: {json.dumps(values)}")

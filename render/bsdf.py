@@ -56,15 +56,16 @@ class SpectralBsdfs:
         self.materials = [index for index, material in enumerate(materials) if material.bsdf is not None]
         chosen = [materials[index] for index in self.materials]
         reflectances = np.array([m.reflectance.at(wavelengths) for m in chosen]).reshape(-1, self._count)
-        grid = np.concatenate([[wavelengths[0] - 1], wavelengths, [wavelengths[-1] + 1]])
+        step = wavelengths[1] - wavelengths[0] if self._count > 1 else 1.0
+        grid = np.concatenate([[wavelengths[0] - step], wavelengths, [wavelengths[-1] + step]])
         self._bsdfs = [
-            load_bsdf(m, _irregular(grid, np.pad(values, 1, mode="edge")))
+            load_bsdf(m, _spectrum(grid, np.pad(values, 1, mode="edge")))
             for m, values in zip(chosen, reflectances, strict=True)
         ]
         padded = np.append(wavelengths, np.full(-self._count % 4, wavelengths[-1]))
         self._groups = [mi.Spectrum(*(float(x) for x in group)) for group in padded.reshape(-1, 4)]
         self._rows: mi.Float | None = None
-        ramp = _irregular(np.array([_BLACK_NM, _WHITE_NM]), np.array([0.0, 1.0]))
+        ramp = _spectrum(np.array([_BLACK_NM, _WHITE_NM]), np.array([0.0, 1.0]))
         ends = [load_bsdf(m, ramp) for m in chosen]
         probe = mi.Spectrum(_BLACK_NM, _WHITE_NM, _BLACK_NM, _WHITE_NM)
         if chosen and all(
@@ -141,9 +142,14 @@ class SpectralBsdfs:
         return si.to_world(drawn.wo), weights, dr.select(jump, mi.Float(dr.inf), drawn.pdf)
 
 
-def _irregular(wavelengths: np.ndarray, values: np.ndarray) -> dict[str, str]:
-    listed = (",".join(f"{x:.9g}" for x in table) for table in (wavelengths, values))
-    return {"type": "irregular", **dict(zip(("wavelengths", "values"), listed, strict=True))}
+def _spectrum(wavelengths: np.ndarray, values: np.ndarray) -> dict[str, Any]:
+    """Mitsuba's description of a spectrum; an even one takes no search, which is a quarter of a picture's cost."""
+    at, listed = (",".join(f"{x:.9g}" for x in table) for table in (wavelengths, values))
+    steps = np.diff(wavelengths)
+    if np.allclose(steps, steps[0], rtol=1e-9):
+        ends = {"wavelength_min": float(wavelengths[0]), "wavelength_max": float(wavelengths[-1])}
+        return {"type": "regular", "values": listed, **ends}
+    return {"type": "irregular", "wavelengths": at, "values": listed}
 
 
 def _probed(bsdf: mi.BSDF, groups: list[mi.Spectrum]) -> np.ndarray:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["LAMP", "NOTHING", "RenderedImage"]
 
@@ -64,6 +67,8 @@ class RenderedImage:
 
     def cube(self) -> xr.Dataset:
         """The spectral cube: radiance and standard_error (y, x, wavelength), surface (y, x)."""
+        import xarray as xr  # takes half a second, which a picture alone need not wait for
+
         mean, variance = self.project(np.eye(len(self.wavelength_nm)))
         unit = {"units": "W m^-2 sr^-1 nm^-1"}
         return xr.Dataset(

@@ -17,11 +17,12 @@ __all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
 class Patches:
     """Every triangle cut into divisions^2 equal ones; the lamp has none.
 
-    triangle : (p,) the parent. area : (p,) mm^2. material, surface : (p,). centre : (p, 3) mm.
-    corners : (p, 3, 3) mm.
+    triangle : (p,) the parent. uv : (p, 2) the centroid's barycentric coordinates there. area : (p,) mm^2.
+    material, surface : (p,). centre : (p, 3) mm. corners : (p, 3, 3) mm.
     """
 
     triangle: np.ndarray
+    uv: np.ndarray
     area: np.ndarray
     material: np.ndarray
     surface: np.ndarray
@@ -38,8 +39,8 @@ class Patches:
         return len(self.triangle)
 
 
-def build_patches(tracer: Tracer, edge_mm: float) -> Patches:
-    """Cut all triangles so that no patch's edge exceeds ``edge_mm``."""
+def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
+    """Cut all triangles so that no patch's edge exceeds ``edge_mm``, and each of these patches into finer^2."""
     divisions, first, parts = [], [], []
     total = 0
     for index, (a, b, c) in enumerate(tracer.vertices):
@@ -51,6 +52,7 @@ def build_patches(tracer: Tracer, edge_mm: float) -> Patches:
             1,
             int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - b), np.linalg.norm(a - c)) / edge_mm)),
         )
+        n *= finer
         divisions.append(n)
         i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
         keep = i + j + upper < n
@@ -63,13 +65,14 @@ def build_patches(tracer: Tracer, edge_mm: float) -> Patches:
         )
         weights = grid / n
         corners = a + weights[..., :1] * (b - a) + weights[..., 1:] * (c - a)
-        parts.append((np.full(len(i), index), corners))
+        parts.append((np.full(len(i), index), corners, weights.mean(axis=1)))
         total += len(i)
     triangle = np.concatenate([p[0] for p in parts])
     corners = np.concatenate([p[1] for p in parts])
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return Patches(
         triangle=triangle,
+        uv=np.concatenate([p[2] for p in parts]),
         area=0.5 * np.linalg.norm(cross, axis=1),
         material=tracer.material[triangle],
         surface=tracer.surface[triangle],

@@ -14,11 +14,12 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from .image import RenderedImage
 from .passes import Job, combined, distributed, render_pass
 
-__all__ = ["BATCHES", "relative_error", "render_to_precision"]
+__all__ = ["BATCHES", "fireflies", "relative_error", "render_to_precision"]
 
 #: Passes that a picture takes; their scatter is its error.
 BATCHES = 8
@@ -36,6 +37,25 @@ def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
     mean, variance = image.project(np.eye(image.wavelength_nm.size)[:, ::every])
     lit = (mean > 0) & (image.coverage[..., :-1].sum(axis=-1) > 0)[..., None]
     return float(np.percentile(np.sqrt(variance[lit]) / mean[lit], percentile)) if lit.any() else 0.0
+
+
+def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
+    """(y, x) pixels where one batch departs from the others by more than chance: their stated error is too small.
+
+    Each batch's radiance, summed over wavelengths, is held against the others' mean and scatter (Student's t;
+    false alarms: one picture in a thousand has one). At least three batches; fewer tell nothing.
+    """
+    values = image.coefficients @ image.spectra.sum(axis=1)
+    count = len(values)
+    if count < 3:
+        return np.zeros(values.shape[1:], bool)
+    total, squares = values.sum(axis=0), (values**2).sum(axis=0)
+    others = (total - values) / (count - 1)
+    variance = np.maximum(squares - values**2 - (count - 1) * others**2, 0) / (count - 2)
+    limit = student.isf(0.5e-3 / values.size, count - 2)
+    # rounding leaves a batch-to-batch scatter of its own
+    scale = np.sqrt(variance * count / (count - 1)) + 1e-6 * np.abs(others)
+    return np.asarray((np.abs(values - others) > limit * scale).any(axis=0))
 
 
 def render_to_precision(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .lamp import LampSampler, direct_light
+from .patch_slopes import PatchSlopes, build_slopes
 from .patches import Patches, patch_of, patch_points
 from .sampling import SobolPoints, cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, intersect
@@ -33,12 +34,14 @@ _MOST_BOUNCES = 12
 class Exchange:
     """What patches see.
 
-    direct : (p,) e above. form_factors : (p, p) F. escape : (p,) fraction that leaves the box.
+    direct : (p,) e above. form_factors : (p, p) F, of patches whose radiance changes from one to the next as
+    ``slopes`` say (a few entries are negative). escape : (p,) fraction that leaves the box.
     """
 
     direct: NDArray[np.float32]
     form_factors: NDArray[np.float32]
     escape: NDArray[np.float32]
+    slopes: PatchSlopes
 
 
 def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
@@ -47,6 +50,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     Points that something stands on see only backs; they are left out of their patch's means.
     """
     count = len(patches)
+    slopes = build_slopes(tracer, patches)
     lane = dr.arange(mi.UInt32, count)
     points = SobolPoints(6, samples, lane, seed)
     matrix = dr.zeros(mi.Float, count * count)
@@ -69,7 +73,8 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
         surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
         on_patch = hit.front & (surface < n_surfaces)
         target = patch_of(patches, hit.triangle, hit.uv, on_patch)
-        dr.scatter_add(matrix, mi.Float(1), lane * count + target, on_patch)
+        for patch, weight in slopes.weights(target, hit.position, on_patch):
+            dr.scatter_add(matrix, weight, lane * count + patch, on_patch)
         return (
             i + 1,
             direct + dr.select(exposed, light, 0),
@@ -86,6 +91,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
         direct=np.array(direct) * scale,
         form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
         escape=np.array(escaped) * scale,
+        slopes=slopes,
     )
 
 

@@ -9,9 +9,10 @@ from boxes import BANDS
 from cboxlab.render import passes, precision
 from cboxlab.render.cube_files import read_cube, write_cube
 from cboxlab.render.cube_strips import read_strips, strip_cameras, write_strips
+from cboxlab.render.image import RenderedImage
 from cboxlab.render.integrators import render
 from cboxlab.render.passes import Job, combined, render_pass
-from cboxlab.render.precision import BATCHES, relative_error, render_to_precision
+from cboxlab.render.precision import BATCHES, fireflies, relative_error, render_to_precision
 from cboxlab.render.variant import compiled
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 
@@ -143,3 +144,20 @@ def test_covariance_between_bands_is_kept():
     summed = (image.coefficients @ image.spectra)[..., 1:].sum(axis=-1).var(axis=0, ddof=1) / 8
     assert both == pytest.approx(summed, rel=1e-3, abs=1e-12 * summed.max())
     assert np.median((both / each)[each > 0]) > 1.5
+
+
+def test_fireflies_are_told():
+    """Gaussian noise in 8 batches has none (false alarms: 1 in 1000); one batch of one pixel too bright is found."""
+    values = 1 + 0.01 * np.random.default_rng(5).standard_normal((8, 64, 64, 3)).astype(np.float32)
+    image = RenderedImage(
+        values,
+        np.eye(3),
+        np.array([450.0, 550.0, 650.0]),
+        np.ones((64, 64, 1), np.float32),
+        np.zeros(1, int),
+        (),
+    )
+    assert not fireflies(image).any()
+    values[3, 10, 20] += 5.0
+    assert np.argwhere(fireflies(image)).tolist() == [[10, 20]]
+    assert not fireflies(replace(image, coefficients=values[:2])).any()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from boxes import EDGE, box_with_lamp, grey, lamp_and, quad, square, walls
 from cboxlab.render.lamp import build_lamp_sampler, direct_light
+from cboxlab.render.patch_slopes import build_slopes
 from cboxlab.render.patches import build_patches, patch_of
 from cboxlab.render.radiosity import indirect_basis, solve, trace_exchange
 from cboxlab.render.tracer import build_tracer
@@ -68,6 +69,38 @@ def test_every_point_of_a_patch_belongs_to_it(cornell_patches):
     assert np.array_equal(np.array(found), np.tile(np.arange(len(patches)), 50))
 
 
+def test_slopes_reproduce_a_plane(cornell_patches):
+    """Values that change evenly over each flat face are found exactly at any place of patches that have two
+    neighbours; the weights in Dr.Jit say the same."""
+    tracer, patches = cornell_patches
+    slopes = build_slopes(tracer, patches)
+    generator = np.random.default_rng(8)
+    per_facet = generator.standard_normal((len(tracer.facet_surface), 3))
+    facet = tracer.facet[patches.triangle]
+    values = np.einsum("px,px->p", per_facet[facet], slopes.centre)[:, None]
+    patch = np.repeat(np.arange(len(patches)), 4)
+    points = np.einsum("nk,nkx->nx", generator.dirichlet(np.ones(3), len(patch)), patches.corners[patch])
+    found = slopes.at(values, patch, points)[:, 0]
+    whole = (slopes.neighbour != np.arange(len(patches))[:, None]).sum(axis=1) >= 2
+    assert whole.mean() > 0.9
+    expected = np.einsum("nx,nx->n", per_facet[facet[patch]], points)
+    # the triangles of a face are coplanar within 2 degrees only, so a plane through their patches is, too
+    flat = ~np.isin(
+        facet[patch],
+        [f for f in range(len(per_facet)) if np.ptp(tracer.normals[tracer.facet == f], axis=0).max() > 1e-9],
+    )
+    used = whole[patch] & flat
+    assert used.sum() > 1000
+    assert found[used] == pytest.approx(expected[used], abs=1e-6 * np.abs(expected).max())
+    parts = slopes.weights(
+        mi.UInt32(patch.astype(np.uint32)),
+        mi.Point3f(points.T.astype(np.float32)),
+        dr.full(mi.Bool, True, len(patch)),
+    )
+    compiled_values = sum(np.array(w) * values[np.array(n), 0] for n, w in parts)
+    assert compiled_values == pytest.approx(found, abs=1e-4 * np.abs(values).max())
+
+
 def test_what_leaves_a_patch_arrives_or_escapes():
     """In an open box without a lamp in sight every ray meets a patch or leaves: rows and escape sum to 1."""
     scene = lamp_and(
@@ -100,6 +133,7 @@ def test_what_stands_on_a_patch_takes_its_place():
     assert under.sum() > 4 and partly.sum() > 8 and free.sum() > 20
     total = dark.form_factors.sum(axis=1) + dark.escape
     assert np.all(total[under] == 0) and np.all(exchange.direct[under] == 0)
+    assert not np.isin(exchange.slopes.neighbour[free | partly], np.nonzero(under)[0]).any()
     assert total[partly] == pytest.approx(1.0, abs=1e-5)
     assert total[free] == pytest.approx(1.0, abs=1e-5)
     # what reaches the floor beside the block: from points of the patch itself, outside the block's base

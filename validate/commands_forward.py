@@ -104,7 +104,7 @@ def render(
     choose_device(device)
     from cboxlab.render.cube_files import WRITABLE, write_cube
     from cboxlab.render.integrators import render as run
-    from cboxlab.render.precision import BATCHES, render_to_precision
+    from cboxlab.render.precision import BATCHES, fireflies, relative_error, render_to_precision
     from cboxlab.scenes.cornell_box import cornell_camera
 
     from .forward import labelled_cube, model_cube_inputs
@@ -120,6 +120,8 @@ def render(
     require_compiled()
     kept = out.with_name(f"{out.name}.passes")
 
+    notes = []
+
     def picture(part: Camera, index: int, report: Progress, checkpoint: Path | None) -> xr.Dataset:
         own_seed = number + 104729 * index
         if samples is None:
@@ -128,6 +130,13 @@ def render(
             )
         else:
             image = run(scene, part, grid, samples, BATCHES, own_seed, bounces, report)
+        median, most = (relative_error(image, p) for p in (50.0, 99.0))
+        where = "" if part is view else f"strip {index + 1}: "
+        notes.append(f"{where}standard error {median:.2%} (median), {most:.2%} (99 of 100 pixels)")
+        if count := int(fireflies(image).sum()):
+            notes.append(
+                f"{where}{count} pixels owe much to a single pass (fireflies); their error is understated"
+            )
         return labelled_cube(image)
 
     with bar("rendering") as report:
@@ -136,6 +145,8 @@ def render(
         else:
             write_cube(out, picture(view, 0, report, kept))
             kept.unlink(missing_ok=True)
+    for note in notes:
+        say(f"• {note}")
     behind = [e.id for e in chosen.effects if e.effect.stage in ("filter", "optics", "counts")]
     if behind:
         say(f"• Not in a cube, since they act behind the scene: {', '.join(behind)}")
