@@ -19,8 +19,8 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, trapezoidal_weights
 from cboxlab.render.bands import render_bands
+from cboxlab.render.precision import render_to_precision
 from cboxlab.scenes.camera import Camera
-from cboxlab.validate.forward import render_to_precision
 from cboxlab.validate.model import Model
 from cboxlab.validate.synthetic import photographed_scene
 from scipy.ndimage import binary_erosion
