@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from cboxlab.render.laboratory import CaptureSettings
     from cboxlab.scenes.camera import Camera
+    from cboxlab.scenes.spectra import Spectrum
 
     from .blind import Answer, Score
     from .effects import AppliedEffect
@@ -76,7 +77,8 @@ def render(
         int, typer.Option(help="Pixels a side, of the published camera.", min=2, max=LARGEST_SIZE)
     ] = 256,
     camera: Annotated[
-        Path | None, typer.Option(help="A capture folder: its calibrated camera, in place of --size.")
+        Path | None,
+        typer.Option(help="A capture folder: its calibrated camera, in place of --size, and its lamp."),
     ] = None,
     noise: Annotated[
         str, typer.Option(help="Relative standard error of a pixel and wavelength to render down to.")
@@ -114,8 +116,8 @@ def render(
     grid, error = wavelengths(at), positive_number(noise, "--noise")
     require_folder(out.parent)
     chosen = _model(model)
-    view = cornell_camera(size) if camera is None else _calibrated_camera(camera)
-    scene, view, bounces = model_cube_inputs(chosen, view)
+    view, lamp = (cornell_camera(size), None) if camera is None else _camera_and_lamp(camera)
+    scene, view, bounces = model_cube_inputs(chosen, view, lamp)
     number = chosen.render.seed if seed is None else seed
     require_compiled()
     kept = out.with_name(f"{out.name}.passes")
@@ -168,18 +170,22 @@ def write_in_strips(
     write_strips(out, view.height_px, strips)
 
 
-def _calibrated_camera(folder: Path) -> Camera:
+def _camera_and_lamp(folder: Path) -> tuple[Camera, Spectrum | None]:
+    """As calibrated; the lamp as measured, None where the capture does not state it."""
     from cboxlab.calibration.camera_calibration import calibrate_camera
     from cboxlab.calibration.capture import load_capture
 
-    fit, target, _ = calibrate_camera(load_capture(folder))
+    loaded = load_capture(folder)
+    fit, target, _ = calibrate_camera(loaded)
+    stated = loaded.manifest.lamp
+    lamp = None if stated is None else loaded.light(stated.radiance)
     if target is not None and target.survey_camera is not None:
-        return target.survey_camera
+        return target.survey_camera, lamp
     if fit is None:
         raise InputError(
             folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera"
         )
-    return fit.camera
+    return fit.camera, lamp
 
 
 def capture(

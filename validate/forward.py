@@ -10,6 +10,7 @@ from cboxlab.render.image import RenderedImage
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.spectra import Spectrum
 
 from .effects import AppliedEffect, Stage
 from .model import Model
@@ -25,10 +26,16 @@ def after_stage(value: Any, effects: Sequence[AppliedEffect], stage: Stage) -> A
     return value
 
 
-def model_cube_inputs(model: Model, camera: Camera) -> tuple[Scene, Camera, int | None]:
-    """Scene, camera and most bounces of a model's spectral cube: everything before filters and sensor."""
+def model_cube_inputs(
+    model: Model, camera: Camera, lamp: Spectrum | None = None
+) -> tuple[Scene, Camera, int | None]:
+    """Scene, camera and most bounces of a model's spectral cube: everything before filters and sensor.
+
+    lamp : spectral radiance in place of that of the model's scene.
+    """
     settings = after_stage(model.render, model.effects, "settings")
-    scene = after_stage(load_scene(model.scene), model.effects, "scene")
+    scene = load_scene(model.scene)
+    scene = after_stage(scene if lamp is None else scene.with_lamp(lamp), model.effects, "scene")
     return scene, after_stage(camera, model.effects, "camera"), settings.max_bounces
 
 
