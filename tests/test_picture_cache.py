@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
 from cboxlab.render.cube_files import write_cube
-from cboxlab.render.final_gather import render_final_gather
+from cboxlab.render.final_gather import gather, render_final_gather, solve_light
 from cboxlab.render.variant import compiled
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.foreign import foreign_picture
+from cboxlab.validate.foreign import ForeignPicture, foreign_picture
 from cboxlab.validate.picture_cache import cached_picture, content_key
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -75,6 +75,21 @@ def test_a_cube_of_ours_read_as_another_renderers_is_the_same_picture(tmp_path, 
     if ending == "nc":
         np.testing.assert_allclose(variance, error, rtol=1e-2, atol=1e-12)
     np.testing.assert_array_equal(other.surface, image.surface)
+
+
+def test_another_renderers_picture_moves_as_ours_does():
+    """One of ours in the place of another's, with the same random numbers, becomes our own from the other camera."""
+    light = solve_light(SCENE, WAVELENGTH_NM[::10], patch_edge_mm=120.0, patch_samples=64)
+    moved = CAMERA.with_parameters(CAMERA.parameters + 0.3 * np.eye(10)[7])
+    ours = gather(light, CAMERA, 256, 4, seed=5)
+    shown = ForeignPicture(ours, CAMERA, light)
+    assert shown.through(CAMERA, 5) is ours
+    found, expected = shown.through(moved, 5), gather(light, moved, 256, 4, seed=5)
+    weights = np.eye(light.wavelength_nm.size)
+    for value, wanted in zip(found.project(weights), expected.project(weights), strict=True):
+        np.testing.assert_allclose(value, wanted, rtol=1e-3, atol=1e-5 * np.max(wanted))
+    np.testing.assert_array_equal(found.coverage, expected.coverage)
+    assert np.any(found.surface != ours.surface)
 
 
 def test_a_cube_that_does_not_fit_is_refused(tmp_path, image):

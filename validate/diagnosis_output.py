@@ -176,6 +176,7 @@ def _ranked_values(ranked: Ranked) -> str:
 def print_diagnosis(diagnosis: Diagnosis) -> None:
     """The ranking and the path in the terminal."""
     table = data_table("Effects tried alone", "effect", "parameters", "χ²/dof", "probability")
+    table.columns[1].no_wrap = False
     for r in diagnosis.ranking[:6]:
         table.add_row(r.effect, _ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
     console.print(table)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
 from cboxlab.render.cube_files import read_cube
+from cboxlab.render.final_gather import LightField, gather
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.primary import facet_coverage
 from cboxlab.render.tracer import build_tracer
@@ -14,7 +16,32 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
-__all__ = ["foreign_picture"]
+__all__ = ["ForeignPicture", "foreign_picture"]
+
+#: Of our pictures from the two cameras; they share their random numbers.
+_SAMPLES, _BATCHES = 256, 4
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignPicture:
+    """image : through ``camera``. light : the same scene's, solved by us."""
+
+    image: RenderedImage
+    camera: Camera
+    light: LightField
+
+    def through(self, camera: Camera, seed: int) -> RenderedImage:
+        """The picture from another camera: changed by as much as ours changes."""
+        if camera is self.camera:
+            return self.image
+        before, after = (gather(self.light, c, _SAMPLES, _BATCHES, seed) for c in (self.camera, camera))
+        change = np.array_split(after.coefficients - before.coefficients, len(self.image.coefficients))
+        halves = np.stack([part.mean(axis=0) for part in change])
+        return replace(
+            after,
+            coefficients=np.concatenate([self.image.coefficients, halves], axis=-1),
+            spectra=np.concatenate([self.image.spectra, after.spectra]),
+        )
 
 
 def foreign_picture(path: Path, scene: Scene, camera: Camera) -> RenderedImage:

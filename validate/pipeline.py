@@ -32,7 +32,7 @@ from .compare import Comparison, compare
 from .effects import AppliedEffect
 from .expected import expected_signal
 from .failure import Failure, Part, failure_section, parts, ranked_failures
-from .foreign import foreign_picture
+from .foreign import ForeignPicture, foreign_picture
 from .forward import after_stage
 from .maps import write_maps
 from .metrics import PathStep, Run, write_metrics
@@ -72,7 +72,7 @@ class Prepared:
     scene: Scene
     calibrated_camera: Camera
     lamp_sigma: float | None
-    picture: RenderedImage | None = None
+    picture: ForeignPicture | None = None
     cache: Path | None = None
 
     @property
@@ -180,8 +180,9 @@ def validate(
     if picture is not None:
         if not variant.compiled():
             raise InputError("--render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
-        own = foreign_picture(picture, prepared.scene, prepared.calibrated_camera)
-        prepared = replace(prepared, picture=own)
+        light = solved_light(prepared, model.render, ())
+        image = foreign_picture(picture, prepared.scene, prepared.calibrated_camera)
+        prepared = replace(prepared, picture=ForeignPicture(image, prepared.calibrated_camera, light))
     report(0.05)
     if not variant.compiled():
         rendered = _rendered_plainly(prepared, model, report)
@@ -250,14 +251,14 @@ def rendered_from(
 ) -> Rendered:  # fmt: skip
     """Gather the picture through ``camera`` down to the noise asked for; fit the lamp's scale.
 
-    A picture kept from before, or another renderer's, comes through the camera that it was made with.
+    A picture kept from before comes through the camera that it was made with.
     light : solved under the same effects (see ``solved_light``).
     """
     calibration = prepared.calibration
     responses = calibration.responses
     assert responses is not None
     if prepared.picture is not None:
-        image, camera, included = prepared.picture, prepared.calibrated_camera, []
+        image, included = prepared.picture.through(camera, settings.seed), []
     else:
 
         def make() -> RenderedImage:
