@@ -38,7 +38,7 @@ _PRIOR_CHANCE = 3e-4
 
 #: Interior block means may exceed noise by this much of chi2 per sample before something is said to remain, all
 #: pixels by the second, and by this part of what they exceeded it by at first (the error of the effects' shapes).
-_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.03
+_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.05
 
 #: Below this part of the excess over noise, what effects explain together may be a coincidence of shapes.
 MOST_OF_IT = 0.9
