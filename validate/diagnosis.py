@@ -30,13 +30,14 @@ from .selection import (
     build_bench,
     exchanged,
     explained_part,
+    first_worthy,
     groups,
     left_over,
+    merged,
     predictive,
     refitted_together,
     remains,
     without_idle,
-    worth,
 )
 
 __all__ = ["Diagnosis", "Ranked", "Step", "diagnose"]
@@ -116,9 +117,11 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     start = bench.model
     chosen: list[Candidate] = []
     candidates, residual = singles, bench.model.residual
-    while candidates and len(chosen) < _MOST_EFFECTS and worth(candidates[0], residual, bench.model):
-        bench = _about_better_camera(validation, bench, [*chosen, candidates[0]])
-        chosen = refitted_together(bench, [*chosen, candidates[0]])
+    while (
+        len(chosen) < _MOST_EFFECTS and (best := first_worthy(candidates, residual, bench.model)) is not None
+    ):
+        bench = _about_better_camera(validation, bench, [*chosen, best])
+        chosen = refitted_together(bench, [*chosen, best])
         residual = left_over(bench, chosen)
         if explained_part(bench.model, residual) < HOPELESS * len(chosen) and remains(bench.model, residual):
             chosen, residual = [], bench.model.residual
@@ -127,7 +130,8 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         candidates = best_singles(bench.task(chosen), rest, residual, 3)
-    chosen, known = exchanged(bench, without_idle(bench, chosen), signatures)
+    chosen = merged(bench, without_idle(bench, chosen), signatures)
+    chosen, known = exchanged(bench, chosen, signatures)
     chosen, known = predictive(bench, chosen, known, signatures)
     residual = left_over(bench, chosen)
     left = remains(bench.model, residual)

@@ -20,7 +20,8 @@ from .search import Candidate, Problem, Signature, fit, problem, screen
 
 __all__ = [
     "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged",
-    "explained_part", "groups", "left_over", "predictive", "refitted_together", "remains", "without_idle", "worth",
+    "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive", "refitted_together", "remains",
+    "without_idle",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
@@ -51,6 +52,9 @@ _INDISTINGUISHABLE = 9.2
 
 #: So many of the effects that could stand in another's place are fitted in full.
 _RIVALS = 3
+
+#: With fewer effects the search for the best of all single ones has had its say.
+_MERGED_FROM = 3
 
 #: Part of its gain by which the error of an effect's shape may change an effect's chi2.
 _SHAPE_ERROR = 0.002
@@ -135,7 +139,12 @@ def _penalised(candidate: Candidate) -> float:
     return candidate.chi2 + _INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
 
 
-def worth(candidate: Candidate, residual: NDArray, model: LinearModel) -> bool:
+def first_worthy(candidates: Sequence[Candidate], residual: NDArray, model: LinearModel) -> Candidate | None:
+    """The best candidate whose gain counts. One that relieves a prior gains little chi2, and need not be the best."""
+    return next((c for c in candidates if _worth(c, residual, model)), None)
+
+
+def _worth(candidate: Candidate, residual: NDArray, model: LinearModel) -> bool:
     """Whether a gain is more than flaws of the base picture or of the effects already in could give, or relieves a
     strained prior."""
     before = float(residual @ residual)
@@ -183,6 +192,24 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
     return current
 
 
+def merged(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signature]) -> list[Candidate]:
+    """Two of three effects replaced by one that does as well: what one effect does, two together may imitate, and the
+    first of them was chosen while the others were missing."""
+    if len(chosen) < _MERGED_FROM:
+        return list(chosen)
+    together = left_over(bench, chosen)
+    limit = float(together @ together) + SMALLEST_GAIN * bench.model.count
+    best = list(chosen)
+    for kept in chosen:
+        rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]
+        found = best_singles(bench.task([kept]), rest, left_over(bench, [kept]), _RIVALS)
+        trial = refitted_together(bench, [kept, found[0]])
+        left = left_over(bench, trial)
+        if float(left @ left) < limit:
+            best, limit = trial, float(left @ left)
+    return best
+
+
 def remains(model: LinearModel, residual: NDArray) -> bool:
     """Whether the residual that is left is more than noise, flaws of the base picture and of the effects' shapes."""
     first, excess = model.chi2 / model.count - 1, float(residual @ residual) / model.count - 1
@@ -220,6 +247,9 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         others = [c for i, c in enumerate(chosen) if i != index]
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
+        if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
+            # what it explains is strain in the priors: that others fit the picture's flaws better says nothing
+            rest = [s for s in rest if s.hypothesis.effect.id in PRIOR_EFFECTS]
         residual, task = left_over(bench, others), bench.task(others)
         reached = float(together @ together) + task.smoothed_away(candidate.applied)
         best = best_singles(task, rest, residual, _RIVALS, reached)
