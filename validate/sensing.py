@@ -44,7 +44,7 @@ class Sensing:
     (band, 301) of the uniform sources on WAVELENGTH_NM, 1 where not stated. flat : the measured response,
     1 on average over ``usable``. good : pixels from which C was measured. flat_level : mean of the flat above
     dark, DN, 0 where there is none. reference_factor : C t / (f_number^2 d^2) of the reference frames.
-    reference_weight : 1 / sigma^2 of C by this band, 0 without a reference. dark_* : DN. exposure_* : s.
+    reference_weight : of this band in the mean C, 0 without a reference. dark_* : DN. exposure_* : s.
     minutes : from the first frame's beginning to the middle of the band's frames. full_scale : DN.
     """
 
@@ -123,13 +123,14 @@ def _sources(calibration: Calibration, band: str) -> _Band:
     """The uniform sources of a band; the first table counts where there are several."""
     capture = calibration.capture
     flat = next(iter(capture.flats(band)), None)
-    measured = [c for c in calibration.radiometry.by_band if c.band == band]
+    radiometry = calibration.radiometry
+    measured = [w for c, w in zip(radiometry.by_band, radiometry.weights, strict=True) if c.band == band]
     reference = next(iter(capture.references(band)), None) if measured else None
     ones = np.ones_like(WAVELENGTH_NM)
     named = next((table.radiance for table in capture.references(band)), None)
     own = ones if named is None else capture.light(named).at(WAVELENGTH_NM)
     uniform = own if flat is None or flat.radiance is None else capture.light(flat.radiance).at(WAVELENGTH_NM)
-    return _Band(flat, reference, sum(c.sigma**-2 for c in measured), uniform, own)
+    return _Band(flat, reference, float(sum(measured)), uniform, own)
 
 
 def _channels(calibration: Calibration) -> NDArray[np.bool_]:
