@@ -16,10 +16,13 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
-__all__ = ["ForeignPicture", "foreign_picture"]
+__all__ = ["ForeignPicture", "foreign_picture", "require_level"]
 
 #: Of our pictures from the two cameras; they share their random numbers.
 _SAMPLES, _BATCHES = 256, 4
+
+#: A picture that many times as bright as the capture shows another lamp.
+_WRONG_LEVEL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,3 +81,14 @@ def foreign_picture(path: Path, scene: Scene, camera: Camera) -> RenderedImage:
         facet_surface=tracer.facet_surface,
         surface_names=tuple(surface.name for surface in scene.surfaces),
     )
+
+
+def require_level(picture: Path, lamp_scale: float) -> None:
+    """Raises InputError where the lamp had to be scaled out of all reason to fit the capture."""
+    if not 1 / _WRONG_LEVEL < lamp_scale < _WRONG_LEVEL:
+        raise InputError(
+            picture,
+            f"a picture {1 / lamp_scale:.3g} times as bright as the capture",
+            "radiance in W m^-2 sr^-1 nm^-1 under the capture's own lamp",
+            "`cbox render --camera CAPTURE` renders under that lamp.",
+        )

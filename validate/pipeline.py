@@ -32,7 +32,7 @@ from .compare import Comparison, compare
 from .effects import AppliedEffect
 from .expected import expected_signal
 from .failure import Failure, Part, failure_section, parts, ranked_failures
-from .foreign import ForeignPicture, foreign_picture
+from .foreign import ForeignPicture, foreign_picture, require_level
 from .forward import after_stage
 from .maps import write_maps
 from .metrics import PathStep, Run, write_metrics
@@ -54,9 +54,6 @@ __all__ = [
 #: noisy picture smooths it); each starts where the last ended: moving edges is exact only over short ways.
 _DRAFT_NOISE = 0.7
 _DRAFTS = 2
-
-#: Another renderer's picture that many times as bright as the capture shows another lamp.
-_WRONG_LEVEL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +191,7 @@ def validate(
         settings = replace(model.render, noise=_DRAFT_NOISE)
         rendered = rendered_from(prepared, light, camera, settings, model.effects)
         if picture is not None:
-            _require_level(picture, rendered.fit.lamp_scale)
+            require_level(picture, rendered.fit.lamp_scale)
         camera = refitted(prepared, rendered, model.effects).camera
         report(0.1 + 0.1 * (draft + 1))
     rendered = polished(
@@ -207,16 +204,6 @@ def validate(
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     report(1.0)
     return Validation(prepared, model, light, rendered, comparison, time.perf_counter() - start)
-
-
-def _require_level(picture: Path, lamp_scale: float) -> None:
-    if not 1 / _WRONG_LEVEL < lamp_scale < _WRONG_LEVEL:
-        raise InputError(
-            picture,
-            f"a picture {1 / lamp_scale:.3g} times as bright as the capture",
-            "radiance in W m^-2 sr^-1 nm^-1 under the capture's own lamp",
-            "`cbox render --camera CAPTURE` renders under that lamp.",
-        )
 
 
 def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
