@@ -10,7 +10,7 @@ from cboxlab.render.final_gather import gather, render_final_gather, solve_light
 from cboxlab.render.variant import compiled
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.foreign import ForeignPicture, foreign_picture
+from cboxlab.validate.foreign import ForeignPicture, foreign_picture, require_level
 from cboxlab.validate.picture_cache import cached_picture, content_key
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -90,6 +90,12 @@ def test_another_renderers_picture_moves_as_ours_does():
         np.testing.assert_allclose(value, wanted, rtol=1e-3, atol=1e-5 * np.max(wanted))
     np.testing.assert_array_equal(found.coverage, expected.coverage)
     assert np.any(found.surface != ours.surface)
+
+
+def test_a_picture_under_another_lamp_is_refused(tmp_path):
+    require_level(tmp_path / "cube.nc", 1.3)
+    with pytest.raises(InputError, match="100 times as bright"):
+        require_level(tmp_path / "cube.nc", 0.01)
 
 
 def test_a_cube_that_does_not_fit_is_refused(tmp_path, image):

@@ -1,8 +1,13 @@
-"""The stated errors of an effect's parameters, for residuals that are more than independent noise."""
+"""The stated errors of an effect's parameters, for residuals that are more than independent noise; what counts."""
+
+from types import SimpleNamespace
 
 import numpy as np
+from cboxlab.scenes import cornell_box
+from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.linear_model import LinearModel
-from cboxlab.validate.search import clustered_variance
+from cboxlab.validate.search import Candidate, clustered_variance
+from cboxlab.validate.selection import first_worthy
 
 PATCHES, EACH, TRIALS = 64, 30, 600
 
@@ -37,3 +42,21 @@ def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
         naive.append(estimate / np.sqrt(inverse[0, 0]))
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
     assert np.var(naive) > 4
+
+
+def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
+    """Strain of 10 standard deviations: relieved by the camera's motion, beside an offset that gains chi2 elsewhere."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
+    residual = np.zeros(1011)
+    residual[:5], residual[-11] = 1.0, 10.0
+    model = SimpleNamespace(count=1000, chi2=105.0)
+
+    def candidate(name, predicted):
+        left = residual - predicted
+        return Candidate(known[name], {}, {}, float(left @ left), predicted)
+
+    moved, offset = np.zeros(1011), np.zeros(1011)
+    moved[-11], offset[:5] = 9.0, 1.0
+    lucky, pose = candidate("dark-offset", offset), candidate("camera-pose", moved)
+    assert first_worthy([lucky, pose], residual, model) is pose
+    assert first_worthy([lucky, candidate("camera-pose", offset)], residual, model) is None
