@@ -11,8 +11,8 @@ error is the relative variance of one picture from the scatter of the rounds, th
 the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relative variance),
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
-"floor" traces the path tracer's own rays again, bare: fraction_of_ray_floor is that over the cost of a picture of
-128 x 128 pixels and 1024 samples; beside it the same for --size and --samples.
+"floor" traces the path tracer's own rays again, bare: fraction_of_ray_floor is that over the picture's cost; beside
+it the same for 128 x 128 pixels and 1024 samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
 surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
@@ -193,7 +193,7 @@ def main() -> None:
             say(
                 f"floor: {rays:.2f} rays a path, {fractions[samples]:.1%} of {cost:.2f} CPU s, {samples} samples"
             )
-        result["fraction_of_ray_floor"] = fractions[FLOOR_SAMPLES]
+        result["fraction_of_ray_floor"] = fractions[options.samples]
         result["fraction_of_ray_floor_by_samples"] = fractions
     for one in contenders.values():
         one.close()

@@ -39,7 +39,7 @@ _PRIOR_CHANCE = 3e-4
 
 #: Interior block means may exceed noise by this much of chi2 per sample before something is said to remain, all
 #: pixels by the second, and by this part of what they exceeded it by at first (the error of the effects' shapes).
-_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.05
+_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.03
 
 #: Below this part of the excess over noise, what effects explain together may be a coincidence of shapes.
 MOST_OF_IT = 0.9
@@ -194,8 +194,9 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
 
 def merged(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signature]) -> list[Candidate]:
     """Two of three effects replaced by one that does as well: what one effect does, two together may imitate, and the
-    first of them was chosen while the others were missing."""
-    if len(chosen) < _MERGED_FROM:
+    first of them was chosen while the others were missing. What relieves a prior gains too little to be judged so.
+    """
+    if len(chosen) < _MERGED_FROM or any(c.hypothesis.effect.id in PRIOR_EFFECTS for c in chosen):
         return list(chosen)
     together = left_over(bench, chosen)
     limit = float(together @ together) + SMALLEST_GAIN * bench.model.count

@@ -26,6 +26,7 @@ __all__ = ["STRENGTHS", "Scale", "at_strength", "scale_of"]
 #: leave only strain in what is known of camera and lamp when these are fitted: 5, 10 and 17 standard deviations of it.
 STRENGTHS: Mapping[str, float] = {"weak": 0.06, "medium": 1.0, "strong": 8.0}
 
+#: Strain (the square) that counts as medium; strengths grow as its square.
 _STRAIN = 100.0
 
 _CLOSE = 0.02
