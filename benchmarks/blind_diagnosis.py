@@ -166,6 +166,7 @@ def run(case: Case) -> dict[str, Any] | None:
         "first": diagnosis.ranking[0].effect,
         "first_three": [r.effect for r in diagnosis.ranking[:3]],
         "probability": diagnosis.ranking[0].probability,
+        "best_gain": diagnosis.chi2_per_dof - min(r.chi2_per_dof for r in diagnosis.ranking),
         "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},
         "parameters_right": _parameters_right(effects, diagnosis),
         "chi2_per_dof": diagnosis.chi2_per_dof,

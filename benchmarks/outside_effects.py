@@ -42,7 +42,7 @@ def _corner_glow(light: Light, amount: float, row: float, column: float) -> Ligh
     """An amplifier that glows at a corner of the sensor."""
     v, u = _places(light)
     away = np.hypot(v - round(row), u - round(column))
-    mean = np.median(light.signal)
+    mean = np.median(light.signal, axis=(1, 2))[:, None, None]
     return light.with_signal(light.signal + amount * mean * np.exp(-away / 0.15))
 
 

@@ -17,13 +17,14 @@ from cboxlab.validate.diagnosis_output import (
 )
 from cboxlab.validate.effects import apply_checked, catalogue
 from cboxlab.validate.effects._blur import blur
+from cboxlab.validate.forward import displacement
 from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.model import Model, RenderSettings, load_model, write_model
 from cboxlab.validate.pipeline import validate
 from cboxlab.validate.predictor import _averaged
 from cboxlab.validate.search import fit, screen, signature
-from cboxlab.validate.selection import Place, build_bench
+from cboxlab.validate.selection import Place, best_singles, build_bench, first_worthy, left_over
 from scipy.ndimage import convolve
 
 
@@ -94,6 +95,38 @@ def test_model_with_the_true_effect_is_adequate(monkeypatch):
     effect = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
     validation = validate(DEMO_CAPTURE, Model(effects=(effect,), render=RenderSettings(noise=0.7)))
     assert diagnose(validation).adequate
+
+
+@pytest.mark.parametrize(
+    "effect, values",
+    [("camera-pose", {"rz_deg": 0.1, "tx_mm": 2.0}), ("lens-distortion", {"k1": -0.02})],
+)
+def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, effect, values):
+    """The picture fits the fitted camera whatever the survey says: moving the survey's moves only what strains it.
+
+    The survey itself is off by its own noise, so the estimate lies within 4 standard deviations of the truth.
+    """
+    validation, _ = outcome
+    moved = apply_checked(effect, values, "test")
+    surveyed = validation.prepared.calibrated_camera
+    before = surveyed.with_parameters(surveyed.parameters - displacement(surveyed, (), (moved,)))
+    glare = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
+    prepared = replace(validation.prepared, calibrated_camera=before)
+    bench = build_bench(prepared, validation.rendered, (glare,))
+    task, residual = bench.task(()), bench.model.residual
+    known = [
+        signature(bench.predictor, (glare,), bench.model.used, h)
+        for h in hypotheses(bench.predictor.sensing.curves.bands, cornell_box(), False)
+        if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
+    ]
+    found = first_worthy(best_singles(task, known, residual, 3), residual, bench.model)
+    assert found is not None
+    assert found.hypothesis.effect.id == effect
+    for name, value in values.items():
+        assert abs(found.numbers[name] - value) < 4 * found.sigma[name]
+    with_it = build_bench(prepared, validation.rendered, (glare, moved))
+    assert np.all(np.abs(left_over(with_it, [])[-11:]) < 4)
+    assert np.any(np.abs(residual[-11:]) > 5)
 
 
 def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):

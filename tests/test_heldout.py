@@ -17,6 +17,7 @@ def model():
         np.ones(COUNT, bool),
         np.zeros(COUNT, int),
         np.ones(COUNT),
+        np.zeros((11, 11)),
         np.zeros((COUNT + 11, 11)),
         np.zeros(COUNT + 11),
     )

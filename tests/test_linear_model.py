@@ -71,6 +71,16 @@ def test_signature_keeps_only_what_nuisances_cannot_imitate(parts):
     assert np.allclose(model.basis.T @ whitened, 0, atol=1e-9)
 
 
+def test_a_moved_camera_leaves_what_the_survey_says_of_it(parts):
+    """Where the derivatives are exact, a motion's picture and its prior rows leave the same once projected."""
+    _, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera)
+    change = 0.01 * np.random.default_rng(2).standard_normal(10)
+    picture = model.whiten(np.tensordot(change, derivative, 1))
+    np.testing.assert_allclose(model.displaced(change), picture, atol=1e-9 * np.linalg.norm(change / 0.01))
+    assert np.linalg.norm(picture) > 0.5 * np.linalg.norm(change / 0.01)
+
+
 def test_smooth_excess_sees_what_chi2_does_not(parts):
     """A tenth of a sigma everywhere adds 0.01 to chi2 per sample, less than its scatter here; block means show it."""
     generator, base, derivative, camera = parts

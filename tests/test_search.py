@@ -27,6 +27,7 @@ def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
         np.ones(count, bool),
         patch,
         np.ones(count),
+        np.zeros((11, 11)),
         np.zeros((count + 11, 11)),
         np.zeros(count + 11),
     )

@@ -7,12 +7,14 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from cboxlab.render import variant
+from cboxlab.render.warp import warp_change
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from matplotlib.figure import Figure
 
 from .demo import DEMO_CAPTURE
 from .effects import AppliedEffect, Effect, Parameter
+from .forward import after_stage
 from .model import Model, RenderSettings
 from .pipeline import prepare, rendered_from, solved_light
 from .plots import STYLE
@@ -57,7 +59,9 @@ def write_effect_picture(path: Path, effect: Effect) -> str:
     applied = shown_effect(effect, bands[len(bands) // 2])
     base = predictor.signal(())
     dark = base <= 0
-    change = 100 * (predictor.signal((applied,)) / np.where(dark, 1.0, base) - 1)
+    there = after_stage(predictor.camera, (applied,), "camera")
+    altered = predictor.signal((applied,)) + warp_change(predictor.warp, there)
+    change = 100 * (altered / np.where(dark, 1.0, base) - 1)
     change[dark] = np.nan
     order = np.argsort(predictor.effective_nm)
     told = ", ".join(

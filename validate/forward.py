@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from cboxlab.render.image import RenderedImage
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import NDArray
 
 from .effects import AppliedEffect, Stage
 from .model import Model
 
-__all__ = ["after_stage", "labelled_cube", "model_cube_inputs"]
+__all__ = ["after_stage", "displacement", "labelled_cube", "model_cube_inputs"]
 
 
 def after_stage(value: Any, effects: Sequence[AppliedEffect], stage: Stage) -> Any:
@@ -24,6 +26,14 @@ def after_stage(value: Any, effects: Sequence[AppliedEffect], stage: Stage) -> A
         if effect.effect.stage == stage:
             value = effect.apply(value)
     return value
+
+
+def displacement(
+    camera: Camera, before: Sequence[AppliedEffect], effects: Sequence[AppliedEffect]
+) -> NDArray[np.float64]:
+    """(10,) change of a camera's parameters by effects that act on it after others."""
+    camera = after_stage(camera, before, "camera")
+    return np.asarray(after_stage(camera, effects, "camera").parameters - camera.parameters)
 
 
 def model_cube_inputs(

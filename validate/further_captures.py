@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from .effects import AppliedEffect
 from .expected import expected_signal
-from .linear_model import model_variance, nuisance_priors
+from .forward import displacement
+from .linear_model import model_variance
 from .pipeline import Prepared
 from .search import Candidate, numeric_steps
 from .selection import Bench, Place
@@ -127,6 +128,14 @@ def _stopped_down(effect: AppliedEffect, aperture: float) -> AppliedEffect:
     return replace(effect, values={**effect.values, **values})
 
 
+def _varied(candidate: Candidate) -> list[tuple[float, AppliedEffect]]:
+    """Small steps of a candidate's numbers, and the effect after each."""
+    return [
+        (step, candidate.hypothesis.at({**candidate.numbers, name: candidate.numbers[name] + step}))
+        for name, step in numeric_steps(candidate).items()
+    ]
+
+
 def _whitened(
     prepared: Prepared, bench: Bench, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
     one: Candidate, rival: Candidate,
@@ -140,11 +149,7 @@ def _whitened(
         return _signal(bench, (*given, effect), capture)
 
     here = signal(rival.applied)
-    steps = numeric_steps(rival)
-    moved = [
-        (signal(rival.hypothesis.at({**rival.numbers, name: rival.numbers[name] + step})) - here) / step
-        for name, step in steps.items()
-    ]
+    moved = [(signal(effect) - here) / step for step, effect in _varied(rival)]
     used = bench.model.used if capture is None else capture.used
     factor = np.ones(len(used)) if capture is None else capture.exposure * capture.aperture**2
     light = 0.0 if capture is not None and capture.capped else factor[:, None, None]
@@ -164,10 +169,16 @@ def distance(
     """Chi2 between the predictions of two effects, camera, lamp and the rival's numbers at their best, in the capture
     at hand and a further one. others : effects in the model with either."""
     parts = [_whitened(prepared, bench, c, others, one, rival) for c in dict.fromkeys([None, capture])]
-    priors = nuisance_priors(prepared.calibrated_camera, prepared.lamp_sigma)
-    free = parts[0][1].shape[1] - priors.shape[1]
-    difference = np.concatenate([*(d for d, _ in parts), np.zeros(len(priors))])
-    design = np.concatenate([*(x for _, x in parts), np.hstack([priors, np.zeros((len(priors), free))])])
+    priors = bench.model.priors
+
+    def surveyed(effect: AppliedEffect) -> NDArray[np.float64]:
+        moved = displacement(bench.predictor.camera, (*bench.given, *others), (effect,))
+        return -priors @ np.append(moved, 0.0)
+
+    here = surveyed(rival.applied)
+    rows = [priors, *(((surveyed(effect) - here) / step)[:, None] for step, effect in _varied(rival))]
+    difference = np.concatenate([*(d for d, _ in parts), surveyed(one.applied) - here])
+    design = np.concatenate([*(x for _, x in parts), np.hstack(rows)])
     size = np.linalg.norm(design, axis=0)
     design = design[:, size > 0] / size[size > 0]
     part = design.T @ difference

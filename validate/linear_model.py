@@ -40,7 +40,8 @@ def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 @dataclass(frozen=True, eq=False)
 class LinearModel:
     """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
-    of the patch of the image that it lies in. sigma : (n,) DN. basis : (n + 11, 11) orthonormal, of the nuisances.
+    of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
+    basis : (n + 11, 11) orthonormal, of the nuisances.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
@@ -49,6 +50,7 @@ class LinearModel:
     interior: NDArray[np.bool_]
     patch: NDArray[np.int64]
     sigma: NDArray[np.float64]
+    priors: NDArray[np.float64]
     basis: NDArray[np.float64]
     residual: NDArray[np.float64]
 
@@ -68,6 +70,12 @@ class LinearModel:
     def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
         """The same of a change (n,) at the used pixels only."""
         return self.project(np.concatenate([change / self.sigma, np.zeros(11)]))
+
+    def displaced(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A change (10,) of the camera's parameters, projected. What it does to the picture the camera's fit does too,
+        and what is left is what the priors say: so no picture's error enters."""
+        rows = self.priors @ np.append(change, 0.0)
+        return self.project(np.append(np.zeros(self.count), -rows))
 
     @property
     def chi2(self) -> float:
@@ -133,4 +141,6 @@ def build_linear_model(
     projected = residual - basis @ (basis.T @ residual)
     rows, columns = np.indices(used.shape[1:]) * _PATCHES // np.array(used.shape[1:])[:, None, None]
     patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]
-    return LinearModel(used, np.broadcast_to(inside, used.shape)[used], patch, sigma, basis, projected)
+    return LinearModel(
+        used, np.broadcast_to(inside, used.shape)[used], patch, sigma, priors, basis, projected
+    )

@@ -72,6 +72,10 @@ class Prepared:
     picture: ForeignPicture | None = None
     cache: Path | None = None
 
+    def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
+        """Where the survey, and effects that have moved the camera since, say that it is; covariance of the survey."""
+        return after_stage(self.calibrated_camera, effects, "camera")  # type: ignore[no-any-return]
+
     @property
     def measured(self) -> NDArray[np.float64]:
         """(band, y, x) DN."""
@@ -186,7 +190,7 @@ def validate(
         comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
         return Validation(prepared, model, None, rendered, comparison, time.perf_counter() - start)
     light = solved_light(prepared, model.render, model.effects)
-    camera = prepared.calibrated_camera
+    camera = prepared.expected_camera(model.effects)
     for draft in range(_DRAFTS):
         settings = replace(model.render, noise=_DRAFT_NOISE)
         rendered = rendered_from(prepared, light, camera, settings, model.effects)
@@ -207,8 +211,9 @@ def validate(
 
 
 def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
-    calibration, camera, effects = prepared.calibration, prepared.calibrated_camera, model.effects
-    later = [e.id for e in effects if e.effect.stage in ("transport", "camera")]
+    calibration, effects = prepared.calibration, model.effects
+    camera = prepared.expected_camera(effects)
+    later = [e.id for e in effects if e.effect.stage == "transport"]
     if later:
         raise InputError(
             "model", f"the effect {later[0]}", "effects that need no compiled variant", variant.HINT
@@ -276,7 +281,7 @@ def refitted(prepared: Prepared, rendered: Rendered, effects: Sequence[AppliedEf
     signal = predictor.signal(effects)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     return fit_nuisances(
-        prepared.measured, variance, rendered.used, signal, predictor.warp, prepared.calibrated_camera,
+        prepared.measured, variance, rendered.used, signal, predictor.warp, prepared.expected_camera(effects),
         prepared.lamp_sigma,
     )  # fmt: skip
 
@@ -334,9 +339,8 @@ def _assumptions(result: Validation) -> list[str]:
         if sigma
         else "freely: no uncertainty is stated"
     )
-    moved = fit.camera.project(_corners(prepared.scene)) - prepared.calibrated_camera.project(
-        _corners(prepared.scene)
-    )
+    expected = prepared.expected_camera(result.model.effects)
+    moved = fit.camera.project(_corners(prepared.scene)) - expected.project(_corners(prepared.scene))
     bounces = result.model.render.max_bounces
     light = (
         "All interreflection is followed"

@@ -2,7 +2,8 @@
 
 The base picture is rendered once, to the noise asked for. What effects of the scene or of light transport
 change is computed from the patches' exchange at each band's effective wavelength, cached by geometry and lamp
-shape, and added; camera effects are warps; filter, optics and counts effects act exactly.
+shape, and added; filter, optics and counts effects act exactly. Effects that move the camera change nothing here: the
+picture is seen through the camera that was fitted to the capture, wherever an effect says that it should be.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.patch_light import PatchLight, patch_light
 from cboxlab.render.patch_transport import PatchTransport, build_patch_transport
-from cboxlab.render.warp import Warp, build_warp, warp_change
+from cboxlab.render.warp import Warp, build_warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
@@ -88,12 +89,6 @@ class Predictor:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
             changed = _changed(changed, self._picture(self.included), self._picture(relevant), face)
-        camera = self.camera
-        for effect in effects:
-            if effect.effect.stage == "camera":
-                camera = effect.apply(camera)
-        if camera is not self.camera:
-            changed = changed + warp_change(self.warp, camera)
         return light.with_signal(changed)
 
     def _picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
 from .effects import AppliedEffect, Parameter
+from .forward import displacement
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel
 from .predictor import Predictor
@@ -75,6 +76,8 @@ class Problem:
 
     def change(self, applied: AppliedEffect) -> NDArray[np.float64]:
         """(n + 11,) projected whitened change that an effect makes on top of the others."""
+        if applied.effect.stage == "camera":
+            return self.model.displaced(displacement(self.predictor.camera, self.others, (applied,)))
         return self.model.whiten(self.scale * (self.predictor.signal((*self.others, applied)) - self.base))
 
     def smoothed_away(self, applied: AppliedEffect) -> float:
@@ -121,34 +124,44 @@ def problem(
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels."""
+    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels; None where no
+    picture is needed, the camera having moved (see ``Problem.change``)."""
 
     hypothesis: Hypothesis
     steps: tuple[float, ...]
-    changes: NDArray[np.float32]
+    changes: NDArray[np.float32] | None
+
+    @property
+    def stepped(self) -> list[AppliedEffect]:
+        """The effect a step from null in one number after the other; the effect itself where none is free."""
+        return [
+            self.hypothesis.at({p.name: _from_coordinate(p, _null_coordinate(p) + step)})
+            for p, step in zip(self.hypothesis.free, self.steps, strict=False)
+        ] or [self.hypothesis.at({})]
 
 
 def signature(
     predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
 ) -> Signature | None:
     """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here."""
+    known = Signature(hypothesis, tuple(_probe(p) for p in hypothesis.free) or (1.0,), None)
+    if hypothesis.effect.stage == "camera":
+        return known
     base = predictor.signal(given)
-    steps = tuple(_probe(p) for p in hypothesis.free)
-    effects = [
-        hypothesis.at({p.name: _from_coordinate(p, _null_coordinate(p) + step)})
-        for p, step in zip(hypothesis.free, steps, strict=True)
-    ] or [hypothesis.at({})]
     try:
-        changes = [(predictor.signal((*given, effect)) - base)[used] for effect in effects]
+        changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]
     except InputError:
         return None
-    return Signature(hypothesis, steps or (1.0,), np.array(changes, np.float32))
+    return replace(known, changes=np.array(changes, np.float32))
 
 
 def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
     """A hypothesis to first order. A single number is kept within its bounds."""
     model, hypothesis = task.model, known.hypothesis
-    columns = np.array([model.whiten_used(task.scale * change) for change in known.changes]).T
+    if known.changes is None:
+        columns = np.array([task.change(effect) for effect in known.stepped]).T
+    else:
+        columns = np.array([model.whiten_used(task.scale * change) for change in known.changes]).T
     amplitude, covariance = _solve(columns, residual)
     if not hypothesis.free:
         amplitude = np.ones(1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from .effects import AppliedEffect
+from .forward import displacement
 from .heldout import PREDICTS, heldout_bands, heldout_pixels
 from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
 from .nuisances import camera_jacobian
@@ -109,7 +110,7 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
         prepared.measured, signal, variance, rendered.used, rendered.image.pure, derivative, fit_,
-        prepared.calibrated_camera, prepared.lamp_sigma,
+        prepared.expected_camera(given), prepared.lamp_sigma,
     )  # fmt: skip
     return Bench(rendered, model, tuple(given), base, moved, derivative)
 
@@ -171,8 +172,10 @@ def left_over(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
     """(n + 11,) projected residual with these effects in place."""
     if not chosen:
         return bench.model.residual
-    signal = bench.predictor.signal((*bench.given, *(c.applied for c in chosen)))
-    return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.base))
+    added = [c.applied for c in chosen]
+    signal = bench.predictor.signal((*bench.given, *added))
+    moved = bench.model.displaced(displacement(bench.predictor.camera, bench.given, added))
+    return bench.model.residual - bench.model.whiten(bench.scale * (signal - bench.base)) - moved
 
 
 def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
