@@ -119,7 +119,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
         for h in hypotheses(bench.predictor.sensing.curves.bands, cornell_box(), False)
         if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
     ]
-    found = first_worthy(best_singles(task, known, residual, 3), residual, bench.model)
+    found = first_worthy(best_singles(task, known, residual, 3), residual, bench.model, residual)
     assert found is not None
     assert found.hypothesis.effect.id == effect
     for name, value in values.items():

@@ -3,10 +3,17 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from cboxlab.scenes import cornell_box
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.linear_model import LinearModel
-from cboxlab.validate.search import Candidate, clustered_variance
+from cboxlab.validate.search import (
+    Candidate,
+    _deviation,
+    _from_coordinate,
+    _to_coordinate,
+    clustered_variance,
+)
 from cboxlab.validate.selection import first_worthy
 
 PATCHES, EACH, TRIALS = 64, 30, 600
@@ -50,7 +57,7 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
     residual = np.zeros(1011)
     residual[:5], residual[-11] = 1.0, 10.0
-    model = SimpleNamespace(count=1000, chi2=105.0)
+    model = SimpleNamespace(count=1000, project=lambda vector: vector)
 
     def candidate(name, predicted):
         left = residual - predicted
@@ -59,5 +66,24 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     moved, offset = np.zeros(1011), np.zeros(1011)
     moved[-11], offset[:5] = 9.0, 1.0
     lucky, pose = candidate("dark-offset", offset), candidate("camera-pose", moved)
-    assert first_worthy([lucky, pose], residual, model) is pose
-    assert first_worthy([lucky, candidate("camera-pose", offset)], residual, model) is None
+    assert first_worthy([lucky, pose], residual, model, residual) is pose
+    assert first_worthy([lucky, candidate("camera-pose", offset)], residual, model, residual) is None
+
+
+def test_a_gain_must_exceed_the_flaws_of_shapes_that_are_not_rendered_anew():
+    """Of 10^5 explained a hundredth may be an effect's own error; nothing of it where the picture is new."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
+    model = SimpleNamespace(count=1000, project=lambda vector: vector)
+    residual, rendered = np.zeros(1011), np.zeros(1011)
+    residual[0], rendered[1] = 10.0, np.sqrt(1e5 + 100)
+    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    assert first_worthy([offset], residual, model, rendered) is None
+    assert first_worthy([offset], residual, model, residual) is offset
+
+
+def test_the_error_of_an_index_is_not_that_of_its_coordinate():
+    """Filter shift is searched in 1 / n^2; a small error of that, as an index' own."""
+    (p,) = next(h for h in hypotheses(("f400",), cornell_box(), False) if h.effect.id == "filter-shift").free
+    coordinate, error = _to_coordinate(p, 2.0), 1e-6
+    ends = [_from_coordinate(p, coordinate + sign * error) for sign in (-1, 1)]
+    assert _deviation(p, 2.0, error) == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)

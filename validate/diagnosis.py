@@ -37,6 +37,7 @@ from .selection import (
     predictive,
     refitted_together,
     remains,
+    with_rendered,
     without_idle,
 )
 
@@ -108,33 +109,36 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     prepared, model = validation.prepared, validation.model
     given = model.effects
     bench = build_bench(prepared, validation.rendered, given)
-    signatures = _signatures(
-        bench, after_stage(model.render, model.effects, "settings").max_bounces is not None, report
-    )
+    truncated = after_stage(model.render, given, "settings").max_bounces is not None
+    signatures = _signatures(bench, given, truncated, report)
     first_excess = smooth_excess(bench.model, bench.model.residual)
-    singles = best_singles(bench.task(()), signatures, bench.model.residual, _REFINED)
+    task, start, residual = bench.task(()), bench.model, bench.model.residual
+    candidates = singles = best_singles(task, signatures, residual, _REFINED)
     report(0.75)
-    start = bench.model
     chosen: list[Candidate] = []
-    candidates, residual = singles, bench.model.residual
-    while (
-        len(chosen) < _MOST_EFFECTS and (best := first_worthy(candidates, residual, bench.model)) is not None
-    ):
+    while (best := first_worthy(candidates, residual, task.model, with_rendered(bench, chosen))) is not None:
         bench = _about_better_camera(validation, bench, [*chosen, best])
         chosen = refitted_together(bench, [*chosen, best])
         residual = left_over(bench, chosen)
-        if explained_part(bench.model, residual) < HOPELESS * len(chosen) and remains(bench.model, residual):
-            chosen, residual = [], bench.model.residual
+        hopeless = explained_part(bench.model, residual) < HOPELESS * len(chosen)
+        if hopeless and remains(bench.model, residual, with_rendered(bench, chosen)):
+            chosen = []
             break
         report(0.75 + 0.2 * len(chosen) / _MOST_EFFECTS)
+        if len(chosen) == _MOST_EFFECTS:
+            break
+        if best.hypothesis.effect.stage == "settings":
+            # in the light that was missing other effects look different
+            signatures = _signatures(bench, (*given, best.applied), False, lambda part: None)
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        candidates = best_singles(bench.task(chosen), rest, residual, 3)
+        task = bench.task(chosen)
+        candidates = best_singles(task, rest, residual, 3)
     chosen = merged(bench, without_idle(bench, chosen), signatures)
     chosen, known = exchanged(bench, chosen, signatures)
     chosen, known = predictive(bench, chosen, known, signatures)
     residual = left_over(bench, chosen)
-    left = remains(bench.model, residual)
+    left = remains(bench.model, residual, with_rendered(bench, chosen))
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
         enough = explained_part(bench.model, residual) > MOST_OF_IT
@@ -165,13 +169,15 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     )
 
 
-def _signatures(bench: Bench, truncated: bool, report: Progress) -> list[Signature]:
+def _signatures(
+    bench: Bench, given: Sequence[AppliedEffect], truncated: bool, report: Progress
+) -> list[Signature]:
     scene = bench.predictor.scene
     bands = bench.predictor.sensing.curves.bands
     known = hypotheses(bands, scene, truncated)
     found, rough = [], bench.predictor.rough()
     for index, hypothesis in enumerate(known):
-        one = signature(rough, bench.given, bench.rendered.used, hypothesis)
+        one = signature(rough, given, bench.rendered.used, hypothesis)
         if one is not None:
             found.append(one)
         report(0.6 * (index + 1) / len(known))

@@ -17,7 +17,7 @@ from .expected import expected_signal
 from .forward import displacement
 from .linear_model import model_variance
 from .pipeline import Prepared
-from .search import Candidate, numeric_steps
+from .search import Candidate, varied
 from .selection import Bench, Place
 
 __all__ = ["FurtherCapture", "Separation", "distance", "further_captures", "separations"]
@@ -128,14 +128,6 @@ def _stopped_down(effect: AppliedEffect, aperture: float) -> AppliedEffect:
     return replace(effect, values={**effect.values, **values})
 
 
-def _varied(candidate: Candidate) -> list[tuple[float, AppliedEffect]]:
-    """Small steps of a candidate's numbers, and the effect after each."""
-    return [
-        (step, candidate.hypothesis.at({**candidate.numbers, name: candidate.numbers[name] + step}))
-        for name, step in numeric_steps(candidate).items()
-    ]
-
-
 def _whitened(
     prepared: Prepared, bench: Bench, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
     one: Candidate, rival: Candidate,
@@ -149,7 +141,7 @@ def _whitened(
         return _signal(bench, (*given, effect), capture)
 
     here = signal(rival.applied)
-    moved = [(signal(effect) - here) / step for step, effect in _varied(rival)]
+    moved = [(signal(effect) - here) / step for step, effect in varied(rival)]
     used = bench.model.used if capture is None else capture.used
     factor = np.ones(len(used)) if capture is None else capture.exposure * capture.aperture**2
     light = 0.0 if capture is not None and capture.capped else factor[:, None, None]
@@ -176,7 +168,7 @@ def distance(
         return -priors @ np.append(moved, 0.0)
 
     here = surveyed(rival.applied)
-    rows = [priors, *(((surveyed(effect) - here) / step)[:, None] for step, effect in _varied(rival))]
+    rows = [priors, *(((surveyed(effect) - here) / step)[:, None] for step, effect in varied(rival))]
     difference = np.concatenate([*(d for d, _ in parts), surveyed(one.applied) - here])
     design = np.concatenate([*(x for _, x in parts), np.hstack(rows)])
     size = np.linalg.norm(design, axis=0)

@@ -7,7 +7,8 @@ projection, so an effect's gain in chi2 is that of the projected signature alone
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
@@ -27,6 +28,9 @@ _EDGE_ERROR_PX = 0.005
 _FROM_EDGE_PX = 2
 
 
+#: Directions in which changes of several numbers differ by less than this part are taken for one.
+_SAME = 1e-5
+
 #: Patches of the image across and down, within which what the model lacks may go together.
 _PATCHES = 8
 
@@ -41,7 +45,7 @@ def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 class LinearModel:
     """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
     of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
-    basis : (n + 11, 11) orthonormal, of the nuisances.
+    basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``freed`` adds.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
@@ -70,6 +74,17 @@ class LinearModel:
     def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
         """The same of a change (n,) at the used pixels only."""
         return self.project(np.concatenate([change / self.sigma, np.zeros(11)]))
+
+    def freed(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
+        """With further nuisances: what small changes of other effects' numbers make, (n + 11,) each, projected."""
+        sizes = [float(np.linalg.norm(column)) for column in columns]
+        moving = [column / size for column, size in zip(columns, sizes, strict=True) if size > 0]
+        if not moving:
+            return self
+        u, values, _ = np.linalg.svd(np.array(moving).T, full_matrices=False)
+        basis = np.hstack([self.basis, u[:, values > _SAME * values[0]]])
+        free = replace(self, basis=basis)
+        return replace(free, residual=free.project(self.residual))
 
     def displaced(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """A change (10,) of the camera's parameters, projected. What it does to the picture the camera's fit does too,

@@ -21,10 +21,10 @@ __all__ = [
     "Signature",
     "clustered_variance",
     "fit",
-    "numeric_steps",
     "problem",
     "screen",
     "signature",
+    "varied",
 ]
 
 _ROUNDS = 4
@@ -50,14 +50,15 @@ class Candidate:
         return self.hypothesis.at(self.numbers)
 
 
-def numeric_steps(candidate: Candidate) -> dict[str, float]:
-    """Small steps of a candidate's fitted numbers, inside their bounds."""
-    steps = {}
+def varied(candidate: Candidate) -> list[tuple[float, AppliedEffect]]:
+    """Small steps of a candidate's fitted numbers, inside their bounds, and the effect after each."""
+    found = []
     for p in candidate.hypothesis.effect.numbers:
-        if p.name in candidate.numbers and np.isfinite(candidate.numbers[p.name]):
-            inside = candidate.numbers[p.name] + p.step <= p.high
-            steps[p.name] = p.step if inside else -p.step
-    return steps
+        here = candidate.numbers.get(p.name, np.inf)
+        if np.isfinite(here):
+            step = p.step if here + p.step <= p.high else -p.step
+            found.append((step, candidate.hypothesis.at({**candidate.numbers, p.name: here + step})))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,11 @@ def _from_coordinate(parameter: Parameter, coordinate: float) -> float:
     if parameter.null == np.inf:
         return float(min(max(coordinate, 1e-12) ** -0.5, parameter.high)) if coordinate > 1e-12 else np.inf
     return float(np.clip(coordinate, parameter.low, parameter.high))
+
+
+def _deviation(parameter: Parameter, value: float, coordinate_deviation: float) -> float:
+    """A standard deviation of the coordinate as one of the number: c = n^-2 gives dn = n^3 / 2 dc."""
+    return coordinate_deviation * (0.5 * value**3 if parameter.null == np.inf else 1.0)
 
 
 def _bounds(parameter: Parameter) -> tuple[float, float]:
@@ -158,6 +164,7 @@ def signature(
 def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
     """A hypothesis to first order. A single number is kept within its bounds."""
     model, hypothesis = task.model, known.hypothesis
+    residual = model.project(residual)
     if known.changes is None:
         columns = np.array([task.change(effect) for effect in known.stepped]).T
     else:
@@ -174,7 +181,7 @@ def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Ca
         for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)
     }
     sigma = {
-        p.name: abs(step) * float(c**0.5)
+        p.name: _deviation(p, numbers[p.name], abs(step) * float(c**0.5))
         for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)
     }
     predicted = columns @ amplitude
@@ -212,7 +219,7 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
 
     known : chi2 that another effect reaches; a candidate that would not come near it is not followed to its end.
     """
-    hypothesis = start.hypothesis
+    hypothesis, residual = start.hypothesis, task.model.project(residual)
     numeric = [p for p in hypothesis.effect.numbers if p.name in start.numbers or p.null is None]
     if not hypothesis.free:
         return start
@@ -240,7 +247,7 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
             np.diag(covariance), clustered_variance(task.model, design, covariance, residual - best.predicted)
         )
         sigma = {
-            p.name: abs(s) * float(np.sqrt(max(v, 0.0)))
+            p.name: _deviation(p, best.numbers[p.name], abs(s) * float(np.sqrt(max(v, 0.0))))
             for p, s, v in zip(numeric, steps, spread, strict=True)
         }
         improved = False

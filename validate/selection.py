@@ -17,12 +17,12 @@ from .linear_model import LinearModel, build_linear_model, model_variance, smoot
 from .nuisances import camera_jacobian
 from .pipeline import Prepared, Rendered
 from .predictor import Predictor
-from .search import Candidate, Problem, Signature, fit, problem, screen
+from .search import Candidate, Problem, Signature, fit, problem, screen, varied
 
 __all__ = [
     "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged",
     "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive", "refitted_together", "remains",
-    "without_idle",
+    "with_rendered", "without_idle",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
@@ -32,6 +32,9 @@ SMALLEST_GAIN = 0.015
 
 #: And by this part of what the effects already in explain: a shape wrong by a tenth leaves a hundredth of chi2.
 _SHAPE_FLAW = 0.01
+
+#: Stages whose effects are in the picture that is rendered anew: their shapes are as good as the picture.
+_RENDERED = ("scene", "settings")
 
 #: Effects that only the priors speak against (they imitate a nuisance), and how often chance alone may relieve the
 #: priors by as much as is asked for.
@@ -94,9 +97,17 @@ class Bench:
         return self.rendered.fit.lamp_scale
 
     def task(self, chosen: Sequence[Candidate]) -> Problem:
-        """What a further effect is fitted to, with these in place."""
-        others = (*self.given, *(c.applied for c in chosen))
-        return problem(self.predictor, self.model, others, self.scale, self.rendered.variance)
+        """What a further effect is fitted to, with these in place, their numbers free to follow."""
+        applied = [c.applied for c in chosen]
+        changes = []
+        for index, one in enumerate(chosen):
+            rest = self._problem(self.model, [*applied[:index], *applied[index + 1 :]])
+            here = rest.change(one.applied)
+            changes += [rest.change(effect) - here for _, effect in varied(one)]
+        return self._problem(self.model.freed(changes), applied)
+
+    def _problem(self, model: LinearModel, others: Sequence[AppliedEffect]) -> Problem:
+        return problem(self.predictor, model, (*self.given, *others), self.scale, self.rendered.variance)
 
 
 def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> Bench:
@@ -106,7 +117,9 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
     base = predictor.signal(given)
     moved = warp_change(predictor.warp, fit_.camera)
     signal = base + moved
-    variance = prepared.calibration.predicted_variance(signal) + rendered.variance + model_variance(signal)
+    # of the best picture there is: without its interreflection a box is dark, and its noise a third of the true one
+    best, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
+    variance = prepared.calibration.predicted_variance(best) + noise + model_variance(best)
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
         prepared.measured, signal, variance, rendered.used, rendered.image.pure, derivative, fit_,
@@ -126,7 +139,7 @@ def best_singles(
     for candidate in sorted((screen(task, s, residual) for s in signatures), key=_penalised):
         best.setdefault(candidate.hypothesis.effect.id, candidate)
     ranked = sorted(best.values(), key=_penalised)
-    start = float(residual @ residual)
+    start = _square(task.model.project(residual))
     done: list[Candidate] = []
     for candidate in ranked[:refined]:
         lowest = min((c.chi2 for c in done), default=known)
@@ -140,16 +153,23 @@ def _penalised(candidate: Candidate) -> float:
     return candidate.chi2 + _INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
 
 
-def first_worthy(candidates: Sequence[Candidate], residual: NDArray, model: LinearModel) -> Candidate | None:
-    """The best candidate whose gain counts. One that relieves a prior gains little chi2, and need not be the best."""
-    return next((c for c in candidates if _worth(c, residual, model)), None)
+def first_worthy(
+    candidates: Sequence[Candidate], residual: NDArray, model: LinearModel, rendered: NDArray
+) -> Candidate | None:
+    """The best candidate whose gain counts. One that relieves a prior gains little chi2, and need not be the best.
+
+    residual, rendered : (n + 11,) with the effects already in, and with those of them that are rendered anew. model :
+    what the candidates were fitted in.
+    """
+    explained = _square(rendered) - _square(residual)
+    residual = model.project(residual)
+    return next((c for c in candidates if _worth(c, residual, model, explained)), None)
 
 
-def _worth(candidate: Candidate, residual: NDArray, model: LinearModel) -> bool:
+def _worth(candidate: Candidate, residual: NDArray, model: LinearModel, explained: float) -> bool:
     """Whether a gain is more than flaws of the base picture or of the effects already in could give, or relieves a
-    strained prior."""
-    before = float(residual @ residual)
-    gain, explained = before - candidate.chi2, model.chi2 - before
+    strained prior. explained : chi2, by effects whose shapes have flaws of their own."""
+    gain = _square(residual) - candidate.chi2
     if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
         strain, left = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
         needed = chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
@@ -166,6 +186,10 @@ def refitted_together(bench: Bench, chosen: Sequence[Candidate], rounds: int = 2
             left = left_over(bench, others)
             current[index] = fit(bench.task(others), candidate, left)
     return current
+
+
+def _square(vector: NDArray) -> float:
+    return float(vector @ vector)
 
 
 def left_over(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
@@ -187,7 +211,7 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
         for index, candidate in enumerate(current):
             rest = refitted_together(bench, [c for c in current if c is not candidate], 1)
             left = left_over(bench, rest)
-            costs.append((float(left @ left - full @ full), index, rest))
+            costs.append((_square(left) - _square(full), index, rest))
         cost, index, rest = min(costs, key=lambda item: item[0])
         if cost > SMALLEST_GAIN * bench.model.count or current[index].hypothesis.effect.id in PRIOR_EFFECTS:
             break
@@ -202,23 +226,31 @@ def merged(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
     if len(chosen) < _MERGED_FROM or any(c.hypothesis.effect.id in PRIOR_EFFECTS for c in chosen):
         return list(chosen)
     together = left_over(bench, chosen)
-    limit = float(together @ together) + SMALLEST_GAIN * bench.model.count
+    limit = _square(together) + SMALLEST_GAIN * bench.model.count
     best = list(chosen)
     for kept in chosen:
         rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]
         found = best_singles(bench.task([kept]), rest, left_over(bench, [kept]), _RIVALS)
         trial = refitted_together(bench, [kept, found[0]])
         left = left_over(bench, trial)
-        if float(left @ left) < limit:
-            best, limit = trial, float(left @ left)
+        if _square(left) < limit:
+            best, limit = trial, _square(left)
     return best
 
 
-def remains(model: LinearModel, residual: NDArray) -> bool:
-    """Whether the residual that is left is more than noise, flaws of the base picture and of the effects' shapes."""
-    first, excess = model.chi2 / model.count - 1, float(residual @ residual) / model.count - 1
+def with_rendered(bench: Bench, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(n + 11,) projected residual with those of the effects that are rendered anew in place."""
+    return left_over(bench, [c for c in chosen if c.hypothesis.effect.stage in _RENDERED])
+
+
+def remains(model: LinearModel, residual: NDArray, rendered: NDArray) -> bool:
+    """Whether the residual that is left is more than noise, flaws of the base picture and of the effects' shapes.
+
+    rendered : (n + 11,) the same with those of the effects only that are rendered anew.
+    """
+    first, excess = (_square(vector) / model.count - 1 for vector in (rendered, residual))
     return smooth_excess(model, residual) > max(
-        _REMAINS, _REMAINS_PART * smooth_excess(model, model.residual)
+        _REMAINS, _REMAINS_PART * smooth_excess(model, rendered)
     ) or excess > max(_REMAINS_ANYWHERE, _REMAINS_PART * first)
 
 
@@ -255,13 +287,13 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
             # what it explains is strain in the priors: that others fit the picture's flaws better says nothing
             rest = [s for s in rest if s.hypothesis.effect.id in PRIOR_EFFECTS]
         residual, task = left_over(bench, others), bench.task(others)
-        reached = float(together @ together) + task.smoothed_away(candidate.applied)
+        reached = _square(task.model.project(together)) + task.smoothed_away(candidate.applied)
         best = best_singles(task, rest, residual, _RIVALS, reached)
         fitted = replace(candidate, chi2=reached)
         shape = residual - together
         found.append(
             Place(
-                fitted, tuple(best), float(residual @ residual),
+                fitted, tuple(best), _square(task.model.project(residual)),
                 heldout_pixels(bench.model, residual, shape), heldout_bands(bench.model, residual, shape),
             )
         )  # fmt: skip
@@ -306,7 +338,7 @@ def predictive(
 
 def explained_part(model: LinearModel, residual: NDArray) -> float:
     """Part of what chi2 exceeded its expectation by that the effects have explained."""
-    left = float(residual @ residual)
+    left = _square(residual)
     return (model.chi2 - left) / max(model.chi2 - model.count, model.chi2 - left, 1e-9)
 
 

@@ -1,0 +1,138 @@
+"""Choosing effects whose shapes are known exactly: patterns over noise of 1, on a picture without nuisances."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.scenes import cornell_camera
+from cboxlab.validate.effects import Effect, Parameter
+from cboxlab.validate.hypotheses import Hypothesis
+from cboxlab.validate.linear_model import LinearModel
+from cboxlab.validate.search import Candidate, signature
+from cboxlab.validate.selection import (
+    Bench,
+    exchanged,
+    groups,
+    left_over,
+    merged,
+    places,
+    predictive,
+    refitted_together,
+    without_idle,
+)
+
+SHAPE = (3, 40, 40)
+COUNT = int(np.prod(SHAPE))
+AMOUNT = Parameter("amount", null=0.0, low=-10.0, high=10.0, step=0.1)
+
+
+class Patterns:
+    """A predictor of pictures that are sums of patterns, by the effects' amounts."""
+
+    camera = cornell_camera(40)
+    settings = SimpleNamespace(seed=0)
+
+    def __init__(self, patterns):
+        self.patterns = patterns
+
+    def signal(self, effects):
+        return 1000.0 + sum((e.values["amount"] * self.patterns[e.id] for e in effects), np.zeros(SHAPE))
+
+
+def waves(across, down):
+    """A smooth pattern of mean square 1, alike in all bands."""
+    v, u = np.mgrid[0:40, 0:40] / 40
+    wave = np.cos(np.pi * across * u) * np.cos(np.pi * down * v)
+    return np.broadcast_to(wave / np.sqrt(np.mean(wave**2)), SHAPE)
+
+
+def laboratory(patterns, truth, seed=4):
+    """A bench whose measured picture holds ``truth`` (amounts by name), and all signatures."""
+    predictor = Patterns(patterns)
+    noise = np.random.default_rng(seed).standard_normal(SHAPE)
+    residual = sum((amount * patterns[name] for name, amount in truth.items()), noise)
+    everywhere = np.ones(SHAPE, bool)
+    model = LinearModel(
+        everywhere, np.ones(COUNT, bool), np.zeros(COUNT, int), np.ones(COUNT), np.zeros((11, 11)),
+        np.zeros((COUNT + 11, 11)), np.append(residual.ravel(), np.zeros(11)),
+    )  # fmt: skip
+    fit = SimpleNamespace(lamp_scale=1.0)
+    rendered = SimpleNamespace(predictor=predictor, fit=fit, variance=np.zeros(SHAPE))
+    bench = Bench(rendered, model, (), predictor.signal(()), np.zeros(SHAPE), np.zeros((10, *SHAPE)))
+    known = [
+        Hypothesis(Effect(name, "filter", name, (AMOUNT,), lambda value, amount: value, ""), (AMOUNT,), {})
+        for name in patterns
+    ]
+    return bench, {h.effect.id: signature(predictor, (), everywhere, h) for h in known}
+
+
+def taken(bench, known, *names):
+    """Candidates of these names, fitted together."""
+    start = [
+        Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
+    ]
+    return refitted_together(bench, start, 4)
+
+
+def names_of(chosen):
+    return {c.hypothesis.effect.id for c in chosen}
+
+
+def test_two_effects_take_the_place_of_three_that_imitate_them():
+    one, half, other = waves(1, 0), waves(0, 2), waves(3, 1)
+    patterns = {"one": one, "both": half + other, "half": half, "other": other}
+    bench, known = laboratory(patterns, {"one": 0.8, "both": 0.5})
+    chosen = taken(bench, known, "one", "half", "other")
+    found = merged(bench, chosen, [*known.values()])
+    assert names_of(found) == {"one", "both"}
+    before, after = (float(np.sum(left_over(bench, c) ** 2)) for c in (chosen, found))
+    assert abs(after - before) < 25  # one number less
+
+
+def test_three_effects_that_are_all_there_stay():
+    patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1), "four": waves(2, 2)}
+    bench, known = laboratory(patterns, {"one": 0.8, "two": 0.5, "three": -0.6})
+    chosen = taken(bench, known, "one", "two", "three")
+    assert names_of(merged(bench, chosen, [*known.values()])) == {"one", "two", "three"}
+    assert names_of(without_idle(bench, chosen)) == {"one", "two", "three"}
+    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in chosen}
+    assert amounts == pytest.approx({"one": 0.8, "two": 0.5, "three": -0.6}, abs=4 / np.sqrt(COUNT))
+
+
+def test_an_effect_that_a_later_one_made_superfluous_goes():
+    patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
+    bench, known = laboratory(patterns, {"one": 0.8, "two": 0.5})
+    chosen = taken(bench, known, "mixture", "one", "two")
+    assert names_of(without_idle(bench, chosen)) == {"one", "two"}
+
+
+def test_a_mixture_that_came_first_gives_its_place_to_the_cause():
+    patterns = {
+        "mixture": waves(1, 0) + 0.7 * waves(0, 2) + 0.3 * waves(2, 1),
+        "one": waves(1, 0),
+        "two": waves(0, 2),
+    }
+    bench, known = laboratory(patterns, {"one": 0.8, "two": 0.3})
+    chosen, where = exchanged(bench, taken(bench, known, "mixture", "two"), [*known.values()])
+    assert names_of(chosen) == {"one", "two"}
+    assert groups(where) == ()
+
+
+def test_effects_of_one_shape_are_a_group():
+    """Shapes a hundredth apart: at an amount of 0.5 they differ by 4800 (0.005)^2 = 0.1 of chi2."""
+    patterns = {"one": waves(1, 0), "twin": waves(1, 0) + 0.01 * waves(2, 1), "stranger": waves(0, 3)}
+    bench, known = laboratory(patterns, {"one": 0.5})
+    found = groups(places(bench, taken(bench, known, "one"), [*known.values()]))
+    assert found == (("one", "twin"),)
+
+
+def test_what_holds_in_one_corner_only_is_no_cause():
+    """A shape with the truth's sign in one block of 16 pixels and against it in the next is dropped."""
+    rows, columns = np.indices(SHAPE[1:]) // 16
+    board = np.where((rows + columns) % 2, 1.0, 0.1)
+    patterns = {"even": np.ones(SHAPE), "cause": np.broadcast_to(board, SHAPE)}
+    bench, known = laboratory(patterns, {"cause": 0.6})
+    for name, kept in (("even", set()), ("cause", {"cause"})):
+        chosen = taken(bench, known, name)
+        rivals = places(bench, chosen, [known[name]])
+        assert names_of(predictive(bench, chosen, rivals, [known[name]])[0]) == kept
