@@ -35,6 +35,7 @@ from .selection import (
     left_over,
     merged,
     predictive,
+    prior_strain,
     refitted_together,
     remains,
     with_rendered,
@@ -68,11 +69,13 @@ class Ranked:
 @dataclass(frozen=True, eq=False)
 class Step:
     """One model on the way. effects : added so far. sigma : standard deviations of their numbers. smooth_excess :
-    see linear_model. comparison : measured against this model, camera and lamp at their best."""
+    see linear_model. strain : standard deviations by which camera and lamp miss what is known of them.
+    comparison : measured against this model, camera and lamp at their best."""
 
     effects: tuple[AppliedEffect, ...]
     sigma: tuple[dict[str, float], ...]
     smooth_excess: float
+    strain: float
     comparison: Comparison
 
 
@@ -111,7 +114,6 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     bench = build_bench(prepared, validation.rendered, given)
     truncated = after_stage(model.render, given, "settings").max_bounces is not None
     signatures = _signatures(bench, given, truncated, report)
-    first_excess = smooth_excess(bench.model, bench.model.residual)
     task, start, residual = bench.task(()), bench.model, bench.model.residual
     candidates = singles = best_singles(task, signatures, residual, _REFINED)
     report(0.75)
@@ -146,7 +148,11 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
     if selected == (UNKNOWN,):
         chosen, known, residual = [], [], bench.model.residual
     added = tuple(c.applied for c in chosen)
-    steps = [Step((), (), first_excess, validation.comparison)]
+    steps = [
+        Step(
+            (), (), smooth_excess(start, start.residual), prior_strain(start.residual), validation.comparison
+        )
+    ]
     for count in range(1, len(chosen) + 1):
         steps.append(
             _step(
@@ -207,7 +213,7 @@ def _about_better_camera(validation: Validation, bench: Bench, chosen: Sequence[
 
 def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> Step:
     """The model with these effects, compared; the lamp's scale is fitted with them in place."""
-    prepared, rendered = validation.prepared, bench.rendered
+    prepared, rendered, residual = validation.prepared, bench.rendered, left_over(bench, chosen)
     applied = tuple(c.applied for c in chosen)
     signal = bench.predictor.signal((*bench.given, *applied)) + bench.moved
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
@@ -215,7 +221,8 @@ def _step(validation: Validation, bench: Bench, chosen: Sequence[Candidate]) -> 
     return Step(
         effects=applied,
         sigma=tuple(dict(c.sigma) for c in chosen),
-        smooth_excess=smooth_excess(bench.model, left_over(bench, chosen)),
+        smooth_excess=smooth_excess(bench.model, residual),
+        strain=prior_strain(residual),
         comparison=compared(prepared, rendered, scale * signal),
     )
 

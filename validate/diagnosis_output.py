@@ -17,6 +17,7 @@ from .diagnosis import Diagnosis, Ranked, Step
 from .effects import AppliedEffect, catalogue
 from .metrics import PathStep
 from .plots import STYLE, diverging_scale, falling_curve, map_row
+from .selection import PRIOR_EFFECTS
 
 __all__ = ["diagnosis_record", "diagnosis_sections", "path_steps", "print_diagnosis", "write_diagnosis"]
 
@@ -123,6 +124,12 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
         f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {c.chi2.per_dof:.3g}, mean ΔE*ab from "
         f"{first.delta_e_ab.mean:.2f} to {c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f})."
     )
+    if set(diagnosis.selected) & set(PRIOR_EFFECTS):
+        sentences.append(
+            "The camera and the lamp that fit the picture miss what was surveyed and measured of them by "
+            f"{diagnosis.path[0].strain:.1f} standard deviations, with the effects by {last.strain:.1f}; "
+            "chance alone makes about 3."
+        )
     if np.isfinite(diagnosis.heldout_pixels):
         bands = diagnosis.heldout_bands
         sentences.append(
@@ -180,7 +187,7 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     for r in diagnosis.ranking[:6]:
         table.add_row(r.effect, _ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
     console.print(table)
-    path = data_table("The error falls", "model", "χ²/dof", "ΔE*ab", "noise alone")
+    path = data_table("The error falls", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera and lamp off, σ")
     for step in diagnosis.path:
         c = step.comparison
         path.add_row(
@@ -188,6 +195,7 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
             f"{c.chi2.per_dof:.3f}",
             f"{c.delta_e_ab.mean:.3f}",
             f"{c.delta_e_ab_noise.mean:.3f}",
+            f"{step.strain:.1f}",
         )
     console.print(path)
     for sentence in _in_words(diagnosis):

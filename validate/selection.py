@@ -21,8 +21,8 @@ from .search import Candidate, Problem, Signature, fit, problem, screen, varied
 
 __all__ = [
     "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench", "exchanged",
-    "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive", "refitted_together", "remains",
-    "with_rendered", "without_idle",
+    "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive", "prior_strain",
+    "refitted_together", "remains", "with_rendered", "without_idle",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
@@ -171,10 +171,14 @@ def _worth(candidate: Candidate, residual: NDArray, model: LinearModel, explaine
     strained prior. explained : chi2, by effects whose shapes have flaws of their own."""
     gain = _square(residual) - candidate.chi2
     if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
-        strain, left = residual[-_PRIOR_ROWS:], (residual - candidate.predicted)[-_PRIOR_ROWS:]
-        needed = chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
-        return gain > 0 and float(strain @ strain - left @ left) > needed
+        relief = prior_strain(residual) ** 2 - prior_strain(residual - candidate.predicted) ** 2
+        return gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
     return gain > max(SMALLEST_GAIN * model.count, _SHAPE_FLAW * explained)
+
+
+def prior_strain(residual: NDArray) -> float:
+    """Standard deviations by which camera and lamp, at their best, miss what is known of them; of (n + 11,)."""
+    return float(np.linalg.norm(residual[-_PRIOR_ROWS:]))
 
 
 def refitted_together(bench: Bench, chosen: Sequence[Candidate], rounds: int = 2) -> list[Candidate]:
