@@ -42,7 +42,7 @@ from cboxlab.validate.synthetic import (
     photographed_scene,
     write_model_capture,
 )
-from cboxlab.validate.varied import settled, varied_settings
+from cboxlab.validate.varied import block_offsets, settled, varied_settings
 from outside_effects import OUTSIDE
 
 _DRAWS = 8
@@ -147,7 +147,8 @@ def run(case: Case) -> dict[str, Any] | None:
         inside = tuple(e for e in effects if e.effect.stage != "settings")
         if all(e.effect.stage in _AFTER_THE_PICTURE for e in inside):
             image, scene = picture(case.laboratory), photographed_scene(model)
-            photograph_image(path, image, inside, scene, camera, settings, case.seed)
+            box = settled(scene, case.laboratory)
+            photograph_image(path, image, inside, box, scene, camera, settings, case.seed)
         else:
             write_model_capture(
                 path, replace(model, effects=inside), camera, settings, case.seed, _PICTURE_ERROR, None,
@@ -168,22 +169,26 @@ def run(case: Case) -> dict[str, Any] | None:
         "probability": diagnosis.ranking[0].probability,
         "best_gain": diagnosis.chi2_per_dof - min(r.chi2_per_dof for r in diagnosis.ranking),
         "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},
-        "parameters_right": _parameters_right(effects, diagnosis),
+        "parameters_right": _parameters_right(effects, diagnosis, case.laboratory),
         "chi2_per_dof": diagnosis.chi2_per_dof,
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "seconds": seconds,
     }
 
 
-def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> list[bool]:
-    """For every number of an effect that was found, whether it is close to the truth or within its stated error."""
+def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis, laboratory: int) -> list[bool]:
+    """For every number of an effect that was found, whether it is close to the truth or within its stated error.
+
+    A block that was moved stands where it had settled, and as much further as it was moved.
+    """
     last, right = diagnosis.path[-1], []
     for truth in effects:
         for answer, sigma in zip(last.effects, last.sigma, strict=True):
             if answer.id != truth.id or truth.id not in catalogue():
                 continue
             for p in truth.effect.numbers:
-                true, found = float(truth.values[p.name]), float(answer.values[p.name])
+                beside = block_offsets(laboratory).get(str(truth.values.get("block")), {}).get(p.name, 0.0)
+                true, found = float(truth.values[p.name]) + beside, float(answer.values[p.name])
                 if not (np.isfinite(true) and np.isfinite(found)):
                     continue
                 null = p.null if p.null is not None and np.isfinite(p.null) else 0.0

@@ -87,6 +87,30 @@ def test_lateral_colour_moves_edges_by_their_radius():
     np.testing.assert_allclose(after.signal[1], image, atol=1e-15)
 
 
+def test_lateral_colour_of_a_known_scene_is_a_focal_length_for_each_band():
+    """What another focal length makes of the picture is taken in proportion to each band's magnification."""
+    camera, pattern = cornell_camera(16), np.random.default_rng(3).standard_normal((3, 16, 16))
+    nm = np.array([410.0, 550.0, 690.0])
+    before = Light(
+        np.ones((3, 16, 16)), nm, camera,
+        lambda there: (there.focal_length_px / camera.focal_length_px - 1) * pattern,
+    )  # fmt: skip
+    after = apply("lateral-colour", before, ppm_per_nm=50).signal - 1
+    expected = 50e-6 * (nm - 550)[:, None, None] * pattern
+    np.testing.assert_allclose(after, expected, atol=1e-12)
+    twice = apply("lateral-colour", before.scaled(2.0), ppm_per_nm=50).signal - 2
+    np.testing.assert_allclose(twice, 2 * expected, atol=1e-12)
+
+
+def test_resampled_light_does_not_ring_below_nothing():
+    """An edge against black, magnified by pixels alone: nothing turns negative."""
+    image = np.zeros((1, 32, 32))
+    image[0, 8:24, 8:24] = 1.0
+    for nm in (410.0, 690.0):
+        after = apply("lateral-colour", Light(image, np.array([nm]), cornell_camera(32)), ppm_per_nm=150)
+        assert after.signal.min() >= 0 and after.signal.max() > 1e-3
+
+
 def test_vignetting_loses_its_amount_in_the_corner_and_nothing_in_the_centre():
     ones = Light(np.ones((1, 41, 51)), np.array([550.0]), cornell_camera(41))
     after = apply("vignetting", ones, edge_loss=0.3).signal[0]

@@ -40,7 +40,7 @@ def truth():
 def small_capture(truth, tmp_path_factory):
     folder = tmp_path_factory.mktemp("captures") / "small"
     image, camera, scene = truth
-    photograph_image(folder, image, (), scene, camera, CaptureSettings(), SEED)
+    photograph_image(folder, image, (), None, scene, camera, CaptureSettings(), SEED)
     return folder
 
 

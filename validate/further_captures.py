@@ -116,8 +116,8 @@ def _signal(bench: Bench, effects: Sequence[AppliedEffect], capture: FurtherCapt
         exposure_scene=sensing.exposure_scene * capture.exposure,
         minutes=capture.minutes,
     )
-    arriving = 0.0 if capture.capped else factor[:, None, None]
-    scene = light.with_signal(bench.scale * arriving * light.signal)
+    arriving = np.zeros((1, 1, 1)) if capture.capped else factor[:, None, None]
+    scene = light.scaled(bench.scale * arriving)
     return expected_signal(scene, there, altered, predictor.camera)
 
 

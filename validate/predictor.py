@@ -17,7 +17,7 @@ from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.patch_light import PatchLight, patch_light
 from cboxlab.render.patch_transport import PatchTransport, build_patch_transport
-from cboxlab.render.warp import Warp, build_warp
+from cboxlab.render.warp import Warp, build_warp, warp_change
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ class Predictor:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
             changed = _changed(changed, self._picture(self.included), self._picture(relevant), face)
-        return light.with_signal(changed)
+        return replace(self.base, signal=changed, effective_nm=light.effective_nm)
 
     def _picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """(band, y, x) DN of the patches' picture."""
@@ -216,6 +216,7 @@ def build_predictor(
     """From the base picture, as gathered from ``light`` through ``camera``; see Predictor."""
     base = scene_light(image, sensing, (), camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
+    base = replace(base, moved=lambda there: warp_change(warp, there))
     return Predictor(
         scene, sensing, camera, light, image, base, settings, tuple(included), base.effective_nm, warp
     )

@@ -7,11 +7,12 @@ counts does to charge acts before shot noise, what it does to counts that are re
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, sensor_matrix
+from cboxlab.render import variant
 from cboxlab.render.capture_writer import (
     band_filters,
     sphere_spectrum,
@@ -22,6 +23,8 @@ from cboxlab.render.capture_writer import (
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.laboratory import CaptureSettings, Frame, FrameHooks
 from cboxlab.render.precision import render_to_precision
+from cboxlab.render.tracer import build_tracer
+from cboxlab.render.warp import build_warp, warp_change
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
@@ -224,13 +227,14 @@ def write_model_capture(
     moved = after_stage(camera, model.effects, "camera")
     image = render_to_precision(altered, moved, WAVELENGTH_NM, relative_error, None, seed, progress)
     image = transported(image, altered, moved, model.effects, seed)
-    photograph_image(folder, image, model.effects, scene, camera, settings, seed)
+    photograph_image(folder, image, model.effects, altered, scene, camera, settings, seed)
 
 
 def photograph_image(
     folder: Path,
     image: RenderedImage,
     effects: Sequence[AppliedEffect],
+    seen: Scene | None,
     scene: Scene,
     camera: Camera,
     settings: CaptureSettings,
@@ -238,7 +242,8 @@ def photograph_image(
 ) -> None:
     """Photograph an image on WAVELENGTH_NM under the effects of filters, optics and counts, in their order.
 
-    image : with the effects of all earlier stages in it. scene, camera : as surveyed, without any effect.
+    image : with the effects of all earlier stages in it, of the scene ``seen``, None for pixels of nothing known.
+    scene, camera : as surveyed, without any effect.
     Raises InputError: see ``write_photographs``.
     """
     moved = after_stage(camera, effects, "camera")
@@ -248,7 +253,11 @@ def photograph_image(
     def project(weights: NDArray[np.float64]) -> NDArray[np.float64]:
         return image.project(weights)[0]
 
-    light = Light(_through_filters(project, curves, moved), _effective_wavelengths(project, curves), moved)
+    signal = _through_filters(project, curves, moved)
+    light = Light(signal, _effective_wavelengths(project, curves), moved)
+    if seen is not None and variant.compiled() and any(effect.effect.stage == "optics" for effect in effects):
+        warp = build_warp(build_tracer(seen), moved, image, signal)
+        light = replace(light, moved=lambda there: warp_change(warp, there))
     signals = after_stage(light, effects, "optics").signal
     field = _through_filters(lambda weights: sphere @ weights, curves, moved)
     hooks = _hooks(curves.bands, effects, settings)

@@ -10,7 +10,7 @@ from cboxlab.scenes.scene import Scene
 
 from .effects import catalogue
 
-__all__ = ["settled", "varied_settings"]
+__all__ = ["block_offsets", "settled", "varied_settings"]
 
 #: Standard deviations of where the blocks really stand: what a diagnosis cannot see.
 _BLOCK_MM, _BLOCK_DEG = 0.05, 0.01
@@ -34,12 +34,22 @@ def varied_settings(seed: int) -> CaptureSettings:
     )
 
 
+def block_offsets(seed: int) -> dict[str, dict[str, float]]:
+    """By how much each block stands beside where the survey has it, as numbers of ``block-pose``, by ``seed``."""
+    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
+    scatter = np.array([_BLOCK_MM, _BLOCK_MM, _BLOCK_DEG])
+    return {
+        block: dict(
+            zip(("dx_mm", "dz_mm", "yaw_deg"), map(float, scatter * draw.standard_normal(3)), strict=True)
+        )
+        for block in ("short", "tall")
+    }
+
+
 def settled(scene: Scene, seed: int) -> Scene:
     """The scene with its blocks a little beside where the survey has them, by ``seed``."""
-    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
     names = {surface.name for surface in scene.surfaces}
-    for block in ("short", "tall"):
-        dx, dz, yaw = draw.standard_normal(3) * [_BLOCK_MM, _BLOCK_MM, _BLOCK_DEG]
+    for block, offset in block_offsets(seed).items():
         if f"{block}-block" in names:
-            scene = catalogue()["block-pose"].apply(scene, block=block, dx_mm=dx, dz_mm=dz, yaw_deg=yaw)
+            scene = catalogue()["block-pose"].apply(scene, block=block, **offset)
     return scene

@@ -120,15 +120,27 @@ class Light:
 
     signal : (band, y, x) DN above dark at a flat of 1, not clipped, the lamp included.
     effective_nm : (band,) mean wavelength of each band's signal. camera : for its principal point and size.
+    moved : change (band, y, x) of the signal when another camera takes the place of this one; None where the scene
+    behind the picture is not known.
     """
 
     signal: NDArray[np.float64]
     effective_nm: NDArray[np.float64]
     camera: Camera
+    moved: Callable[[Camera], NDArray[np.float64]] | None = None
 
     def with_signal(self, signal: NDArray[np.float64]) -> Light:
         """The same with another signal."""
         return replace(self, signal=signal)
+
+    def scaled(self, factor: NDArray[np.float64]) -> Light:
+        """The same with ``factor``, (band, 1, 1) or a number, times the light."""
+        moved = self.moved
+        return replace(
+            self,
+            signal=factor * self.signal,
+            moved=None if moved is None else lambda camera: factor * moved(camera),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,22 +37,37 @@ def _resampling(size: int, centre_px: float, magnification: float) -> NDArray[np
 
 
 def _apply(light: Light, ppm_per_nm: float) -> Light:
+    beside = ppm_per_nm * (light.effective_nm - REFERENCE_NM) * 1e-6
+    if light.moved is None:
+        return light.with_signal(_resampled(light, beside))
+    result = light.signal.copy()
+    for side in (-1.0, 1.0):
+        here = side * beside > 0
+        if here.any():
+            # in between the change is in proportion: a corner moves by less than a pixel
+            most = float(np.abs(beside[here]).max())
+            zoomed = replace(light.camera, focal_length_px=light.camera.focal_length_px * (1 + side * most))
+            result[here] += (np.abs(beside[here]) / most)[:, None, None] * light.moved(zoomed)[here]
+    return light.with_signal(result)
+
+
+def _resampled(light: Light, beside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(band, y, x) magnified from pixels alone. What would ring below nothing at a dark border is cut off."""
     u, v = light.camera.principal_point_px
     height, width = light.signal.shape[1:]
     magnified = []
-    for image, wavelength in zip(light.signal, light.effective_nm, strict=True):
-        magnification = 1 + ppm_per_nm * (wavelength - REFERENCE_NM) * 1e-6
+    for image, magnification in zip(light.signal, 1 + beside, strict=True):
         rows, columns = _resampling(height, v, magnification), _resampling(width, u, magnification)
-        magnified.append(rows @ image @ columns.T)
-    return light.with_signal(np.stack(magnified))
+        magnified.append(np.maximum(rows @ image @ columns.T, np.minimum(image, 0.0)))
+    return np.stack(magnified)
 
 
 EFFECT = Effect(
     id="lateral-colour",
     stage="optics",
     summary="Magnification 1 + ppm (lambda - 550 nm) 1e-6 about the principal point, lambda the mean "
-    "wavelength of each band; resampled by cubic convolution, the outermost pixels repeated beyond the "
-    "border.",
+    "wavelength of each band: as if each had a focal length of its own. Where the scene behind a picture is not "
+    "known it is resampled by cubic convolution.",
     parameters=(Parameter("ppm_per_nm", "1e-6 nm^-1", null=0.0, low=-200.0, high=200.0, step=2.0),),
     apply=_apply,
     confirm="Photograph the surveyed points, or a chessboard, in every band: the points' distance from the "
