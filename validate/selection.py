@@ -20,10 +20,9 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen, varied
 
 __all__ = [
-    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "SHAPE_ERROR", "UNKNOWN", "Bench", "Place", "best_singles", "build_bench",
-    "exchanged",
-    "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive", "prior_strain",
-    "refitted_together", "remains", "with_rendered", "without_idle",
+    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "SHAPE_ERROR", "UNKNOWN", "Bench", "Place", "best_singles",
+    "build_bench", "exchanged", "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive",
+    "prior_strain", "refitted_together", "remains", "with_rendered", "without_idle",
 ]  # fmt: skip
 
 UNKNOWN = "unknown"
