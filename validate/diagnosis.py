@@ -88,8 +88,8 @@ class Diagnosis:
     effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
     the model as given and with the selected effects, nuisances at their best, the base picture's own error
     counted. indistinguishable : groups this capture cannot separate. heldout_pixels, heldout_bands : gain where
-    held out from the fit over that where fitted, of the selected effect for which it is least. separations : the
-    captures that would separate those groups. model : the given one with the selected effects.
+    held out from the fit over that where fitted, of the selected effect for which it is least; NaN where it cannot
+    be tried. separations : the captures that would separate those groups. model : the given one with the selected effects.
     """
 
     adequate: bool
@@ -169,11 +169,15 @@ def diagnose(validation: Validation, progress: Progress | None = None) -> Diagno
         selected=selected,
         indistinguishable=groups(known),
         path=tuple(steps),
-        heldout_pixels=min((p.heldout_pixels for p in known), default=float("nan")),
-        heldout_bands=min((p.heldout_bands for p in known), default=float("nan")),
+        heldout_pixels=_least([p.heldout_pixels for p in known]),
+        heldout_bands=_least([p.heldout_bands for p in known]),
         separations=separations(prepared, bench, known),
         model=replace(model, effects=(*model.effects, *added)),
     )
+
+
+def _least(gains: Sequence[float]) -> float:
+    return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
 
 
 def _signatures(

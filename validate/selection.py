@@ -287,7 +287,8 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         others = [c for i, c in enumerate(chosen) if i != index]
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
+        prior = candidate.hypothesis.effect.id in PRIOR_EFFECTS
+        if prior:
             # what it explains is strain in the priors: that others fit the picture's flaws better says nothing
             rest = [s for s in rest if s.hypothesis.effect.id in PRIOR_EFFECTS]
         residual, task = left_over(bench, others), bench.task(others)
@@ -298,7 +299,8 @@ def places(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
         found.append(
             Place(
                 fitted, tuple(best), _square(task.model.project(residual)),
-                heldout_pixels(bench.model, residual, shape), heldout_bands(bench.model, residual, shape),
+                np.nan if prior else heldout_pixels(bench.model, residual, shape),
+                np.nan if prior else heldout_bands(bench.model, residual, shape),
             )
         )  # fmt: skip
     return found
@@ -331,8 +333,7 @@ def predictive(
     kept = [
         candidate
         for candidate, place in zip(chosen, known, strict=True)
-        if candidate.hypothesis.effect.id in PRIOR_EFFECTS
-        or not (place.heldout_pixels < PREDICTS or place.heldout_bands < PREDICTS)
+        if not (place.heldout_pixels < PREDICTS or place.heldout_bands < PREDICTS)
     ]
     if len(kept) == len(chosen):
         return list(chosen), list(known)
