@@ -89,7 +89,8 @@ class Diagnosis:
     the model as given and with the selected effects, nuisances at their best, the base picture's own error
     counted. indistinguishable : groups this capture cannot separate. heldout_pixels, heldout_bands : gain where
     held out from the fit over that where fitted, of the selected effect for which it is least; NaN where it cannot
-    be tried. separations : the captures that would separate those groups. model : the given one with the selected effects.
+    be tried. separations : the captures that would separate those groups. model : the given one with the
+    selected effects.
     """
 
     adequate: bool
