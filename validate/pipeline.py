@@ -74,7 +74,8 @@ class Prepared:
 
     def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
         """Where the survey, and effects that have moved the camera since, say that it is; covariance of the survey."""
-        return after_stage(self.calibrated_camera, effects, "camera")  # type: ignore[no-any-return]
+        camera: Camera = after_stage(self.calibrated_camera, effects, "camera")
+        return camera
 
     @property
     def measured(self) -> NDArray[np.float64]:
