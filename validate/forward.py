@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -19,8 +19,10 @@ from .model import Model
 
 __all__ = ["after_stage", "displacement", "labelled_cube", "model_cube_inputs"]
 
+Value = TypeVar("Value")
 
-def after_stage(value: Any, effects: Sequence[AppliedEffect], stage: Stage) -> Any:
+
+def after_stage(value: Value, effects: Sequence[AppliedEffect], stage: Stage) -> Value:
     """A stage's value after all effects of that stage, in their order."""
     for effect in effects:
         if effect.effect.stage == stage:

@@ -74,8 +74,7 @@ class Prepared:
 
     def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
         """Where the survey, and effects that have moved the camera since, say that it is; covariance of the survey."""
-        camera: Camera = after_stage(self.calibrated_camera, effects, "camera")
-        return camera
+        return after_stage(self.calibrated_camera, effects, "camera")
 
     @property
     def measured(self) -> NDArray[np.float64]:
