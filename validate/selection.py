@@ -20,7 +20,7 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen, varied
 
 __all__ = [
-    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "SHAPE_ERROR", "UNKNOWN", "Bench", "Place", "best_singles",
+    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles",
     "build_bench", "exchanged", "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive",
     "prior_strain", "refitted_together", "remains", "with_rendered", "without_idle",
 ]  # fmt: skip
@@ -61,7 +61,7 @@ _RIVALS = 3
 _MERGED_FROM = 3
 
 #: Part of its gain by which the error of an effect's shape may change an effect's chi2.
-SHAPE_ERROR = 0.01
+_SHAPE_ERROR = 0.002
 
 #: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
 _OUTDONE = 0.4
@@ -275,7 +275,7 @@ class Place:
     @property
     def alike(self) -> list[Candidate]:
         """Rivals that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
-        allowed = max(_INDISTINGUISHABLE, SHAPE_ERROR * (self.empty - self.candidate.chi2))
+        allowed = max(_INDISTINGUISHABLE, _SHAPE_ERROR * (self.empty - self.candidate.chi2))
         return [c for c in self.rivals if c.chi2 - self.candidate.chi2 < allowed]
 
 
