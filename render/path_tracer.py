@@ -119,8 +119,8 @@ def _strip(
     points = PathPoints(samples, lane, seed)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     paints = _Paints(reflectances)
-    packed_survival = mi.Float(survival.astype(np.float32))
-    n_surfaces = len(tracer.scene.surfaces)
+    survivals = _Paints(survival[:, None])
+    n_paints = len(reflectances)  # the lamp's triangles carry the number after the last paint's
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
@@ -135,11 +135,10 @@ def _strip(
         counts: list[mi.Float], counted_sums: list[list[mi.Float]],
     ) -> tuple:  # fmt: skip
         hit = intersect(tracer, mi.Ray3f(origin, direction))
-        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
-        on_lamp = hit.front & (surface == n_surfaces)
-        shaded = hit.front & (surface < n_surfaces) & (depth < last)
+        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, hit.front)
+        on_lamp = hit.front & (material == n_paints)
+        shaded = hit.front & (material < n_paints) & (depth < last)
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
-        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
         vertex = points.at_vertex(index, depth)
         light = weight * direct_light(
             tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
@@ -153,8 +152,7 @@ def _strip(
             [s + c * a for s, a in zip(row, added, strict=True)]
             for c, row in zip(counts + reached, counted_sums, strict=True)
         ]
-        survives = dr.gather(mi.Float, packed_survival, material, shaded)
-        survives = dr.select(depth < SPARED_REFLECTIONS, one, survives)
+        survives = dr.select(depth < SPARED_REFLECTIONS, one, survivals(material)[0])
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
         turned = cosine_hemisphere(hit.normal, vertex.direction_u, vertex.direction_v)
         next_index = index + dr.select(ended, mi.UInt32(1), mi.UInt32(0))
@@ -191,7 +189,10 @@ def _strip(
 
 
 class _Paints:
-    """Looks up a paint's row of a small table (material, w), for each lane its own paint."""
+    """Looks up a paint's row of a small table (material, w), for each lane its own paint.
+
+    The number after the last paint's is the lamp's, which reflects nothing.
+    """
 
     #: Up to so many paints a chain of selections is cheaper than gathering from memory.
     MOST_SELECTED = 4
@@ -202,7 +203,8 @@ class _Paints:
         if self._selects:
             self._rows = [[dr.opaque(mi.Float, float(x)) for x in row] for row in table]
         else:
-            self._packed = mi.Float(table.astype(np.float32).ravel())
+            lamp = np.zeros((1, self._wavelengths))
+            self._packed = mi.Float(np.concatenate([table, lamp]).astype(np.float32).ravel())
 
     def __call__(self, material: mi.UInt32) -> list[mi.Float]:
         if not self._selects:
