@@ -54,6 +54,20 @@ def relative(image):
 
 
 @needs_llvm
+def test_many_names_for_the_same_paints_change_nothing():
+    """With a paint of its own on each surface, paints are looked up another way; paths stay the same."""
+    scene = cornell_box()
+    materials = {s.name: scene.materials[s.material] for s in scene.surfaces}
+    many = replace(
+        scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces)
+    )
+    few, more = (
+        render_path_tracer(box, cornell_camera(16), BANDS, samples=16, batches=1) for box in (scene, many)
+    )
+    np.testing.assert_array_equal(few.coefficients, more.coefficients)
+
+
+@needs_llvm
 @pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
 def test_surface_means_agree(pictures, one, other):
     """Every surface's mean at every wavelength agrees within the scatter of its batches."""
