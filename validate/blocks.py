@@ -9,18 +9,19 @@ import numpy as np
 
 from .plots import Drawing, MapRow
 
-__all__ = ["Cell", "ReportSection", "Table", "number", "significant"]
+__all__ = ["Cell", "ReportSection", "Table", "number", "significant", "to_error"]
 
 MINUS = str.maketrans("-", "−")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A table cell. note : small print under it. strong : stands out."""
+    """A table cell. note : small print under it. strong : stands out. words : may be broken into lines."""
 
     text: str
     note: str = ""
     strong: bool = False
+    words: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,3 +53,10 @@ def number(value: float, digits: int = 2, sign: bool = False) -> str:
 def significant(value: float, digits: int = 3) -> str:
     """Significant digits, a true minus, a dash for NaN."""
     return f"{value:.{digits}g}".translate(MINUS) if np.isfinite(value) else "–"
+
+
+def to_error(value: float, sigma: float) -> str:
+    """As many digits as a standard deviation of two significant ones has; seven where there is none."""
+    if not (np.isfinite(sigma) and sigma > 0):
+        return significant(value, 7)
+    return number(value, int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9)))

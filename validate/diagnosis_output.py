@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from cboxlab.scenes.files import replacing
 
-from .blocks import ReportSection, Table, number, significant
+from .blocks import Cell, ReportSection, Table, number, significant, to_error
 from .console import console, data_table, say
 from .diagnosis import Diagnosis, Ranked, Step
 from .effects import AppliedEffect, catalogue
@@ -75,10 +75,11 @@ def _values(effect: AppliedEffect, sigma: dict[str, float]) -> str:
         if isinstance(value, str):
             parts.append(value)
         else:
-            error = sigma.get(name)
+            error = sigma.get(name, np.nan)
             parts.append(
-                f"{name} {value:.4g}"
-                + (f" ± {error:.1g}" if error is not None and np.isfinite(error) else "")
+                f"{name} {to_error(value, error)} ± {significant(error, 2)}"
+                if np.isfinite(error)
+                else f"{name} {significant(value, 4)}"
             )
     return ", ".join(parts)
 
@@ -156,7 +157,7 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[ReportSection]:
     maps = [s.comparison.maps["residual_over_sigma"].mean("band").values for s in diagnosis.path]
     scale = diverging_scale(maps[0], "residual / σ, mean over bands", 0.5)
     effect_rows = [
-        (r.effect, _ranked_values(r), significant(r.chi2_per_dof, 4), number(100 * r.probability, 1))
+        (r.effect, Cell(_ranked_values(r), words=True), significant(r.chi2_per_dof, 4), number(100 * r.probability, 1))
         for r in diagnosis.ranking[:8]
     ]
     return [

@@ -6,7 +6,7 @@ import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 
-from .blocks import Cell, ReportSection, Table, number, significant
+from .blocks import Cell, ReportSection, Table, number, significant, to_error
 from .compare import ChiSquare, Comparison
 from .metrics import Run
 
@@ -76,23 +76,26 @@ def camera_section(run: Run) -> ReportSection:
     def sigmas(covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
         return np.full(len(PARAMETER_NAMES), np.nan) if covariance is None else np.sqrt(np.diag(covariance))
 
-    def shown(value: float, sigma: float) -> str:
-        if not (np.isfinite(sigma) and sigma > 0):
-            return significant(value, 7)
-        return number(value, int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9)))
-
     before = run.calibrated_camera
-    header = ["parameter", "unit", "value", "standard deviation"]
+    header = ["parameter", "unit", "value"]
+    if run.camera.covariance is not None:
+        header.append("standard deviation")
     if before is not None:
         header += ["from the points alone", "its standard deviation", "moved by, σ"]
     rows = []
     for i, name in enumerate(PARAMETER_NAMES):
         value, sigma = run.camera.parameters[i], sigmas(run.camera.covariance)[i]
-        row = [LABELS[name], UNITS[name], shown(value, sigma), significant(sigma, 2)]
-        if before is not None:
+        if before is None:
+            row = [LABELS[name], UNITS[name], to_error(value, sigma)]
+        else:
             old, old_sigma = before.parameters[i], sigmas(before.covariance)[i]
+            # the picture tells more than the points: a digit more
+            row = [LABELS[name], UNITS[name], to_error(value, np.fmin(sigma, old_sigma / 10))]
+        if run.camera.covariance is not None:
+            row.append(significant(sigma, 2))
+        if before is not None:
             row += [
-                shown(old, old_sigma),
+                to_error(old, old_sigma),
                 significant(old_sigma, 2),
                 number((value - old) / old_sigma, 2, True),
             ]
