@@ -10,7 +10,7 @@ from cboxlab.scenes.camera import Camera
 from .sampling import SobolPoints
 from .tracer import Tracer, camera_ray, intersect
 
-__all__ = ["facet_coverage", "pixel_coverage"]
+__all__ = ["facet_coverage", "pixel_coverage", "pixel_faces"]
 
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
@@ -45,3 +45,20 @@ def pixel_coverage(
     _, sums = dr.while_loop(start, lambda i, _: i < total, body)
     dr.eval(sums)
     return np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)
+
+
+def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:
+    """(n, across, across) face seen somewhere in each part of some ``pixels`` (n,), -1 for none.
+
+    Where in its part a ray goes is random, so that edges along rows or columns are not found all at one side.
+    """
+    rows, columns = np.divmod(np.asarray(pixels), camera.width_px)
+    jitter = np.random.default_rng(seed).random((2, len(rows), across, across))
+    v = rows[:, None, None] - 0.5 + (np.arange(across)[:, None] + jitter[0]) / across
+    u = columns[:, None, None] - 0.5 + (np.arange(across) + jitter[1]) / across
+    ray = camera_ray(camera, *(mi.Float(place.ravel().astype(np.float32)) for place in (u, v)))
+    hit = intersect(tracer, ray, coherent=True)
+    facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+    return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1)).reshape(
+        jitter.shape[1:]
+    )

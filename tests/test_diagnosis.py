@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.render.blur import blur
 from cboxlab.scenes import cornell_box
 from cboxlab.validate.demo import DEMO_CAPTURE
 from cboxlab.validate.diagnosis import diagnose
@@ -16,7 +17,6 @@ from cboxlab.validate.diagnosis_output import (
     write_diagnosis,
 )
 from cboxlab.validate.effects import apply_checked, catalogue
-from cboxlab.validate.effects._blur import blur
 from cboxlab.validate.forward import displacement
 from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from cboxlab.render.blur import kernel
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import vector_area
 from cboxlab.validate.effects import Counts, Light, catalogue
-from cboxlab.validate.effects._blur import kernel
 from cboxlab.validate.model import RenderSettings
 from fake_stages import NM, apply, counts, curves, light
 from scipy.special import ndtr

@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 from cboxlab.scenes import cornell_box
 from cboxlab.validate.hypotheses import hypotheses
-from cboxlab.validate.linear_model import LinearModel
+from cboxlab.validate.linear_model import LinearModel, smooth_part
 from cboxlab.validate.search import (
     Candidate,
+    Signature,
     _deviation,
     _from_coordinate,
     _to_coordinate,
     clustered_variance,
+    screen,
 )
 from cboxlab.validate.selection import first_worthy
 
 PATCHES, EACH, TRIALS = 64, 30, 600
+
+#: A picture of 32 x 32 pixels without nuisances.
+SQUARE = SimpleNamespace(
+    count=1024, project=lambda vector: vector, image=lambda vector: vector[:1024].reshape(1, 32, 32)
+)
 
 
 def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
@@ -55,30 +62,57 @@ def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
 def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     """Strain of 10 standard deviations: relieved by the camera's motion, beside an offset that gains chi2 elsewhere."""
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
-    residual = np.zeros(1011)
-    residual[:5], residual[-11] = 1.0, 10.0
-    model = SimpleNamespace(count=1000, project=lambda vector: vector)
+    residual = np.zeros(1035)
+    residual[:3], residual[-11] = 1.0, 10.0
 
     def candidate(name, predicted):
         left = residual - predicted
         return Candidate(known[name], {}, {}, float(left @ left), predicted)
 
-    moved, offset = np.zeros(1011), np.zeros(1011)
-    moved[-11], offset[:5] = 9.0, 1.0
+    moved, offset = np.zeros(1035), np.zeros(1035)
+    moved[-11], offset[:3] = 9.0, 1.0
     lucky, pose = candidate("dark-offset", offset), candidate("camera-pose", moved)
-    assert first_worthy([lucky, pose], residual, model, residual) is pose
-    assert first_worthy([lucky, candidate("camera-pose", offset)], residual, model, residual) is None
+    assert first_worthy([lucky, pose], residual, SQUARE, residual) is pose
+    assert first_worthy([lucky, candidate("camera-pose", offset)], residual, SQUARE, residual) is None
 
 
 def test_a_gain_must_exceed_the_flaws_of_shapes_that_are_not_rendered_anew():
     """Of 10^5 explained a hundredth may be an effect's own error; nothing of it where the picture is new."""
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
-    model = SimpleNamespace(count=1000, project=lambda vector: vector)
-    residual, rendered = np.zeros(1011), np.zeros(1011)
+    residual, rendered = np.zeros(1035), np.zeros(1035)
     residual[0], rendered[1] = 10.0, np.sqrt(1e5 + 100)
     offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
-    assert first_worthy([offset], residual, model, rendered) is None
-    assert first_worthy([offset], residual, model, residual) is offset
+    assert first_worthy([offset], residual, SQUARE, rendered) is None
+    assert first_worthy([offset], residual, SQUARE, residual) is offset
+
+
+def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
+    """The base picture's flaws are smooth: 0.01 of chi2 per sample is theirs on faces, an effect's at edges."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
+    level = np.append(np.full(1024, 0.1), np.zeros(11))
+    sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
+    for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
+        assert smooth_part(SQUARE, change) == pytest.approx(smooth)
+        found = first_worthy([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change)
+        assert (found is not None) is gains
+
+
+def test_screening_leaves_out_what_averaging_noise_would_gain():
+    """|r - a c|^2 + s a, s what a step of the effect smooths away, is least at (c r - s / 2) / c^2."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), False)}
+    generator = np.random.default_rng(1)
+    column, residual = generator.standard_normal(1035), generator.standard_normal(1035)
+    residual += 3 * column
+    task = SimpleNamespace(
+        model=SimpleNamespace(project=lambda vector: vector, whiten_used=lambda change: change),
+        scale=1.0,
+        smoothed_away=lambda effect: 100.0,
+    )
+    found = screen(task, Signature(known["defocus"], (0.15,), column[None]), residual)
+    amplitude = (column @ residual - 50.0) / (column @ column)
+    assert found.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
+    left = residual - amplitude * column
+    assert found.chi2 == pytest.approx(left @ left + 100.0 * amplitude)
 
 
 def test_the_error_of_an_index_is_not_that_of_its_coordinate():

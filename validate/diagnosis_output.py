@@ -157,7 +157,12 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[ReportSection]:
     maps = [s.comparison.maps["residual_over_sigma"].mean("band").values for s in diagnosis.path]
     scale = diverging_scale(maps[0], "residual / σ, mean over bands", 0.5)
     effect_rows = [
-        (r.effect, Cell(_ranked_values(r), words=True), significant(r.chi2_per_dof, 4), number(100 * r.probability, 1))
+        (
+            r.effect,
+            Cell(_ranked_values(r), words=True),
+            significant(r.chi2_per_dof, 4),
+            number(100 * r.probability, 1),
+        )
         for r in diagnosis.ranking[:8]
     ]
     return [

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, BandResponse, sensor_matrix
+from cboxlab.render.edge_blur import build_edge_blur
 from cboxlab.render.image import RenderedImage
+from cboxlab.render.warp import Warp, warp_change
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -20,7 +23,9 @@ from scipy.interpolate import CubicSpline
 from .effects import AppliedEffect, BandCurves, Counts, Light
 from .sensing import Sensing, field_sine_squared, sensing
 
-__all__ = ["Projection", "Sensing", "expected_signal", "integral_responses", "scene_light", "sensing"]
+__all__ = [
+    "Projection", "Sensing", "expected_signal", "integral_responses", "scene_light", "sensing", "with_scene_behind",
+]  # fmt: skip
 
 #: Radiance of every pixel times weights (301, q) on 400 to 700 nm by 1 nm: (y, x, q).
 Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -69,6 +74,16 @@ def _uniform(
         for angle in range(len(field))
     ]
     return np.einsum("ab,ayx->byx", np.array(levels), field)
+
+
+def with_scene_behind(light: Light, warp: Warp) -> Light:
+    """The light with what its pixels do not tell: where in them the edges of the picture taken apart lie."""
+    edges = cache(lambda: build_edge_blur(warp))
+    return replace(
+        light,
+        moved=lambda there: warp_change(warp, there),
+        beyond_pixels=lambda sigma_px: edges().beyond_pixels(sigma_px),
+    )
 
 
 def scene_light(

@@ -17,14 +17,14 @@ from cboxlab.render.final_gather import LightField, solve_light
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.patch_light import PatchLight, patch_light
 from cboxlab.render.patch_transport import PatchTransport, build_patch_transport
-from cboxlab.render.warp import Warp, build_warp, warp_change
+from cboxlab.render.warp import Warp, build_warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from .effects import AppliedEffect, Light
-from .expected import expected_signal, integral_responses, scene_light
+from .expected import expected_signal, integral_responses, scene_light, with_scene_behind
 from .model import RenderSettings
 from .sensing import Sensing
 
@@ -216,7 +216,7 @@ def build_predictor(
     """From the base picture, as gathered from ``light`` through ``camera``; see Predictor."""
     base = scene_light(image, sensing, (), camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
-    base = replace(base, moved=lambda there: warp_change(warp, there))
+    base = with_scene_behind(base, warp)
     return Predictor(
         scene, sensing, camera, light, image, base, settings, tuple(included), base.effective_nm, warp
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from cboxlab.scenes.errors import InputError
@@ -85,11 +86,15 @@ class Problem:
         """Chi2 that an effect would gain by averaging the base picture's noise: a blur does, whatever the truth."""
         if applied.effect.stage not in ("optics", "counts"):
             return 0.0
-        before, after = (
-            self.scale * self.predictor.noise(effects, self.noise)[self.model.used] / self.model.sigma
-            for effects in (self.others, (*self.others, applied))
-        )
-        return float(before @ before - after @ after)
+        return self._own_noise - self._noise_with(self.others, applied)
+
+    @cached_property
+    def _own_noise(self) -> float:
+        return self._noise_with(self.others)
+
+    def _noise_with(self, others: Sequence[AppliedEffect], *more: AppliedEffect) -> float:
+        noise = self.predictor.noise((*others, *more), self.noise)[self.model.used]
+        return float(np.sum((self.scale * noise / self.model.sigma) ** 2))
 
 
 # Filter shift acts through 1 / n^2, and its null is an infinite index: it is searched in that coordinate.
@@ -169,7 +174,8 @@ def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Ca
         columns = np.array([task.change(effect) for effect in known.stepped]).T
     else:
         columns = np.array([model.whiten_used(task.scale * change) for change in known.changes]).T
-    amplitude, covariance = _solve(columns, residual)
+    smoothed = np.array([task.smoothed_away(effect) for effect in known.stepped])
+    amplitude, covariance = _solve(columns, residual, smoothed)
     if not hypothesis.free:
         amplitude = np.ones(1)
     elif len(amplitude) == 1:
@@ -186,19 +192,20 @@ def screen(task: Problem, known: Signature, residual: NDArray[np.float64]) -> Ca
     }
     predicted = columns @ amplitude
     left = residual - predicted
-    return Candidate(hypothesis, numbers, sigma, float(left @ left), predicted)
+    return Candidate(hypothesis, numbers, sigma, float(left @ left + smoothed @ amplitude), predicted)
 
 
 def _null_coordinate(parameter: Parameter) -> float:
     return 0.0 if parameter.null is None else _to_coordinate(parameter, parameter.null)
 
 
-def _solve(columns: NDArray, residual: NDArray) -> tuple[NDArray, NDArray]:
+def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
+    """Where the residual's square plus the slope's product is least, and the inverse of half its second derivatives."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     unit = columns / size
     covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
-    return covariance @ (unit.T @ residual) / size, covariance / np.outer(size, size)
+    return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
 
 
 def clustered_variance(
@@ -231,7 +238,8 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
             best = other
     sigma: dict[str, float] = dict(start.sigma)
     for _ in range(_ROUNDS):
-        columns, steps = [], []
+        columns, steps, slope = [], [], []
+        smoothed = task.smoothed_away(hypothesis.at(best.numbers))
         for p in numeric:
             here = _to_coordinate(p, best.numbers[p.name])
             low, high = _bounds(p)
@@ -240,9 +248,10 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
             step = step if here + step <= high else -step
             moved = {**best.numbers, p.name: _from_coordinate(p, here + step)}
             columns.append(task.change(hypothesis.at(moved)) - best.predicted)
+            slope.append(task.smoothed_away(hypothesis.at(moved)) - smoothed)
             steps.append(step)
         design = np.array(columns).T
-        shift, covariance = _solve(design, residual - best.predicted)
+        shift, covariance = _solve(design, residual - best.predicted, np.array(slope))
         spread = np.maximum(
             np.diag(covariance), clustered_variance(task.model, design, covariance, residual - best.predicted)
         )

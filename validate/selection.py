@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from .effects import AppliedEffect
 from .forward import displacement
 from .heldout import PREDICTS, heldout_bands, heldout_pixels
-from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess
+from .linear_model import LinearModel, build_linear_model, model_variance, smooth_excess, smooth_part
 from .nuisances import camera_jacobian
 from .pipeline import Prepared, Rendered
 from .predictor import Predictor
@@ -27,10 +27,13 @@ __all__ = [
 
 UNKNOWN = "unknown"
 
-#: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same.
-SMALLEST_GAIN = 0.015
+#: An effect must lower chi2 per sample by this much: below it, the base picture's own flaws could do the same. They are
+#: smooth; what changes edges alone is not imitated by them, and edges' own flaws are in the variance.
+_SMALLEST_GAIN, _SMALLEST_AT_EDGES = 0.015, 0.004
 
-#: And by this part of what the effects already in explain: a shape wrong by a tenth leaves a hundredth of chi2.
+#: Part of what an effect explains by which the error of its shape may change chi2: of a shape wrong by a tenth a
+#: hundredth is left, and one wrong by a twentieth may make as much between two effects in the same place. A further
+#: effect must gain more than this part of what those already in explain.
 _SHAPE_FLAW = 0.01
 
 #: Stages whose effects are in the picture that is rendered anew: their shapes are as good as the picture.
@@ -59,9 +62,6 @@ _RIVALS = 3
 
 #: With fewer effects the search for the best of all single ones has had its say.
 _MERGED_FROM = 3
-
-#: Part of its gain by which the error of an effect's shape may change an effect's chi2.
-_SHAPE_ERROR = 0.002
 
 #: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
 _OUTDONE = 0.4
@@ -173,7 +173,13 @@ def _worth(candidate: Candidate, residual: NDArray, model: LinearModel, explaine
     if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
         relief = prior_strain(residual) ** 2 - prior_strain(residual - candidate.predicted) ** 2
         return gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
-    return gain > max(SMALLEST_GAIN * model.count, _SHAPE_FLAW * explained)
+    return gain > max(_least_gain(candidate, model), _SHAPE_FLAW * explained)
+
+
+def _least_gain(candidate: Candidate, model: LinearModel) -> float:
+    """Chi2 that flaws of the base picture could let an effect gain, by how smooth the effect is."""
+    smooth = smooth_part(model, candidate.predicted)
+    return model.count * (_SMALLEST_AT_EDGES + smooth * (_SMALLEST_GAIN - _SMALLEST_AT_EDGES))
 
 
 def prior_strain(residual: NDArray) -> float:
@@ -217,7 +223,8 @@ def without_idle(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
             left = left_over(bench, rest)
             costs.append((_square(left) - _square(full), index, rest))
         cost, index, rest = min(costs, key=lambda item: item[0])
-        if cost > SMALLEST_GAIN * bench.model.count or current[index].hypothesis.effect.id in PRIOR_EFFECTS:
+        least = _least_gain(current[index], bench.model)
+        if cost > least or current[index].hypothesis.effect.id in PRIOR_EFFECTS:
             break
         current = rest
     return current
@@ -230,7 +237,7 @@ def merged(bench: Bench, chosen: Sequence[Candidate], signatures: Sequence[Signa
     if len(chosen) < _MERGED_FROM or any(c.hypothesis.effect.id in PRIOR_EFFECTS for c in chosen):
         return list(chosen)
     together = left_over(bench, chosen)
-    limit = _square(together) + SMALLEST_GAIN * bench.model.count
+    limit = _square(together) + _SMALLEST_GAIN * bench.model.count
     best = list(chosen)
     for kept in chosen:
         rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]
@@ -275,7 +282,7 @@ class Place:
     @property
     def alike(self) -> list[Candidate]:
         """Rivals that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
-        allowed = max(_INDISTINGUISHABLE, _SHAPE_ERROR * (self.empty - self.candidate.chi2))
+        allowed = max(_INDISTINGUISHABLE, _SHAPE_FLAW * (self.empty - self.candidate.chi2))
         return [c for c in self.rivals if c.chi2 - self.candidate.chi2 < allowed]
 
 

@@ -7,7 +7,7 @@ counts does to charge acts before shot noise, what it does to counts that are re
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from cboxlab.render.image import RenderedImage
 from cboxlab.render.laboratory import CaptureSettings, Frame, FrameHooks
 from cboxlab.render.precision import render_to_precision
 from cboxlab.render.tracer import build_tracer
-from cboxlab.render.warp import build_warp, warp_change
+from cboxlab.render.warp import build_warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from .effects import AppliedEffect, BandCurves, Counts, Light
-from .expected import integral_responses
+from .expected import integral_responses, with_scene_behind
 from .forward import after_stage
 from .model import Model
 from .sensing import CURVE_NM, FIELD_ANGLES, field_sine_squared
@@ -257,7 +257,7 @@ def photograph_image(
     light = Light(signal, _effective_wavelengths(project, curves), moved)
     if seen is not None and variant.compiled() and any(effect.effect.stage == "optics" for effect in effects):
         warp = build_warp(build_tracer(seen), moved, image, signal)
-        light = replace(light, moved=lambda there: warp_change(warp, there))
+        light = with_scene_behind(light, warp)
     signals = after_stage(light, effects, "optics").signal
     field = _through_filters(lambda weights: sphere @ weights, curves, moved)
     hooks = _hooks(curves.bands, effects, settings)

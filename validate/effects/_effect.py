@@ -120,7 +120,8 @@ class Light:
 
     signal : (band, y, x) DN above dark at a flat of 1, not clipped, the lamp included.
     effective_nm : (band,) mean wavelength of each band's signal. camera : for its principal point and size.
-    moved : change (band, y, x) of the signal when another camera takes the place of this one; None where the scene
+    moved : change (band, y, x) of the signal when another camera takes the place of this one. beyond_pixels : the
+    change that Gaussian blurs (band,), px, make of the light less what they make of pixels. None where the scene
     behind the picture is not known.
     """
 
@@ -128,6 +129,7 @@ class Light:
     effective_nm: NDArray[np.float64]
     camera: Camera
     moved: Callable[[Camera], NDArray[np.float64]] | None = None
+    beyond_pixels: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     def with_signal(self, signal: NDArray[np.float64]) -> Light:
         """The same with another signal."""
@@ -135,11 +137,12 @@ class Light:
 
     def scaled(self, factor: NDArray[np.float64]) -> Light:
         """The same with ``factor``, (band, 1, 1) or a number, times the light."""
-        moved = self.moved
+        moved, beyond = self.moved, self.beyond_pixels
         return replace(
             self,
             signal=factor * self.signal,
             moved=None if moved is None else lambda camera: factor * moved(camera),
+            beyond_pixels=None if beyond is None else lambda sigma_px: factor * beyond(sigma_px),
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ._blur import blur
+from ._blur import blurred
 from ._effect import Effect, Light, Parameter
 
 __all__ = ["EFFECT"]
@@ -16,7 +16,7 @@ IN_FOCUS_NM = 550.0
 def _apply(light: Light, sigma_px_per_100nm: float) -> Light:
     """Each band's blur is that of its signal's mean wavelength."""
     sigma = sigma_px_per_100nm * np.abs(light.effective_nm - IN_FOCUS_NM) / 100.0
-    return light.with_signal(np.stack([blur(image, s) for image, s in zip(light.signal, sigma, strict=True)]))
+    return blurred(light, sigma)
 
 
 EFFECT = Effect(
@@ -24,7 +24,7 @@ EFFECT = Effect(
     stage="optics",
     summary="Blur by a Gaussian whose standard deviation grows linearly away from 550 nm; each band takes "
     "that of its mean wavelength.",
-    parameters=(Parameter("sigma_px_per_100nm", "px per 100 nm", null=0.0, low=0.0, high=5.0, step=0.3),),
+    parameters=(Parameter("sigma_px_per_100nm", "px per 100 nm", null=0.0, low=0.0, high=5.0, step=0.15),),
     apply=_apply,
     confirm="Photograph a slanted edge in every band: the edge spread grows towards both ends of the "
     "spectrum. Refocusing one of the outer bands sharpens it.",

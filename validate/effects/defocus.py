@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from ._blur import blur
+from ._blur import blurred
 from ._effect import Effect, Light, Parameter
 
 __all__ = ["EFFECT"]
 
 
 def _apply(light: Light, sigma_px: float) -> Light:
-    return light.with_signal(np.stack([blur(image, sigma_px) for image in light.signal]))
+    return blurred(light, np.full(len(light.signal), sigma_px))
 
 
 EFFECT = Effect(
     id="defocus",
     stage="optics",
     summary="Blur by a Gaussian of standard deviation sigma, alike in all bands. Beyond the border the "
-    "outermost pixels are repeated. Small blurs act by sigma squared.",
-    parameters=(Parameter("sigma_px", "px", null=0.0, low=0.0, high=5.0, step=0.3),),
+    "outermost pixels are repeated. The light is blurred before the pixels see it; where the scene behind a "
+    "picture is not known, its pixels are.",
+    parameters=(Parameter("sigma_px", "px", null=0.0, low=0.0, high=5.0, step=0.15),),
     apply=_apply,
     confirm="Photograph a slanted edge at the box's distance and measure the edge spread, or refocus and "
     "take one band again.",

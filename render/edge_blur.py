@@ -1,0 +1,98 @@
+"""A blur of light before the pixels: where in a pixel a face's edge lies decides what it does.
+
+A blur of pixels knows their means only. At 0.2 px it changes the pixels beside an edge much alike; a blur of light
+leaves most of them alone and changes those whose border the edge is close to. Here faces' coverages, known on a grid of
+subpixels, are blurred by both; the difference, with each face's own signal beside its edge, is what pixels do not tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .blur import blur
+from .primary import pixel_faces
+from .warp import Warp
+
+__all__ = ["EdgeBlur", "build_edge_blur"]
+
+#: Subpixels across a pixel, and camera rays across a subpixel.
+_ACROSS, _RAYS = 8, 4
+
+#: Standard deviations, px, at which coverages are blurred; in between the change is taken as linear in the variance. At
+#: the last one light and pixels blur alike: nothing is left.
+_NODES = np.append(0.0, np.geomspace(0.03, 1.3, 22))
+
+#: Pixels around a face that its blurred coverage may reach.
+_MARGIN = 5
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeBlur:
+    """faces : for each face with an edge in sight the rows and columns that it may reach, and its coverage there,
+    (subpixel rows, subpixel columns)."""
+
+    warp: Warp
+    faces: dict[int, tuple[slice, slice, NDArray[np.float32]]]
+    _beyond: dict[int, dict[int, NDArray[np.float32]]] = field(default_factory=dict)
+
+    def beyond_pixels(self, sigma_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Change (band, y, x) that Gaussians of ``sigma_px`` (band,) make of light, less what they make of pixels."""
+        result = np.zeros(self.warp.base.shape)
+        places = np.interp(np.square(sigma_px), _NODES**2, np.arange(len(_NODES)))
+        for band, place in enumerate(places):
+            low = int(place)
+            for node, share in ((low, low + 1 - place), (low + 1, place - low)):
+                if share > 0 and 0 < node < len(_NODES) - 1:
+                    for face, change in self._at(node).items():
+                        rows, columns, _ = self.faces[face]
+                        result[band, rows, columns] += (
+                            share * change * self.warp.layers[face][band, rows, columns]
+                        )
+        return result
+
+    def _at(self, node: int) -> dict[int, NDArray[np.float32]]:
+        """Per face, what a blur of light makes of its coverage less what one of pixels does."""
+        if node not in self._beyond:
+            sigma = float(_NODES[node])
+            self._beyond[node] = {
+                face: _pixels(blur(fine, sigma * _ACROSS)) - blur(_pixels(fine), sigma)
+                for face, (_, _, fine) in self.faces.items()
+            }
+        return self._beyond[node]
+
+
+def build_edge_blur(warp: Warp) -> EdgeBlur:
+    """Look where in the border pixels of a picture the faces' edges lie."""
+    camera = warp.camera
+    height, width = camera.height_px, camera.width_px
+    whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
+    seen = pixel_faces(warp.tracer, camera, warp.border, _ACROSS * _RAYS)
+    rows, columns = np.divmod(warp.border, width)
+    whole[rows, columns] = -1
+    found = {}
+    for face in warp.layers:
+        mixed = (seen == face).reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).mean(axis=(2, 4), dtype=np.float32)
+        here = whole == face
+        here[rows, columns] = mixed.any(axis=(1, 2))
+        if not here.any():
+            continue
+        down, across = (_reached(here.any(axis=axis)) for axis in (1, 0))
+        fine = np.zeros((height, _ACROSS, width, _ACROSS), np.float32)
+        fine += (whole == face)[:, None, :, None]
+        fine[rows, :, columns, :] = mixed
+        box = fine[down, :, across].reshape(_ACROSS * (down.stop - down.start), -1)
+        found[face] = (down, across, box)
+    return EdgeBlur(warp, found)
+
+
+def _reached(here: NDArray[np.bool_]) -> slice:
+    places = np.flatnonzero(here)
+    return slice(max(int(places[0]) - _MARGIN, 0), min(int(places[-1]) + _MARGIN + 1, len(here)))
+
+
+def _pixels(fine: NDArray[np.float32]) -> NDArray[np.float32]:
+    height, width = (size // _ACROSS for size in fine.shape)
+    return fine.reshape(height, _ACROSS, width, _ACROSS).mean(axis=(1, 3))
