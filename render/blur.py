@@ -31,9 +31,18 @@ def kernel(sigma_px: float) -> NDArray[np.float64]:
     if sigma_px == 0:
         return np.ones(1)
     reach = int(np.ceil(5 * sigma_px)) + 1
-    if sigma_px >= _SAMPLED:
-        sampled = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
-        return sampled / sampled.sum()
+    weights = _sampled(sigma_px, reach) if sigma_px >= _SAMPLED else _predicting(sigma_px, reach)
+    weights.flags.writeable = False  # the cache hands it out again
+    return weights
+
+
+def _sampled(sigma_px: float, reach: int) -> NDArray[np.float64]:
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+    return np.asarray(weights / weights.sum())
+
+
+def _predicting(sigma_px: float, reach: int) -> NDArray[np.float64]:
+    """The positive kernel that best predicts blurred pixels."""
     frequency = np.pi * (np.arange(_FREQUENCIES) + 0.5) / _FREQUENCIES
     aliased = frequency[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
     power = aliased**-4.0
@@ -42,9 +51,7 @@ def kernel(sigma_px: float) -> NDArray[np.float64]:
     # Weights w_n and w_-n = w_n act as 1 + Sum_n 2 w_n (cos(n w) - 1), which keeps the sum at 1.
     design = 2 * (np.cos(np.outer(frequency, np.arange(1, reach + 1))) - 1)
     side, _ = nnls(design * np.sqrt(total)[:, None], (wanted - 1) * np.sqrt(total))
-    weights = np.concatenate([side[::-1], [1 - 2 * side.sum()], side])
-    weights.flags.writeable = False  # the cache hands it out again
-    return weights
+    return np.concatenate([side[::-1], [1 - 2 * side.sum()], side])
 
 
 def blur(image: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:

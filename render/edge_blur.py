@@ -21,6 +21,9 @@ __all__ = ["EdgeBlur", "build_edge_blur"]
 #: Subpixels across a pixel, and camera rays across a subpixel.
 _ACROSS, _RAYS = 8, 4
 
+#: So many pixels at a time, for the memory.
+_PIXELS_PER_CALL = 4096
+
 #: Standard deviations, px, at which coverages are blurred; in between the change is taken as linear in the variance. At
 #: the last one light and pixels blur alike: nothing is left.
 _NODES = np.append(0.0, np.geomspace(0.03, 1.3, 22))
@@ -67,10 +70,10 @@ class EdgeBlur:
 def build_edge_blur(warp: Warp) -> EdgeBlur:
     """Look where in the border pixels of a picture the faces' edges lie."""
     camera = warp.camera
-    height, width = camera.height_px, camera.width_px
     whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
-    seen = pixel_faces(warp.tracer, camera, warp.border, _ACROSS * _RAYS)
-    rows, columns = np.divmod(warp.border, width)
+    parts = np.array_split(warp.border, len(warp.border) // _PIXELS_PER_CALL + 1)
+    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, _ACROSS * _RAYS) for part in parts])
+    rows, columns = np.divmod(warp.border, camera.width_px)
     whole[rows, columns] = -1
     found = {}
     for face in warp.layers:
@@ -80,11 +83,12 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
         if not here.any():
             continue
         down, across = (_reached(here.any(axis=axis)) for axis in (1, 0))
-        fine = np.zeros((height, _ACROSS, width, _ACROSS), np.float32)
-        fine += (whole == face)[:, None, :, None]
-        fine[rows, :, columns, :] = mixed
-        box = fine[down, :, across].reshape(_ACROSS * (down.stop - down.start), -1)
-        found[face] = (down, across, box)
+        alone = (whole == face)[down, across]
+        fine = np.zeros((alone.shape[0], _ACROSS, alone.shape[1], _ACROSS), np.float32)
+        fine += alone[:, None, :, None]
+        own = mixed.any(axis=(1, 2))
+        fine[rows[own] - down.start, :, columns[own] - across.start, :] = mixed[own]
+        found[face] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
     return EdgeBlur(warp, found)
 
 
