@@ -38,8 +38,8 @@ class EdgeBlur:
     (subpixel rows, subpixel columns)."""
 
     warp: Warp
-    faces: dict[int, tuple[slice, slice, NDArray[np.float32]]]
-    _beyond: dict[int, dict[int, NDArray[np.float32]]] = field(default_factory=dict)
+    faces: dict[int, tuple[slice, slice, NDArray]]
+    _beyond: dict[int, dict[int, NDArray]] = field(default_factory=dict)
 
     def beyond_pixels(self, sigma_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change (band, y, x) that Gaussians of ``sigma_px`` (band,) make of light, less what they make of pixels."""
@@ -56,7 +56,7 @@ class EdgeBlur:
                         )
         return result
 
-    def _at(self, node: int) -> dict[int, NDArray[np.float32]]:
+    def _at(self, node: int) -> dict[int, NDArray]:
         """Per face, what a blur of light makes of its coverage less what one of pixels does."""
         if node not in self._beyond:
             sigma = float(_NODES[node])
@@ -97,6 +97,6 @@ def _reached(here: NDArray[np.bool_]) -> slice:
     return slice(max(int(places[0]) - _MARGIN, 0), min(int(places[-1]) + _MARGIN + 1, len(here)))
 
 
-def _pixels(fine: NDArray[np.float32]) -> NDArray[np.float32]:
+def _pixels(fine: NDArray) -> NDArray:
     height, width = (size // _ACROSS for size in fine.shape)
     return fine.reshape(height, _ACROSS, width, _ACROSS).mean(axis=(1, 3))
