@@ -69,6 +69,11 @@ class Predictor:
         """The same with fewer rays, enough to tell which effects deserve a closer look."""
         return replace(self, samples=_SCREENING_SAMPLES, _pictures={})
 
+    def resampled(self) -> Predictor:
+        """The same with other random numbers for what effects of the scene change."""
+        settings = replace(self.settings, seed=self.settings.seed + 1)
+        return replace(self, settings=settings, _transports={}, _pictures={}, _seen={})
+
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
         return expected_signal(self.before_optics(effects), self.sensing, effects, self.camera)

@@ -17,6 +17,7 @@ from .effects import AppliedEffect, Parameter
 from .linear_model import nuisance_priors
 from .model import Model
 from .pipeline import prepare, rendered_from, solved_light
+from .predictor import Predictor
 from .selection import PRIOR_EFFECTS
 from .synthetic import write_model_capture
 
@@ -50,6 +51,7 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
     predictor, used = rendered.predictor, rendered.used
     if predictor is None:
         raise InputError("--strength", "no compiled variant", "LLVM 16 or newer")
+    again = predictor.resampled()
     base = predictor.signal(model.effects)
     sigma = np.sqrt(prepared.calibration.predicted_variance(base)[used])
     level: NDArray[np.float64] = base[used] / sigma
@@ -57,15 +59,19 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
 
     priors = nuisance_priors(prepared.calibrated_camera, prepared.lamp_sigma)
 
+    def change(seen_by: Predictor, effect: AppliedEffect) -> NDArray[np.float64]:
+        moved = (seen_by.signal((*model.effects, effect)) - seen_by.signal(model.effects))[used] / sigma
+        return np.asarray(moved - level * (level @ moved))
+
     def scale(effect: AppliedEffect) -> float:
         if effect.id in PRIOR_EFFECTS:
             moved = effect.apply(camera) if effect.effect.stage == "camera" else camera
             brighter = float(effect.values["scale"]) - 1 if effect.id == "lamp-power" else 0.0
             strain = priors @ np.append(moved.parameters - camera.parameters, brighter)
             return (float(strain @ strain) / _STRAIN) ** 2
-        change = (predictor.signal((*model.effects, effect)) - base)[used] / sigma
-        change = change - level * (level @ change)
-        return float(change @ change) / len(sigma)
+        # the product of two whose random numbers differ: a square would count their noise as strength
+        first, second = (change(each, effect) for each in (predictor, again))
+        return float(first @ second) / len(sigma)
 
     return scale
 
