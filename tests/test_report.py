@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from cboxlab.validate.blocks import Cell, ReportSection, Table, number
+from cboxlab.validate.blocks import Cell, ReportSection, Table, number, with_error
 from cboxlab.validate.plots import Scale, diverging_scale, falling_curve, map_row, sequential_scale
 from cboxlab.validate.report import ReportInputs, build_report
 from fake_box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
@@ -121,3 +121,14 @@ def test_numbers():
         "+1.50",
         "–",
     ]
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "shown"),
+    [
+        (0.004031, 1.2e-5, "0.004031 ± 0.000012"), (3.94e-8, 1.53e-9, "3.94e−08 ± 1.5e−09"),
+        (-0.6428, 0.91, "−0.64 ± 0.91"), (524.4, 12.0, "524 ± 12"), (1.0, 0.0, "1"), (0.25, np.nan, "0.25"),
+    ],
+)  # fmt: skip
+def test_a_number_is_shown_as_good_as_its_error(value, sigma, shown):
+    assert with_error(value, sigma) == shown

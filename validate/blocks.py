@@ -9,7 +9,10 @@ import numpy as np
 
 from .plots import Drawing, MapRow
 
-__all__ = ["Cell", "ReportSection", "Table", "number", "significant", "to_error"]
+__all__ = ["Cell", "ReportSection", "Table", "number", "significant", "to_error", "with_error"]
+
+#: With more places behind the point numbers are easier to read with an exponent.
+_MOST_PLACES = 6
 
 MINUS = str.maketrans("-", "−")
 
@@ -60,3 +63,14 @@ def to_error(value: float, sigma: float) -> str:
     if not (np.isfinite(sigma) and sigma > 0):
         return significant(value, 7)
     return number(value, int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9)))
+
+
+def with_error(value: float, sigma: float) -> str:
+    """Value and standard deviation to the same digit, two of the deviation's; four digits of the value without one."""
+    if not (np.isfinite(sigma) and sigma > 0):
+        return significant(value, 4)
+    places = int(1 - np.floor(np.log10(sigma)))
+    if places > _MOST_PLACES:
+        digits = max(int(np.floor(np.log10(max(abs(value), sigma)))) + places + 1, 1)
+        return f"{significant(value, digits)} ± {significant(sigma, 2)}"
+    return f"{number(value, max(places, 0))} ± {number(sigma, max(places, 0))}"

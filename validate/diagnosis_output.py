@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from cboxlab.scenes.files import replacing
 
-from .blocks import Cell, ReportSection, Table, number, significant, to_error
+from .blocks import Cell, ReportSection, Table, number, significant, with_error
 from .console import console, data_table, say
 from .diagnosis import Diagnosis, Ranked, Step
 from .effects import AppliedEffect, catalogue
@@ -75,12 +75,7 @@ def _values(effect: AppliedEffect, sigma: dict[str, float]) -> str:
         if isinstance(value, str):
             parts.append(value)
         else:
-            error = sigma.get(name, np.nan)
-            parts.append(
-                f"{name} {to_error(value, error)} ± {significant(error, 2)}"
-                if np.isfinite(error)
-                else f"{name} {significant(value, 4)}"
-            )
+            parts.append(f"{name} {with_error(value, sigma.get(name, np.nan))}")
     return ", ".join(parts)
 
 
