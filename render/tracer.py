@@ -144,16 +144,15 @@ def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.B
 
 def camera_ray(camera: Camera, u: mi.Float, v: mi.Float) -> mi.Ray3f:
     """Rays through image positions (px) of the calibrated camera, distortion inverted."""
-    f = dr.opaque(mi.Float, camera.focal_length_px)
+    f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
     x = (u - dr.opaque(mi.Float, camera.principal_point_px[0])) / f
     y = (v - dr.opaque(mi.Float, camera.principal_point_px[1])) / f
-    if camera.k1 != 0:
-        k1, radius = dr.opaque(mi.Float, camera.k1), dr.sqrt(x * x + y * y)
-        r = mi.Float(radius)
-        for _ in range(4):  # Newton: quadratic convergence, 4 steps reach single precision for |k1| r^2 < 0.3
-            r = r - (r * (1 + k1 * r * r) - radius) / (1 + 3 * k1 * r * r)
-        scale = dr.select(radius > 0, r / radius, 1.0)
-        x, y = x * scale, y * scale
+    radius = dr.sqrt(x * x + y * y)
+    r = mi.Float(radius)
+    for _ in range(4):  # Newton: quadratic convergence, 4 steps reach single precision for |k1| r^2 < 0.3
+        r = r - (r * (1 + k1 * r * r) - radius) / (1 + 3 * k1 * r * r)
+    scale = dr.select(radius > 0, r / radius, 1.0)
+    x, y = x * scale, y * scale
     rows = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
     direction = mi.Vector3f(*(x * rows[0][i] + y * rows[1][i] + rows[2][i] for i in range(3)))
     origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
