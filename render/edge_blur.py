@@ -28,8 +28,8 @@ _PIXELS_PER_CALL = 4096
 #: the last one light and pixels blur alike: nothing is left.
 _NODES = np.append(0.0, np.geomspace(0.03, 1.3, 22))
 
-#: Pixels around a face that its blurred coverage may reach.
-_MARGIN = 5
+#: Pixels around a face that its blurred coverage may reach: five times the widest blur.
+_MARGIN = 7
 
 
 @dataclass(frozen=True, eq=False)

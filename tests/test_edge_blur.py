@@ -80,8 +80,10 @@ def test_every_band_has_its_own_blur_and_none_changes_nothing(squares):
     assert not sharp.any()
 
 
-def test_light_is_neither_made_nor_lost(squares):
-    """Sums stay, to the 0.2 % to which coverage by 64 rays tells faces' own signals beside their edges."""
-    for sigma in (0.07, 0.3, 1.0):
-        change = build_edge_blur(squares[0]).beyond_pixels(np.full(2, sigma))
-        assert np.abs(change.sum(axis=(1, 2))).max() < 2e-3 * np.abs(change).sum()
+@pytest.mark.parametrize("sigma", [0.07, 0.3, 1.0])
+def test_light_is_neither_made_nor_lost(squares, sigma):
+    """Faces of one even signal: what leaves a pixel arrives in others, to single precision."""
+    warp = squares[0]
+    even = replace(warp, layers={face: np.ones_like(layer) for face, layer in warp.layers.items()})
+    change = build_edge_blur(even).beyond_pixels(np.full(2, sigma))
+    assert np.abs(change.sum(axis=(1, 2))).max() < 1e-5 * np.abs(change).sum(axis=(1, 2)).max()

@@ -60,17 +60,21 @@ def significant(value: float, digits: int = 3) -> str:
 
 def to_error(value: float, sigma: float) -> str:
     """As many digits as a standard deviation of two significant ones has; seven where there is none."""
-    if not (np.isfinite(sigma) and sigma > 0):
-        return significant(value, 7)
-    return number(value, int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9)))
+    places = _places(sigma)
+    return significant(value, 7) if places is None else number(value, min(places, 9))
 
 
 def with_error(value: float, sigma: float) -> str:
     """Value and standard deviation to the same digit, two of the deviation's; four digits of the value without one."""
-    if not (np.isfinite(sigma) and sigma > 0):
+    places = _places(sigma)
+    if places is None:
         return significant(value, 4)
-    places = int(1 - np.floor(np.log10(sigma)))
     if places > _MOST_PLACES:
-        digits = max(int(np.floor(np.log10(max(abs(value), sigma)))) + places + 1, 1)
+        digits = int(np.floor(np.log10(max(abs(value), sigma)))) + places + 1
         return f"{significant(value, digits)} ± {significant(sigma, 2)}"
-    return f"{number(value, max(places, 0))} ± {number(sigma, max(places, 0))}"
+    return f"{number(value, places)} ± {number(sigma, places)}"
+
+
+def _places(sigma: float) -> int | None:
+    """Behind the point, for two significant digits of a standard deviation; None where there is none."""
+    return max(int(1 - np.floor(np.log10(sigma))), 0) if np.isfinite(sigma) and sigma > 0 else None

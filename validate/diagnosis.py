@@ -23,6 +23,7 @@ from .search import Candidate, Signature, signature
 from .selection import (
     HOPELESS,
     MOST_OF_IT,
+    SHAPE_FLAW,
     UNKNOWN,
     Bench,
     Place,
@@ -265,7 +266,7 @@ def _ranked(candidate: Candidate, start: LinearModel, probability: float) -> Ran
 
 
 def _shares(candidates: Sequence[Candidate], empty: float) -> list[float]:
-    """Probabilities from chi2, softened by the error of the effects' shapes (a hundredth of the gain)."""
+    """Probabilities from chi2, softened by the error of the effects' shapes."""
     chi2 = np.array([c.chi2 for c in candidates])
-    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (1.0 + 0.01 * max(empty - chi2.min(), 0.0)))
+    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (1.0 + SHAPE_FLAW * max(empty - chi2.min(), 0.0)))
     return [float(w) for w in weights / weights.sum()]

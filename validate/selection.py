@@ -20,7 +20,7 @@ from .predictor import Predictor
 from .search import Candidate, Problem, Signature, fit, problem, screen, varied
 
 __all__ = [
-    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "UNKNOWN", "Bench", "Place", "best_singles",
+    "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "SHAPE_FLAW", "UNKNOWN", "Bench", "Place", "best_singles",
     "build_bench", "exchanged", "explained_part", "first_worthy", "groups", "left_over", "merged", "predictive",
     "prior_strain", "refitted_together", "remains", "with_rendered", "without_idle",
 ]  # fmt: skip
@@ -34,7 +34,7 @@ _SMALLEST_GAIN, _SMALLEST_AT_EDGES = 0.015, 0.004
 #: Part of what an effect explains by which the error of its shape may change chi2: of a shape wrong by a tenth a
 #: hundredth is left, and one wrong by a twentieth may make as much between two effects in the same place. A further
 #: effect must gain more than this part of what those already in explain.
-_SHAPE_FLAW = 0.01
+SHAPE_FLAW = 0.01
 
 #: Stages whose effects are in the picture that is rendered anew: their shapes are as good as the picture.
 _RENDERED = ("scene", "settings")
@@ -173,7 +173,7 @@ def _worth(candidate: Candidate, residual: NDArray, model: LinearModel, explaine
     if candidate.hypothesis.effect.id in PRIOR_EFFECTS:
         relief = prior_strain(residual) ** 2 - prior_strain(residual - candidate.predicted) ** 2
         return gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
-    return gain > max(_least_gain(candidate, model), _SHAPE_FLAW * explained)
+    return gain > max(_least_gain(candidate, model), SHAPE_FLAW * explained)
 
 
 def _least_gain(candidate: Candidate, model: LinearModel) -> float:
@@ -282,7 +282,7 @@ class Place:
     @property
     def alike(self) -> list[Candidate]:
         """Rivals that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
-        allowed = max(_INDISTINGUISHABLE, _SHAPE_FLAW * (self.empty - self.candidate.chi2))
+        allowed = max(_INDISTINGUISHABLE, SHAPE_FLAW * (self.empty - self.candidate.chi2))
         return [c for c in self.rivals if c.chi2 - self.candidate.chi2 < allowed]
 
 
