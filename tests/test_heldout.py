@@ -19,6 +19,7 @@ def model():
         np.ones(COUNT),
         np.zeros((11, 11)),
         np.zeros((COUNT + 11, 11)),
+        np.zeros((COUNT + 11, 1)),
         np.zeros(COUNT + 11),
     )
 

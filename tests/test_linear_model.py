@@ -29,7 +29,7 @@ def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
         base,
         np.full(SHAPE, 25.0),
         np.ones(SHAPE, bool),
-        np.ones(SHAPE[1:], bool),
+        np.ones((*SHAPE[1:], 1)),
         derivative,
         fit,
         camera,

@@ -1,5 +1,6 @@
 """The stated errors of an effect's parameters, for residuals that are more than independent noise; what counts."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from cboxlab.validate.search import (
     _deviation,
     _from_coordinate,
     _to_coordinate,
-    clustered_variance,
+    honest_variance,
     screen,
 )
 from cboxlab.validate.selection import first_worthy
@@ -26,16 +27,18 @@ SQUARE = SimpleNamespace(
 )
 
 
-def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
-    """Residuals with a common part in each patch: estimates over their stated error have unit variance.
+def test_parameter_errors_hold_for_flaws_that_pixels_share():
+    """Residuals with a common part in each patch, and one of known size in all: estimates over their stated error have
+    unit variance.
 
     The variance of 600 standard normal numbers is 1 +- 0.058; a few per cent are lost to 64 patches. With
-    independent noise assumed it would be 1 + 0.25 * 29 * (pattern's share), several times too much.
+    independent noise assumed it would be several times too much, and 1.9 without the flaw that the estimate follows.
     """
     generator = np.random.default_rng(11)
     count = PATCHES * EACH
     patch = np.repeat(np.arange(PATCHES), EACH)
     everything = np.ones((1, PATCHES, EACH), bool)
+    shared = np.append(np.where(patch < PATCHES // 2, 0.12, 0.0), np.zeros(11))
     model = LinearModel(
         everything,
         np.ones(count, bool),
@@ -43,19 +46,23 @@ def test_parameter_errors_hold_for_flaws_common_to_a_neighbourhood():
         np.ones(count),
         np.zeros((11, 11)),
         np.zeros((count + 11, 11)),
+        shared[:, None],
         np.zeros(count + 11),
     )
     column = np.append(1 + 0.3 * generator.standard_normal(count), np.zeros(11))
     inverse = np.array([[1 / (column @ column)]])
-    honest, naive = [], []
+    honest, unaware, naive = [], [], []
     for _ in range(TRIALS):
         flaw = 0.5 * generator.standard_normal(PATCHES)[patch]
         residual = np.append(flaw + generator.standard_normal(count), np.zeros(11))
+        residual += shared * generator.standard_normal()
         estimate = float(column @ residual) * inverse[0, 0]
         left = residual - estimate * column
-        honest.append(estimate / np.sqrt(clustered_variance(model, column[:, None], inverse, left)[0]))
+        for found, known in ((honest, model), (unaware, replace(model, flaws=0 * model.flaws))):
+            found.append(estimate / np.sqrt(honest_variance(known, column[:, None], inverse, left)[0]))
         naive.append(estimate / np.sqrt(inverse[0, 0]))
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
+    assert np.var(unaware) > 1.4
     assert np.var(naive) > 4
 
 

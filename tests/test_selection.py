@@ -1,5 +1,6 @@
 """Choosing effects whose shapes are known exactly: patterns over noise of 1, on a picture without nuisances."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from cboxlab.scenes import cornell_camera
 from cboxlab.validate.effects import Effect, Parameter
 from cboxlab.validate.hypotheses import Hypothesis
 from cboxlab.validate.linear_model import LinearModel
-from cboxlab.validate.search import Candidate, signature
+from cboxlab.validate.search import Candidate, fit, signature
 from cboxlab.validate.selection import (
     Bench,
     exchanged,
@@ -54,7 +55,7 @@ def laboratory(patterns, truth, seed=4):
     everywhere = np.ones(SHAPE, bool)
     model = LinearModel(
         everywhere, np.ones(COUNT, bool), np.zeros(COUNT, int), np.ones(COUNT), np.zeros((11, 11)),
-        np.zeros((COUNT + 11, 11)), np.append(residual.ravel(), np.zeros(11)),
+        np.zeros((COUNT + 11, 11)), np.zeros((COUNT + 11, 1)), np.append(residual.ravel(), np.zeros(11)),
     )  # fmt: skip
     fit = SimpleNamespace(lamp_scale=1.0)
     rendered = SimpleNamespace(predictor=predictor, fit=fit, variance=np.zeros(SHAPE))
@@ -136,3 +137,34 @@ def test_what_holds_in_one_corner_only_is_no_cause():
         chosen = taken(bench, known, name)
         rivals = places(bench, chosen, [known[name]])
         assert names_of(predictive(bench, chosen, rivals, [known[name]])[0]) == kept
+
+
+class Ripples(Patterns):
+    """Waves whose number across the picture is the effect's too."""
+
+    def signal(self, effects):
+        u = np.mgrid[0:40, 0:40][1] / 40
+        ripples = (e.values["amount"] * np.cos(np.pi * e.values["across"] * u) for e in effects)
+        return 1000.0 + sum(ripples, np.zeros(SHAPE))
+
+
+def test_a_number_without_null_is_fitted_unless_it_is_held():
+    """A wave of 1.3: found from 1.0 within its error; held at 1.0 it stays, and the amount is the best one for 1.0."""
+    across = Parameter("across", low=0.5, high=3.0, step=0.05)
+    effect = Effect("ripple", "filter", "ripple", (AMOUNT, across), lambda value, **numbers: value, "")
+    known = Hypothesis(effect, (AMOUNT,), {"across": 1.0})
+    truth = Ripples({}).signal([known.at({"amount": 0.5, "across": 1.3})]) - 1000.0
+    bench, _ = laboratory({}, {})
+    noise = bench.model.residual
+    residual = noise + np.append(truth.ravel(), np.zeros(11))
+    bench = replace(bench, rendered=SimpleNamespace(**{**vars(bench.rendered), "predictor": Ripples({})}))
+    task = bench.task(())
+    start = Candidate(known, {"amount": 0.3}, {}, 0.0, np.zeros(COUNT + 11))
+    free = fit(task, start, residual)
+    held = fit(task, replace(start, hypothesis=replace(known, held=("across",))), residual)
+    for name, wanted in (("amount", 0.5), ("across", 1.3)):
+        assert abs(free.numbers[name] - wanted) < 4 * free.sigma[name]
+    assert held.applied.values["across"] == 1.0
+    one = np.append(Ripples({}).signal([known.at({"amount": 1.0})]).ravel() - 1000.0, np.zeros(11))
+    assert held.numbers["amount"] == pytest.approx(float(one @ residual) / float(one @ one), rel=1e-6)
+    assert held.chi2 > free.chi2 + 50

@@ -53,7 +53,8 @@ def fit_effect(
             continue
         numbers = {key: value for key, value in given.items() if key not in choices}
         free = tuple(p for p in hypothesis.free if p.name not in numbers)
-        possible.append(replace(hypothesis, free=free, fixed={**hypothesis.fixed, **numbers}))
+        fixed = {**hypothesis.fixed, **numbers}
+        possible.append(replace(hypothesis, free=free, fixed=fixed, held=tuple(numbers)))
     task, residual = bench.task(()), bench.model.residual
     known = [signature(bench.predictor, bench.given, bench.rendered.used, h) for h in possible]
     screened = sorted((screen(task, s, residual) for s in known if s is not None), key=lambda c: c.chi2)
@@ -63,6 +64,5 @@ def fit_effect(
         )
     best = min((fit(task, c, residual) for c in screened[:_FITTED]), key=lambda c: c.chi2)
     report(1.0)
-    sigma = {key: value for key, value in best.sigma.items() if key not in given}
-    applied = AppliedEffect(effect, {**best.applied.values, **given}, sigma)
+    applied = AppliedEffect(effect, best.applied.values, best.sigma)
     return applied, bench.model.chi2 / bench.model.count, best.chi2 / bench.model.count

@@ -17,7 +17,7 @@ from .expected import expected_signal
 from .forward import displacement
 from .linear_model import model_variance
 from .pipeline import Prepared
-from .search import Candidate, varied
+from .search import Candidate, steps_of
 from .selection import Bench, Place
 
 __all__ = ["FurtherCapture", "Separation", "distance", "further_captures", "separations"]
@@ -141,7 +141,7 @@ def _whitened(
         return _signal(bench, (*given, effect), capture)
 
     here = signal(rival.applied)
-    moved = [(signal(effect) - here) / step for step, effect in varied(rival)]
+    moved = [(signal(step.after.applied) - here) / step.size for step in steps_of(rival)]
     used = bench.model.used if capture is None else capture.used
     factor = np.ones(len(used)) if capture is None else capture.exposure * capture.aperture**2
     light = 0.0 if capture is not None and capture.capped else factor[:, None, None]
@@ -168,7 +168,8 @@ def distance(
         return -priors @ np.append(moved, 0.0)
 
     here = surveyed(rival.applied)
-    rows = [priors, *(((surveyed(effect) - here) / step)[:, None] for step, effect in varied(rival))]
+    moved = [(surveyed(step.after.applied) - here) / step.size for step in steps_of(rival)]
+    rows = [priors, *(column[:, None] for column in moved)]
     difference = np.concatenate([*(d for d, _ in parts), surveyed(one.applied) - here])
     design = np.concatenate([*(x for _, x in parts), np.hstack(rows)])
     size = np.linalg.norm(design, axis=0)

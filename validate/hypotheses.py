@@ -22,11 +22,15 @@ _STARTS: Mapping[str, tuple[float, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """An effect with its choices made. free : the numbers whose null value does nothing. fixed : all other values."""
+    """An effect with its choices made. free : the numbers whose null value does nothing. fixed : all other values.
+
+    held : those of them that a fit does not move on from where they start.
+    """
 
     effect: Effect
     free: tuple[Parameter, ...]
     fixed: Mapping[str, str | float]
+    held: tuple[str, ...] = ()
 
     def at(self, numbers: Mapping[str, float]) -> AppliedEffect:
         """The effect with these numbers, the others at their start or null."""

@@ -31,6 +31,10 @@ __all__ = [
 _RELATIVE_ERROR = 0.0015
 _EDGE_ERROR_PX = 0.005
 
+#: Relative standard deviations of what pixels share: a band's frames, of which an independent simulator's scatter by
+#: 0.06 to 0.08 % about the lamp, each capture's in its own way; and a face's picture, against the same simulator.
+_BAND_ERROR, _FACE_ERROR = 0.0007, 0.001
+
 #: How far from faces' edges a pixel lies that counts as interior, px: contact shadows hang on sub-millimetre gaps.
 _FROM_EDGE_PX = 2
 
@@ -53,6 +57,7 @@ class LinearModel:
     """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
     of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
     basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``freed`` adds.
+    flaws : (n + 11, m) over sigma, one standard deviation each of what a band's or a face's pixels share.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
@@ -63,6 +68,7 @@ class LinearModel:
     sigma: NDArray[np.float64]
     priors: NDArray[np.float64]
     basis: NDArray[np.float64]
+    flaws: NDArray[np.float32]
     residual: NDArray[np.float64]
 
     @property
@@ -153,14 +159,14 @@ def nuisance_priors(calibrated: Camera, lamp_sigma: float | None) -> NDArray[np.
 
 
 def build_linear_model(
-    measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, pure: NDArray,
+    measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
     camera_derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
 ) -> LinearModel:  # fmt: skip
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
-    pure : (y, x) pixels that see one flat face only. camera_derivative : (10, band, y, x).
+    coverage : (y, x, f) of flat faces. camera_derivative : (10, band, y, x).
     """
-    inside = binary_erosion(pure, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
+    inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
     rows = [np.append(d[used] * fit.lamp_scale / sigma, np.zeros(11)) for d in camera_derivative]
     rows.append(np.append(base[used] / sigma, np.zeros(11)))
@@ -175,6 +181,14 @@ def build_linear_model(
     projected = residual - basis @ (basis.T @ residual)
     rows, columns = np.indices(used.shape[1:]) * _PATCHES // np.array(used.shape[1:])[:, None, None]
     patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]
+    flaws = _flaws(fit.lamp_scale * base, coverage, used, sigma)
     return LinearModel(
-        used, np.broadcast_to(inside, used.shape)[used], patch, sigma, priors, basis, projected
+        used, np.broadcast_to(inside, used.shape)[used], patch, sigma, priors, basis, flaws, projected
     )
+
+
+def _flaws(signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray) -> NDArray[np.float32]:
+    bands = [_BAND_ERROR * one[:, None, None] * signal for one in np.eye(len(signal))]
+    faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
+    rows = [np.append(flaw[used] / sigma, np.zeros(11)).astype(np.float32) for flaw in (*bands, *faces)]
+    return np.array(rows).T

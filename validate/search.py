@@ -20,12 +20,13 @@ __all__ = [
     "Candidate",
     "Problem",
     "Signature",
-    "clustered_variance",
+    "Step",
     "fit",
+    "honest_variance",
     "problem",
     "screen",
     "signature",
-    "varied",
+    "steps_of",
 ]
 
 _ROUNDS = 4
@@ -51,15 +52,53 @@ class Candidate:
         return self.hypothesis.at(self.numbers)
 
 
-def varied(candidate: Candidate) -> list[tuple[float, AppliedEffect]]:
-    """Small steps of a candidate's fitted numbers, inside their bounds, and the effect after each."""
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A small step of one number. size : in the coordinate that the number is searched in. after : the candidate with
+    it, of which only the numbers hold."""
+
+    parameter: Parameter
+    size: float
+    after: Candidate
+
+
+def steps_of(candidate: Candidate) -> list[Step]:
+    """A step of each of a candidate's numbers, inside its bounds."""
     found = []
     for p in candidate.hypothesis.effect.numbers:
-        here = candidate.numbers.get(p.name, np.inf)
-        if np.isfinite(here):
-            step = p.step if here + p.step <= p.high else -p.step
-            found.append((step, candidate.hypothesis.at({**candidate.numbers, p.name: here + step})))
+        if p.name in candidate.numbers:
+            here, (_, high) = _to_coordinate(p, candidate.numbers[p.name]), _bounds(p)
+            size = (
+                abs(_probe(p))
+                if p.null is None
+                else max(abs(_probe(p)), 0.1 * abs(here - _null_coordinate(p)))
+            )
+            size = size if here + size <= high else -size
+            numbers = {**candidate.numbers, p.name: _from_coordinate(p, here + size)}
+            found.append(Step(p, size, replace(candidate, numbers=numbers)))
     return found
+
+
+def _moved(candidate: Candidate, steps: Sequence[Step], by: NDArray[np.float64]) -> Candidate:
+    """With its numbers moved by multiples of steps, inside their bounds."""
+    numbers = dict(candidate.numbers)
+    for step, times in zip(steps, by, strict=True):
+        p = step.parameter
+        there = np.clip(_to_coordinate(p, numbers[p.name]) + times * step.size, *_bounds(p))
+        numbers[p.name] = _from_coordinate(p, float(there))
+    return replace(candidate, numbers=numbers)
+
+
+def _deviations(
+    candidate: Candidate, steps: Sequence[Step], variance: NDArray[np.float64]
+) -> dict[str, float]:
+    """Standard deviations of its numbers from the variances of the multiples of steps."""
+    return {
+        s.parameter.name: _deviation(
+            s.parameter, candidate.numbers[s.parameter.name], abs(s.size) * float(np.sqrt(max(v, 0.0)))
+        )
+        for s, v in zip(steps, variance, strict=True)
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +121,11 @@ class Problem:
             return self.model.displaced(displacement(self.predictor.camera, self.others, (applied,)))
         return self.model.whiten(self.scale * (self.predictor.signal((*self.others, applied)) - self.base))
 
-    def smoothed_away(self, applied: AppliedEffect) -> float:
-        """Chi2 that an effect would gain by averaging the base picture's noise: a blur does, whatever the truth."""
-        if applied.effect.stage not in ("optics", "counts"):
+    def smoothed_away(self, *applied: AppliedEffect) -> float:
+        """Chi2 that effects would gain by averaging the base picture's noise: a blur does, whatever the truth."""
+        if all(effect.effect.stage not in ("optics", "counts") for effect in applied):
             return 0.0
-        return self._own_noise - self._noise_with(self.others, applied)
+        return self._own_noise - self._noise_with(self.others, *applied)
 
     @cached_property
     def _own_noise(self) -> float:
@@ -208,17 +247,21 @@ def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray
     return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
 
 
-def clustered_variance(
+def honest_variance(
     model: LinearModel, design: NDArray, inverse: NDArray, residual: NDArray
 ) -> NDArray[np.float64]:
-    """(parameter,) variances that hold for residuals which go together within patches of the image and over bands.
+    """(parameter,) variances that hold beside noise for residuals which go together within patches of the image and
+    over bands, and for flaws that the pixels of a band or of a face share, at the size they are known to have.
 
     What is left is not noise alone, and its flaws are those of neighbourhoods: Liang and Zeger, "Longitudinal data
-    analysis using generalized linear models", Biometrika 73(1), 1986, with patches as clusters.
+    analysis using generalized linear models", Biometrika 73(1), 1986, with patches as clusters. Shared flaws are not
+    left where the numbers can follow them, but those are off by as much.
     """
     scores = design[: model.count] * residual[: model.count, None]
     sums = np.array([np.bincount(model.patch, weights=column) for column in scores.T])
-    return np.diag(inverse @ (sums @ sums.T) @ inverse)
+    neighbours = np.diag(inverse @ (sums @ sums.T) @ inverse)
+    followed = inverse @ (design.T @ model.flaws)
+    return np.maximum(np.diag(inverse), neighbours) + np.square(followed).sum(axis=1)
 
 
 def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf) -> Candidate:
@@ -227,47 +270,30 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
     known : chi2 that another effect reaches; a candidate that would not come near it is not followed to its end.
     """
     hypothesis, residual = start.hypothesis, task.model.project(residual)
-    numeric = [p for p in hypothesis.effect.numbers if p.name in start.numbers or p.null is None]
     if not hypothesis.free:
         return start
-    current = {p.name: float(start.numbers.get(p.name, hypothesis.fixed.get(p.name, 0.0))) for p in numeric}
-    best = _evaluate(task, hypothesis, current, residual)
+    current = {
+        p.name: float(start.numbers.get(p.name, hypothesis.fixed.get(p.name, 0.0)))
+        for p in hypothesis.effect.numbers
+        if p.name in start.numbers or (p.null is None and p.name not in hypothesis.held)
+    }
+    best = _evaluate(task, replace(start, numbers=current), residual)
     for trial in _other_starts(hypothesis, start):
-        other = _evaluate(task, hypothesis, {**current, **trial}, residual)
+        other = _evaluate(task, replace(start, numbers={**current, **trial}), residual)
         if other.chi2 < best.chi2:
             best = other
-    sigma: dict[str, float] = dict(start.sigma)
     for _ in range(_ROUNDS):
-        columns, steps, slope = [], [], []
-        smoothed = task.smoothed_away(hypothesis.at(best.numbers))
-        for p in numeric:
-            here = _to_coordinate(p, best.numbers[p.name])
-            low, high = _bounds(p)
-            null = _to_coordinate(p, p.null) if p.null is not None else None
-            step = abs(_probe(p)) if null is None else max(abs(_probe(p)), 0.1 * abs(here - null))
-            step = step if here + step <= high else -step
-            moved = {**best.numbers, p.name: _from_coordinate(p, here + step)}
-            columns.append(task.change(hypothesis.at(moved)) - best.predicted)
-            slope.append(task.smoothed_away(hypothesis.at(moved)) - smoothed)
-            steps.append(step)
-        design = np.array(columns).T
-        shift, covariance = _solve(design, residual - best.predicted, np.array(slope))
-        spread = np.maximum(
-            np.diag(covariance), clustered_variance(task.model, design, covariance, residual - best.predicted)
-        )
-        sigma = {
-            p.name: _deviation(p, best.numbers[p.name], abs(s) * float(np.sqrt(max(v, 0.0))))
-            for p, s, v in zip(numeric, steps, spread, strict=True)
-        }
+        steps = steps_of(best)
+        left = residual - best.predicted
+        design = np.array([task.change(s.after.applied) - best.predicted for s in steps]).T
+        smoothed = task.smoothed_away(best.applied)
+        slope = np.array([task.smoothed_away(s.after.applied) - smoothed for s in steps])
+        shift, covariance = _solve(design, left, slope)
+        variance = honest_variance(task.model, design, covariance, left)
+        best = replace(best, sigma=_deviations(best, steps, variance))
         improved = False
         for damping in (1.0, 0.4, 0.15):
-            moved = {}
-            for p, a, s in zip(numeric, shift, steps, strict=True):
-                low, high = _bounds(p)
-                moved[p.name] = _from_coordinate(
-                    p, float(np.clip(_to_coordinate(p, best.numbers[p.name]) + damping * a * s, low, high))
-                )
-            trial_candidate = _evaluate(task, hypothesis, moved, residual)
+            trial_candidate = _evaluate(task, _moved(best, steps, damping * shift), residual)
             if trial_candidate.chi2 < best.chi2:
                 gain = best.chi2 - trial_candidate.chi2
                 best = trial_candidate
@@ -275,7 +301,7 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
                 break
         if not improved:
             break
-    return Candidate(hypothesis, best.numbers, sigma, best.chi2, best.predicted)
+    return best
 
 
 def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, float]]:
@@ -288,13 +314,12 @@ def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, fl
     return [{p.name: _from_coordinate(p, null + probe * float(np.sqrt(ratio)))}] if ratio > 0 else []
 
 
-def _evaluate(
-    task: Problem, hypothesis: Hypothesis, numbers: Mapping[str, float], residual: NDArray
-) -> Candidate:
+def _evaluate(task: Problem, candidate: Candidate, residual: NDArray) -> Candidate:
+    """With the numbers that it has."""
     try:
-        change = task.change(hypothesis.at(numbers))
+        change = task.change(candidate.applied)
     except InputError:
-        return Candidate(hypothesis, dict(numbers), {}, np.inf, np.zeros_like(residual))
+        return replace(candidate, chi2=np.inf, predicted=np.zeros_like(residual))
     left = residual - change
-    chi2 = float(left @ left) + task.smoothed_away(hypothesis.at(numbers))
-    return Candidate(hypothesis, dict(numbers), {}, chi2, change)
+    chi2 = float(left @ left) + task.smoothed_away(candidate.applied)
+    return replace(candidate, chi2=chi2, predicted=change)

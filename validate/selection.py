@@ -17,7 +17,7 @@ from .linear_model import LinearModel, build_linear_model, model_variance, smoot
 from .nuisances import camera_jacobian
 from .pipeline import Prepared, Rendered
 from .predictor import Predictor
-from .search import Candidate, Problem, Signature, fit, problem, screen, varied
+from .search import Candidate, Problem, Signature, fit, problem, screen, steps_of
 
 __all__ = [
     "HOPELESS", "MOST_OF_IT", "PRIOR_EFFECTS", "SHAPE_FLAW", "UNKNOWN", "Bench", "Place", "best_singles",
@@ -103,7 +103,7 @@ class Bench:
         for index, one in enumerate(chosen):
             rest = self._problem(self.model, [*applied[:index], *applied[index + 1 :]])
             here = rest.change(one.applied)
-            changes += [rest.change(effect) - here for _, effect in varied(one)]
+            changes += [rest.change(step.after.applied) - here for step in steps_of(one)]
         return self._problem(self.model.freed(changes), applied)
 
     def _problem(self, model: LinearModel, others: Sequence[AppliedEffect]) -> Problem:
@@ -122,7 +122,7 @@ def build_bench(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedE
     variance = prepared.calibration.predicted_variance(best) + noise + model_variance(best)
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
-        prepared.measured, signal, variance, rendered.used, rendered.image.pure, derivative, fit_,
+        prepared.measured, signal, variance, rendered.used, rendered.image.coverage, derivative, fit_,
         prepared.expected_camera(given), prepared.lamp_sigma,
     )  # fmt: skip
     return Bench(rendered, model, tuple(given), base, moved, derivative)
