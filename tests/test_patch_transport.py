@@ -67,13 +67,13 @@ def test_the_picture_is_the_gathers(published, max_bounces):
 
 
 def test_without_reflection_there_is_the_lamp(published):
-    """No reflection: the pixels that the lamp covers, in all bands alike."""
+    """No reflection: the pixels that the lamp covers, in all bands alike, to what 512 rays tell of an edge's pixel."""
     scene, camera, transports = published
     picture = light_of(transports[0], scene, BANDS[1:], 0).picture()
     assert picture.shape[0] == 2
-    coverage = facet_coverage(build_tracer(scene), camera)[..., -1]
+    coverage = facet_coverage(build_tracer(scene), camera, samples=4096)[..., -1]
     assert coverage.max() > 0.5
-    assert picture == pytest.approx(np.stack([coverage, coverage]), abs=1e-6)
+    assert picture == pytest.approx(np.stack([coverage, coverage]), abs=0.01)
 
 
 def test_the_lamps_own_pixels_follow_its_pattern():

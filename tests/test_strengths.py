@@ -12,7 +12,7 @@ from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.blind import draw_effect
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.model import Model, load_model, write_model
-from cboxlab.validate.strengths import at_strength
+from cboxlab.validate.strengths import at_strength, scale_of
 from cboxlab.validate.transported import transported
 from cboxlab.validate.varied import settled, varied_settings
 
@@ -28,6 +28,19 @@ def test_the_distance_from_null_is_scaled_until_the_strength_is_reached():
     less = at_strength(found, 0.06, lambda e: 0.02 * float(e.values["dx_mm"]) ** 2)
     assert less is not None and less.values["dx_mm"] == pytest.approx(np.sqrt(3), rel=0.02)
     assert at_strength(weak, 8.0, lambda e: 1e-6 * float(e.values["dx_mm"]) ** 2) is None
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+def test_strength_grows_with_the_square_of_an_effect_and_holds_no_noise_of_its_pictures():
+    """An offset's chi2 is its square's to rounding. A block's small motion changes pixels by less than their rays'
+    noise: of a tenth of a motion a hundredth is left, to which squares would add their noise."""
+    scale = scale_of(Model(), cornell_camera(32), CaptureSettings(), 5)
+    one, two = (scale(apply_checked("dark-offset", {"dn": dn}, "test")) for dn in (0.3, 0.6))
+    assert one > 0 and two / one == pytest.approx(4.0, rel=2e-3)
+    far, near = (
+        scale(apply_checked("block-pose", {"block": "tall", "dx_mm": dx}, "test")) for dx in (3.0, 0.3)
+    )
+    assert near / far == pytest.approx(1 / 100, rel=0.3)
 
 
 def test_an_index_is_scaled_in_the_square_of_its_inverse():
