@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from cboxlab.render.blur import blur
 from cboxlab.scenes import cornell_box
+from cboxlab.scenes.errors import InputError
 from cboxlab.validate.demo import DEMO_CAPTURE
-from cboxlab.validate.diagnosis import diagnose
+from cboxlab.validate.diagnosis import _about_better_camera, diagnose
 from cboxlab.validate.diagnosis_output import (
     diagnosis_record,
     diagnosis_sections,
@@ -21,7 +22,7 @@ from cboxlab.validate.forward import displacement
 from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses
 from cboxlab.validate.model import Model, RenderSettings, load_model, write_model
-from cboxlab.validate.pipeline import validate
+from cboxlab.validate.pipeline import rendered_from, validate
 from cboxlab.validate.predictor import _averaged
 from cboxlab.validate.search import fit, screen, signature
 from cboxlab.validate.selection import Place, best_singles, build_bench, first_worthy, left_over, prior_strain
@@ -57,6 +58,29 @@ def test_error_falls_to_the_noise(outcome):
     assert last.smooth_excess < 0.1 * first.smooth_excess
     noise = last.comparison.delta_e_ab_noise.mean
     assert last.comparison.delta_e_ab.mean < 1.1 * noise
+
+
+def test_a_camera_pulled_away_by_pixels_comes_back(outcome):
+    """From 2 px aside, further than one picture can be warped, to within 0.01 px of the fit from nearby."""
+    validation, _ = outcome
+    near, corners = validation.fit.camera, np.concatenate([s.vertices_mm for s in cornell_box().surfaces])
+    aside = near.with_parameters(near.parameters + np.array([0, 0, 0, 0.7, 0.7, 0, 0, 0, 0, 0]))
+    settings = RenderSettings(noise=1.0)
+    there = rendered_from(validation.prepared, validation.light, aside, settings, ())
+
+    def away(camera):
+        return float(np.sqrt(np.nanmean(np.square(camera.project(corners) - near.project(corners)))))
+
+    assert away(aside) > 2
+    rough = replace(validation, model=Model(render=settings))
+    bench = build_bench(validation.prepared, replace(there, used=validation.rendered.used), ())
+    assert away(_about_better_camera(rough, bench, []).rendered.fit.camera) < 0.01
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_model_without_any_reflection_has_nothing_to_compare():
+    with pytest.raises(InputError, match="max_bounces"):
+        validate(DEMO_CAPTURE, Model(render=RenderSettings(max_bounces=0)))
 
 
 def test_record_has_the_agreed_keys(outcome, tmp_path):

@@ -162,8 +162,8 @@ def solved_light(
 ) -> LightField:
     """The light in the scene under those of the effects that act on scene or settings."""
     scene = after_stage(prepared.scene, effects, "scene")
-    bounces = after_stage(settings, effects, "settings").max_bounces
-    return solve_light(scene, WAVELENGTH_NM, bounces, seed=settings.seed)
+    settings = after_stage(settings, effects, "settings")
+    return solve_light(scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
 
 
 def validate(
@@ -198,13 +198,10 @@ def validate(
             require_level(picture, rendered.fit.lamp_scale)
         camera = refitted(prepared, rendered, model.effects).camera
         report(0.1 + 0.1 * (draft + 1))
-    rendered = polished(
-        prepared,
-        rendered_from(
-            prepared, light, camera, model.render, model.effects, lambda part: report(0.3 + 0.6 * part)
-        ),
-        model.effects,
+    last = rendered_from(
+        prepared, light, camera, model.render, model.effects, lambda part: report(0.3 + 0.6 * part)
     )
+    rendered = polished(prepared, last, model.effects)
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     report(1.0)
     return Validation(prepared, model, light, rendered, comparison, time.perf_counter() - start)
@@ -213,14 +210,14 @@ def validate(
 def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
     calibration, effects = prepared.calibration, model.effects
     camera = prepared.expected_camera(effects)
-    later = [e.id for e in effects if e.effect.stage == "transport"]
-    if later:
-        raise InputError(
-            "model", f"the effect {later[0]}", "effects that need no compiled variant", variant.HINT
-        )
-    scene = after_stage(prepared.scene, effects, "scene")
-    bounces = after_stage(model.render, effects, "settings").max_bounces
-    image = render_plainly(scene, camera, bounces, model.render.seed, progress)
+    if later := [e.id for e in effects if e.effect.stage == "transport"]:
+        expected = "effects that need no compiled variant"
+        raise InputError("model", f"the effect {later[0]}", expected, variant.HINT)
+    scene, settings = (
+        after_stage(prepared.scene, effects, "scene"),
+        after_stage(model.render, effects, "settings"),
+    )
+    image = render_plainly(scene, camera, settings.max_bounces, model.render.seed, progress)
     assert calibration.responses is not None
     bands = render_bands(image, calibration.responses)
     signal = expected_signal(image, sensing(calibration, camera), effects, camera)
@@ -232,6 +229,9 @@ def _scaled(
     bands: xr.Dataset,
 ) -> Rendered:  # fmt: skip
     used = prepared.usable & (bands.mask.values == 0)
+    if not (signal[used] > 0).any():
+        hint = "In the model file let max_bounces be 1 or more, or leave it out"
+        raise InputError("the model's picture", "no light outside the lamp", "light to compare", hint)
     variance = prepared.calibration.predicted_variance(signal) + bands.variance.values
     scale, sigma = fit_lamp_scale(prepared.measured, signal, variance, used, prepared.lamp_sigma)
     return Rendered(image, predictor, NuisanceFit(camera, scale, sigma), signal, bands.variance.values, used)

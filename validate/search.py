@@ -68,11 +68,8 @@ def steps_of(candidate: Candidate) -> list[Step]:
     for p in candidate.hypothesis.effect.numbers:
         if p.name in candidate.numbers:
             here, (_, high) = _to_coordinate(p, candidate.numbers[p.name]), _bounds(p)
-            size = (
-                abs(_probe(p))
-                if p.null is None
-                else max(abs(_probe(p)), 0.1 * abs(here - _null_coordinate(p)))
-            )
+            from_null = 0.0 if p.null is None else abs(here - _null_coordinate(p))
+            size = max(abs(_probe(p)), 0.1 * from_null)
             size = size if here + size <= high else -size
             numbers = {**candidate.numbers, p.name: _from_coordinate(p, here + size)}
             found.append(Step(p, size, replace(candidate, numbers=numbers)))
@@ -121,11 +118,11 @@ class Problem:
             return self.model.displaced(displacement(self.predictor.camera, self.others, (applied,)))
         return self.model.whiten(self.scale * (self.predictor.signal((*self.others, applied)) - self.base))
 
-    def smoothed_away(self, *applied: AppliedEffect) -> float:
-        """Chi2 that effects would gain by averaging the base picture's noise: a blur does, whatever the truth."""
-        if all(effect.effect.stage not in ("optics", "counts") for effect in applied):
+    def smoothed_away(self, applied: AppliedEffect) -> float:
+        """Chi2 that an effect would gain by averaging the base picture's noise: a blur does, whatever the truth."""
+        if applied.effect.stage not in ("optics", "counts"):
             return 0.0
-        return self._own_noise - self._noise_with(self.others, *applied)
+        return self._own_noise - self._noise_with(self.others, applied)
 
     @cached_property
     def _own_noise(self) -> float:
