@@ -96,7 +96,9 @@ class Coat:
 
 
 def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
-    """Reflectance of a dielectric for unpolarised light."""
+    """Reflectance of a dielectric for unpolarised light; below the surface as at its horizon, where the formula has a
+    pole."""
+    cosine = dr.maximum(cosine, 0)
     g = dr.sqrt(index * index - 1 + cosine * cosine)
     a = dr.square((g - cosine) / (g + cosine))
     b = dr.square((cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1))

@@ -60,6 +60,7 @@ def sampled(coat, cosine, log2=17, seed=1):
 def test_fresnel_at_normal_and_grazing_incidence():
     """((n - 1) / (n + 1))^2 = 0.04 straight on, 1 at grazing, 0.0918 for diffuse light (n = 1.5)."""
     assert np.array(fresnel(mi.Float([1.0, 0.0]))) == pytest.approx([0.04, 1.0], abs=1e-6)
+    assert np.array(fresnel(mi.Float([-((4 / 13) ** 0.5), -1.0]))) == pytest.approx([1.0, 1.0], abs=1e-6)
     cosine = (np.arange(100_000) + 0.5) / 100_000
     value = np.array(fresnel(mi.Float(cosine.astype(np.float32))), float)
     assert np.mean(2 * cosine * value) == pytest.approx(0.0918, abs=5e-5)
