@@ -27,8 +27,8 @@ from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
-#: Camera rays that tell what faces cover of a pixel which several share: of an edge that moves by a tenth of a pixel
-#: 64 make more noise than change.
+#: Camera rays that tell what faces cover of a pixel which several share. With 64 their noise made 0.04 of chi2 per
+#: sample where a block's motion by 0.3 mm makes 0.06 (32 x 32 pixels).
 _COVERAGE_SAMPLES = 512
 
 

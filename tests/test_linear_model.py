@@ -92,3 +92,15 @@ def test_smooth_excess_sees_what_chi2_does_not(parts):
     scatter = np.sqrt(2 * blocks) / np.prod(SHAPE)
     assert abs(smooth_excess(quiet, quiet.residual)) < 5 * scatter
     assert smooth_excess(flawed, flawed.residual) > smooth_excess(quiet, quiet.residual) + 0.005
+
+
+def test_shared_flaws_have_their_stated_size(parts):
+    """One standard deviation: 0.07 % of each band by itself, 0.1 % of all bands on the one face, over noise of 5."""
+    _, base, derivative, camera = parts
+    scale = 0.9
+    flaws = model_of(base, base, derivative, camera, scale).flaws[: np.prod(SHAPE)].T.reshape(-1, *SHAPE)
+    assert len(flaws) == SHAPE[0] + 1
+    for band, flaw in enumerate(flaws[:-1]):
+        assert flaw[band] == pytest.approx(0.0007 * scale * base[band] / 5, rel=1e-5)
+        assert not np.delete(flaw, band, axis=0).any()
+    assert flaws[-1] == pytest.approx(0.001 * scale * base / 5, rel=1e-5)

@@ -14,7 +14,7 @@ from cboxlab.validate.search import (
     _deviation,
     _from_coordinate,
     _to_coordinate,
-    honest_variance,
+    parameter_variance,
     screen,
 )
 from cboxlab.validate.selection import first_worthy
@@ -59,7 +59,7 @@ def test_parameter_errors_hold_for_flaws_that_pixels_share():
         estimate = float(column @ residual) * inverse[0, 0]
         left = residual - estimate * column
         for found, known in ((honest, model), (unaware, replace(model, flaws=0 * model.flaws))):
-            found.append(estimate / np.sqrt(honest_variance(known, column[:, None], inverse, left)[0]))
+            found.append(estimate / np.sqrt(parameter_variance(known, column[:, None], inverse, left)[0]))
         naive.append(estimate / np.sqrt(inverse[0, 0]))
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
     assert np.var(unaware) > 1.4

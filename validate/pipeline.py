@@ -213,10 +213,8 @@ def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> R
     if later := [e.id for e in effects if e.effect.stage == "transport"]:
         expected = "effects that need no compiled variant"
         raise InputError("model", f"the effect {later[0]}", expected, variant.HINT)
-    scene, settings = (
-        after_stage(prepared.scene, effects, "scene"),
-        after_stage(model.render, effects, "settings"),
-    )
+    scene = after_stage(prepared.scene, effects, "scene")
+    settings = after_stage(model.render, effects, "settings")
     image = render_plainly(scene, camera, settings.max_bounces, model.render.seed, progress)
     assert calibration.responses is not None
     bands = render_bands(image, calibration.responses)

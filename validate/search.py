@@ -18,11 +18,11 @@ from .predictor import Predictor
 
 __all__ = [
     "Candidate",
+    "NumberStep",
     "Problem",
     "Signature",
-    "Step",
     "fit",
-    "honest_variance",
+    "parameter_variance",
     "problem",
     "screen",
     "signature",
@@ -53,7 +53,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class NumberStep:
     """A small step of one number. size : in the coordinate that the number is searched in. after : the candidate with
     it, of which only the numbers hold."""
 
@@ -62,7 +62,7 @@ class Step:
     after: Candidate
 
 
-def steps_of(candidate: Candidate) -> list[Step]:
+def steps_of(candidate: Candidate) -> list[NumberStep]:
     """A step of each of a candidate's numbers, inside its bounds."""
     found = []
     for p in candidate.hypothesis.effect.numbers:
@@ -72,11 +72,11 @@ def steps_of(candidate: Candidate) -> list[Step]:
             size = max(abs(_probe(p)), 0.1 * from_null)
             size = size if here + size <= high else -size
             numbers = {**candidate.numbers, p.name: _from_coordinate(p, here + size)}
-            found.append(Step(p, size, replace(candidate, numbers=numbers)))
+            found.append(NumberStep(p, size, replace(candidate, numbers=numbers)))
     return found
 
 
-def _moved(candidate: Candidate, steps: Sequence[Step], by: NDArray[np.float64]) -> Candidate:
+def _moved(candidate: Candidate, steps: Sequence[NumberStep], by: NDArray[np.float64]) -> Candidate:
     """With its numbers moved by multiples of steps, inside their bounds."""
     numbers = dict(candidate.numbers)
     for step, times in zip(steps, by, strict=True):
@@ -87,7 +87,7 @@ def _moved(candidate: Candidate, steps: Sequence[Step], by: NDArray[np.float64])
 
 
 def _deviations(
-    candidate: Candidate, steps: Sequence[Step], variance: NDArray[np.float64]
+    candidate: Candidate, steps: Sequence[NumberStep], variance: NDArray[np.float64]
 ) -> dict[str, float]:
     """Standard deviations of its numbers from the variances of the multiples of steps."""
     return {
@@ -244,7 +244,7 @@ def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray
     return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
 
 
-def honest_variance(
+def parameter_variance(
     model: LinearModel, design: NDArray, inverse: NDArray, residual: NDArray
 ) -> NDArray[np.float64]:
     """(parameter,) variances that hold beside noise for residuals which go together within patches of the image and
@@ -286,7 +286,7 @@ def fit(task: Problem, start: Candidate, residual: NDArray[np.float64], known: f
         smoothed = task.smoothed_away(best.applied)
         slope = np.array([task.smoothed_away(s.after.applied) - smoothed for s in steps])
         shift, covariance = _solve(design, left, slope)
-        variance = honest_variance(task.model, design, covariance, left)
+        variance = parameter_variance(task.model, design, covariance, left)
         best = replace(best, sigma=_deviations(best, steps, variance))
         improved = False
         for damping in (1.0, 0.4, 0.15):
