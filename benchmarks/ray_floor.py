@@ -49,7 +49,9 @@ def record(scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int) 
         path_tracer.intersect, lamp_module.visible = intersect, visible  # type: ignore[assignment]
         PathPoints.at_vertex = at_vertex  # type: ignore[method-assign]
         with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
-            path_tracer._strip(tracer, lamp, reflectances, camera, 0, camera.height_px, samples, 1, None)
+            dr.eval(
+                path_tracer._strip(tracer, lamp, reflectances, camera, 0, camera.height_px, samples, 1, None)
+            )
     finally:
         path_tracer.intersect, lamp_module.visible = plain[:2]
         PathPoints.at_vertex = plain[2]  # type: ignore[method-assign]

@@ -19,6 +19,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
+from .film import exposed
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .patches import Patches, build_patches, patch_of
@@ -41,9 +42,6 @@ NEAR_PATCHES = 1.5
 #: Gathering rays of one camera ray, where the samples can be shared out so. Camera rays see little noise: with
 #: 2 the product of time and variance is a fifth less than with 1, with 4 no less but edges are noisier.
 GATHERS = 2
-
-#: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
-_LANES = 2**15
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,19 +109,12 @@ def gather(
 ) -> RenderedImage:  # fmt: skip
     """The picture of a solved scene through a camera. Parameters as in ``render_final_gather``."""
     table = mi.Float(light.table.ravel())
-    rows = max(1, min(camera.height_px, _LANES // camera.width_px))
-    starts = range(0, camera.height_px, rows)
-    images = []
-    for batch in range(batches):
-        strips = []
-        for start in starts:
-            height = min(rows, camera.height_px - start)
-            strips.append(_strip(light, table, camera, start, height, samples, seed + 7919 * (batch + 1)))
-            if progress:
-                progress((batch + (start + height) / camera.height_px) / batches)
-        images.append(np.concatenate(strips))
+
+    def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
+        return _strip(light, table, camera, start, height, samples, own_seed)
+
     return RenderedImage(
-        coefficients=np.stack(images),
+        coefficients=exposed(strip, camera, samples, batches, seed, progress),
         spectra=light.spectra,
         wavelength_nm=light.wavelength_nm,
         coverage=facet_coverage(light.tracer, camera),
@@ -200,8 +191,8 @@ def _basis_spectra(
 
 def _strip(
     light: LightField, table: mi.Float, camera: Camera, start: int, height: int, samples: int, seed: int
-) -> np.ndarray:
-    """(height, x, n) accumulators of a strip of rows: one lane per pixel, one symbolic loop over samples."""
+) -> list[mi.Float]:
+    """The n accumulators of a strip of rows: one lane per pixel, one symbolic loop over samples."""
     tracer, lamp, patches = light.tracer, light.lamp, light.finer
     rank, max_bounces = light.table.shape[2], light.max_bounces
     count = height * camera.width_px
@@ -284,7 +275,4 @@ def _strip(
         dr.zeros(mi.UInt32, count),
         [dr.zeros(mi.Float, count) for _ in range(1 + paints * per_paint)],
     )
-    _, sums = dr.while_loop(start_state, lambda i, _: i < total, body)
-    dr.eval(sums)
-    stacked = np.stack([np.array(s) for s in sums], axis=-1) / samples
-    return stacked.reshape(height, camera.width_px, -1)
+    return dr.while_loop(start_state, lambda i, _: i < total, body)[1]

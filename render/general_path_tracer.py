@@ -17,11 +17,12 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from .bsdf import SpectralBsdfs
+from .film import exposed
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_radiance
 from .medium import SpectralMedium
 from .path_points import PathPoints
-from .path_tracer import HIGHEST_SURVIVAL, LANES_PER_CALL, SPARED_REFLECTIONS, UNLIMITED
+from .path_tracer import HIGHEST_SURVIVAL, SPARED_REFLECTIONS, UNLIMITED
 from .primary import facet_coverage
 from .sampling import cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect, visible
@@ -53,21 +54,15 @@ def render_general_path_tracer(
         bsdfs = SpectralBsdfs(scene, wavelengths)
         medium = None if scene.medium is None else SpectralMedium(scene.medium, wavelengths)
         reflectances = np.array([m.reflectance.at(wavelengths) for m in scene.materials.values()])
-        rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
-        images = []
-        for batch in range(batches):
-            strips = []
-            for start in range(0, camera.height_px, rows):
-                height = min(rows, camera.height_px - start)
-                own_seed = seed + 7919 * (batch + 1)
-                parts = tracer, lamp, bsdfs, medium, reflectances, camera
-                strips.append(_strip(*parts, start, height, samples, own_seed, max_bounces))
-                if progress:
-                    progress((batch + (start + height) / camera.height_px) / batches)
-            images.append(np.concatenate(strips))
+
+        def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
+            parts = tracer, lamp, bsdfs, medium, reflectances, camera
+            return _strip(*parts, start, height, samples, own_seed, max_bounces)
+
+        coefficients = exposed(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)
     return RenderedImage(
-        coefficients=np.stack(images),
+        coefficients=coefficients,
         spectra=np.diag(scene.lamp.radiance.at(wavelengths)),
         wavelength_nm=wavelengths,
         coverage=coverage,
@@ -80,8 +75,8 @@ def _strip(
     tracer: Tracer, lamp: LampSampler, bsdfs: SpectralBsdfs, medium: SpectralMedium | None,
     reflectances: np.ndarray, camera: Camera, start: int, height: int, samples: int, seed: int,
     max_bounces: int | None,
-) -> np.ndarray:  # fmt: skip
-    """(height, x, w) of a strip of rows: one lane per pixel, one loop over path segments."""
+) -> list[mi.Float]:  # fmt: skip
+    """The sums at each wavelength of a strip of rows: one lane per pixel, one loop over path segments."""
     count, bands = height * camera.width_px, reflectances.shape[1]
     lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
     column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
@@ -207,6 +202,4 @@ def _strip(
         [dr.ones(mi.Float, count) for _ in range(bands)], [dr.zeros(mi.Float, count) for _ in range(bands)],
     )  # fmt: skip
     *_, sums = dr.while_loop(state, lambda index, *_: index < total, body)
-    dr.eval(sums)
-    stacked = np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)
-    return stacked.reshape(height, camera.width_px, -1)
+    return sums

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .final_gather import LightField
 from .lamp import direct_light, lamp_pattern
 from .patches import patch_of
-from .primary import facet_coverage, pixel_coverage
+from .primary import facet_coverage
 from .sampling import SobolPoints, cosine_hemisphere
 from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect
 
@@ -79,9 +79,7 @@ def build_patch_transport(
 ) -> PatchTransport:
     """Trace one camera ray and one gathering ray per sample and record what they meet."""
     tracer, patches = light.tracer, light.patches
-    everything = facet_coverage(tracer, camera, seed=seed)
-    shared = everything.max(axis=-1) < 1
-    everything[shared] = pixel_coverage(tracer, camera, np.flatnonzero(shared), _COVERAGE_SAMPLES, seed)
+    everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
     coverage = everything[..., :-1].reshape(-1, len(tracer.facet_surface) - 1)
     pixel, face = np.nonzero(coverage > 0)
     fragments = len(pixel)

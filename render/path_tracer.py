@@ -16,6 +16,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
+from .film import exposed
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .path_points import PathPoints
@@ -25,8 +26,6 @@ from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
 
 __all__ = ["render_path_tracer", "trace_paths"]
 
-#: Lanes of one kernel call: enough to fill the processors, few enough for a progress bar to move.
-LANES_PER_CALL = 2**15
 UNLIMITED = 2**32 - 1
 #: Russian roulette spares so many reflections: with 2 the product of time and variance is least in the
 #: published box (with 0, 1 and 3 it is 60, 20 and 1% larger).
@@ -87,28 +86,20 @@ def trace_paths(
     """
     lamp = build_lamp_sampler(tracer)
     reflectances = np.array([m.reflectance.at(wavelengths) for m in tracer.scene.materials.values()])
-    rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
-    starts = range(0, camera.height_px, rows)
-    images = []
-    for batch in range(batches):
-        strips = []
-        for start in starts:
-            height = min(rows, camera.height_px - start)
-            mixed_seed = seed + 7919 * (batch + 1)
-            bounds = start, height, samples, mixed_seed, max_bounces
-            strips.append(_strip(tracer, lamp, reflectances, camera, *bounds, counted, split))
-            if progress:
-                progress((batch + (start + height) / camera.height_px) / batches)
-        images.append(np.concatenate(strips))
-    return np.stack(images)
+
+    def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
+        bounds = start, height, samples, own_seed, max_bounces
+        return _strip(tracer, lamp, reflectances, camera, *bounds, counted, split)
+
+    return exposed(strip, camera, samples, batches, seed, progress)
 
 
 def _strip(
     tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera,
     start: int, height: int, samples: int, seed: int, max_bounces: int | None, counted: bool = False,
     split: int = 0,
-) -> np.ndarray:  # fmt: skip
-    """(height, x, n) of a strip of rows, see ``trace_paths``.
+) -> list[mi.Float]:  # fmt: skip
+    """Sums over the paths of each pixel of a strip of rows, see ``trace_paths``.
 
     One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
     path in the same step, so none waits for the longest path of its neighbours.
@@ -182,10 +173,7 @@ def _strip(
         [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed + split)],
     )  # fmt: skip
     *_, seen, _, _, sums, _, counted_sums = dr.while_loop(state, lambda index, *_: index < total, body)
-    columns = [seen, *sums, *(s for row in counted_sums for s in row)]
-    dr.eval(columns)
-    stacked = np.stack([np.array(s) for s in columns], axis=-1) / np.float32(samples)
-    return stacked.reshape(height, camera.width_px, -1)
+    return [seen, *sums, *(s for row in counted_sums for s in row)]
 
 
 class _Paints:

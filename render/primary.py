@@ -6,21 +6,39 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from .sampling import SobolPoints
 from .tracer import Tracer, camera_ray, intersect
 
-__all__ = ["facet_coverage", "pixel_coverage", "pixel_faces"]
+__all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
+
+#: Rays that tell whether a pixel, or one beside it, sees more than one face; most pixels see but one.
+_FIRST_SAMPLES = 16
 
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
     """(y, x, f) float32: the part of each pixel that each flat face covers; the lamp's face comes last.
 
-    What is missing to 1 sees no face. samples : low-discrepancy camera rays a pixel.
+    What is missing to 1 sees no face. samples : low-discrepancy camera rays of a pixel at a border.
     """
     pixels = np.arange(camera.width_px * camera.height_px)
     shape = (camera.height_px, camera.width_px, len(tracer.facet_surface))
-    return pixel_coverage(tracer, camera, pixels, samples, seed).reshape(shape)
+    coverage = pixel_coverage(tracer, camera, pixels, min(samples, _FIRST_SAMPLES), seed)
+    border = border_pixels(coverage.reshape(shape))
+    if len(border):
+        coverage[border] = pixel_coverage(tracer, camera, border, samples, seed)
+    return coverage.reshape(shape)
+
+
+def border_pixels(coverage: np.ndarray) -> np.ndarray:
+    """(n,) pixels, counted along the rows, that do not see one face alone or touch one that sees another.
+
+    coverage : (y, x, f).
+    """
+    face = np.where(coverage.max(axis=-1) == 1, coverage.argmax(axis=-1), -1)
+    face[~coverage.any(axis=-1)] = -2
+    return np.flatnonzero((maximum_filter(face, 3) != minimum_filter(face, 3)) | (face == -1))
 
 
 def pixel_coverage(
@@ -44,7 +62,7 @@ def pixel_coverage(
     start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(faces)])
     _, sums = dr.while_loop(start, lambda i, _: i < total, body)
     dr.eval(sums)
-    return np.stack([np.array(s) for s in sums], axis=-1) / np.float32(samples)
+    return np.stack([s.numpy() for s in sums], axis=-1) / np.float32(samples)
 
 
 def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:

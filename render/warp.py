@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
+from scipy.ndimage import distance_transform_edt
 
 from .image import RenderedImage
-from .primary import pixel_coverage
+from .primary import border_pixels, pixel_coverage
 from .tracer import Tracer
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change"]
@@ -52,7 +52,7 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     several lacks is laid to the face that covers most of it: a shadow along a border is not lost. Beside the
     lamp nothing is: there a little error of what it covers outweighs all else.
     """
-    border = _border(image.coverage)
+    border = border_pixels(image.coverage)
     coverage = _coverage(tracer, camera, image.coverage, border)
     faces = [f for f in range(coverage.shape[-1]) if coverage[..., f].any()]
     parts = {f: coverage[..., f] for f in faces}
@@ -87,13 +87,6 @@ def _coverage(tracer: Tracer, camera: Camera, elsewhere: NDArray, border: NDArra
     rows, columns = np.divmod(border, camera.width_px)
     coverage[rows, columns] = pixel_coverage(tracer, camera, border, _COVERAGE_SAMPLES)
     return coverage
-
-
-def _border(coverage: NDArray) -> NDArray[np.int64]:
-    """(n,) pixels, counted along the rows, that do not see one face alone or touch one that sees another."""
-    face = np.where(coverage.max(axis=-1) == 1, coverage.argmax(axis=-1), -1)
-    face[~coverage.any(axis=-1)] = -2
-    return np.flatnonzero((maximum_filter(face, 3) != minimum_filter(face, 3)) | (face == -1))
 
 
 def _interpolated(layer: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:

@@ -16,9 +16,10 @@ from cboxlab.render.final_gather import render_final_gather
 from cboxlab.render.lamp import build_lamp_sampler, direct_light
 from cboxlab.render.path_points import PathPoints
 from cboxlab.render.path_tracer import render_path_tracer
-from cboxlab.render.primary import facet_coverage
+from cboxlab.render.primary import facet_coverage, pixel_coverage
 from cboxlab.render.tracer import build_tracer
 from cboxlab.render.variant import compiled
+from cboxlab.scenes import cornell_box, cornell_camera
 from scipy.integrate import dblquad
 from scipy.stats import chi2
 
@@ -235,6 +236,15 @@ def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1):
         around = camera.project(place + np.array([[-25.0, 0, 0], [25, 0, 0], [0, -25, 0], [0, 25, 0]]))
         area = abs(np.linalg.det(np.stack([around[1] - around[0], around[3] - around[2]])))
         assert np.abs(coverage[..., index] - count / count.sum() * area).max() < 0.01
+
+
+def test_a_few_rays_find_every_pixel_that_needs_many():
+    """Coverage of the published box is what many rays in each of its pixels find, to the last one."""
+    tracer, camera = build_tracer(cornell_box()), cornell_camera(96)
+    everywhere = pixel_coverage(tracer, camera, np.arange(96**2), 256)
+    found = facet_coverage(tracer, camera, 256)
+    assert 0.05 < np.mean(found.max(axis=-1) < 1) < 0.3
+    assert np.array_equal(found.reshape(everywhere.shape), everywhere)
 
 
 @pytest.mark.parametrize("render", [render_path_tracer, render_final_gather])
