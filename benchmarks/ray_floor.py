@@ -1,80 +1,90 @@
-"""What the rays of a picture cost alone: the path tracer's own segments traced again, with nothing around."""
+"""What the rays of a picture cost alone: an integrator's own segments traced again, with nothing around."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from cboxlab.render import lamp as lamp_module
-from cboxlab.render import path_tracer
+from cboxlab.render.final_gather import gather, solve_light
 from cboxlab.render.path_points import PathPoints
-from cboxlab.render.tracer import Tracer, build_tracer
+from cboxlab.render.path_tracer import trace_paths
+from cboxlab.render.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
 
-__all__ = ["floor_per_path", "record"]
+__all__ = ["floor_per_sample"]
 
 
-def record(scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int) -> tuple[Any, Any]:
-    """(7, n) origin, direction, length of all path segments and of all shadow rays of one small picture.
+class _Watched:
+    """Mitsuba's scene, which keeps the rays that it is asked for, each with who asks: (rays, active lanes)."""
 
-    The loop runs step by step while the functions that trace are watched.
-    """
-    tracer = build_tracer(scene)
-    lamp = lamp_module.build_lamp_sampler(tracer)
-    reflectances = np.array([m.reflectance.at(wavelengths) for m in scene.materials.values()])
-    plain = path_tracer.intersect, lamp_module.visible, PathPoints.at_vertex
-    paths: list[np.ndarray] = []
-    shadows: list[np.ndarray] = []
-    now: dict[str, Any] = {}
+    def __init__(self, scene: mi.Scene) -> None:
+        self._scene = scene
+        self.segments: list[tuple[mi.Ray3f, Any]] = []
+        self.tests: list[tuple[mi.Ray3f, Any]] = []
+        self.running: Any = True
 
-    def intersect(tracer: Tracer, ray: mi.Ray3f) -> Any:
-        now["ray"] = ray
-        return plain[0](tracer, ray)
+    def ray_intersect_preliminary(self, ray: mi.Ray3f, coherent: bool, active: Any) -> Any:
+        if not coherent:  # those tell what covers a pixel
+            self.segments.append((ray, active))
+        return self._scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+
+    def ray_test(self, ray: mi.Ray3f, active: Any) -> Any:
+        self.tests.append((ray, active & self.running))
+        return self._scene.ray_test(ray, active=active)
+
+
+def _record(
+    name: str, scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int
+) -> tuple[mi.Ray3f, mi.Ray3f]:
+    """All path segments and all shadow rays of one small picture by ``name``: path or default."""
+    if name == "path":
+        light, tracer = None, build_tracer(scene)
+    else:
+        light = solve_light(scene, wavelengths)
+        tracer = light.tracer
+    watched = _Watched(tracer.mitsuba_scene)
+    tracer = replace(tracer, mitsuba_scene=watched)  # type: ignore[arg-type]
+    plain = PathPoints.at_vertex
 
     def at_vertex(self: PathPoints, index: mi.UInt32, depth: mi.UInt32) -> Any:
-        now["running"] = index < samples
-        paths.append(_columns(now["ray"], now["running"]))
-        return plain[2](self, index, depth)
+        watched.running = index < samples  # lanes that have all their paths stay in the loop
+        ray, active = watched.segments.pop()
+        watched.segments.append((ray, active & watched.running))
+        return plain(self, index, depth)
 
-    def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:
-        ray = mi.Ray3f(origin, dr.normalize(target - origin))
-        ray.maxt = dr.norm(target - origin) * (1 - 1e-4)
-        shadows.append(_columns(ray, active & now["running"]))
-        return plain[1](tracer, origin, target, active)
-
-    try:
-        path_tracer.intersect, lamp_module.visible = intersect, visible  # type: ignore[assignment]
-        PathPoints.at_vertex = at_vertex  # type: ignore[method-assign]
-        with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
-            dr.eval(
-                path_tracer._strip(tracer, lamp, reflectances, camera, 0, camera.height_px, samples, 1, None)
-            )
-    finally:
-        path_tracer.intersect, lamp_module.visible = plain[:2]
-        PathPoints.at_vertex = plain[2]  # type: ignore[method-assign]
-    return np.concatenate(paths, axis=1), np.concatenate(shadows, axis=1)
+    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):  # step by step, each with its rays
+        if light is None:
+            with mock.patch.object(PathPoints, "at_vertex", at_vertex):
+                trace_paths(tracer, camera, wavelengths, samples, 1, 1, None, None)
+        else:
+            gather(replace(light, tracer=tracer), camera, samples, 1)
+    return tuple(  # type: ignore[return-value]
+        _rays(np.concatenate([_columns(*asked) for asked in rays], axis=1))
+        for rays in (watched.segments, watched.tests)
+    )
 
 
-def floor_per_path(
-    scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int, runs: int
+def floor_per_sample(
+    name: str, scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int, runs: int
 ) -> tuple[float, float]:
-    """CPU seconds of the rays of one path (median of ``runs``), and rays per path."""
-    paths, shadows = record(scene, camera, wavelengths, samples)
-    tracer = build_tracer(scene)
-    segments, tests = _rays(paths), _rays(shadows)
+    """CPU seconds of the rays of one sample (median of ``runs``), and rays per sample."""
+    segments, tests = _record(name, scene, camera, wavelengths, samples)
+    bare = build_tracer(scene).mitsuba_scene
     seconds = []
     for _ in range(runs + 1):
         start = time.process_time()
-        found = tracer.mitsuba_scene.ray_intersect_preliminary(segments, coherent=False)
-        blocked = tracer.mitsuba_scene.ray_test(tests)
+        found = bare.ray_intersect_preliminary(segments, coherent=False)
+        blocked = bare.ray_test(tests)
         dr.eval(found.t, found.prim_index, found.prim_uv, blocked)
         dr.sync_thread()
         seconds.append(time.process_time() - start)
     count = camera.width_px * camera.height_px * samples
-    return float(np.median(seconds[1:])) / count, (paths.shape[1] + shadows.shape[1]) / count
+    return float(np.median(seconds[1:])) / count, (dr.width(segments) + dr.width(tests)) / count
 
 
 def _columns(ray: mi.Ray3f, active: mi.Bool) -> np.ndarray:

@@ -11,8 +11,8 @@ error is the relative variance of one picture from the scatter of the rounds, th
 the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relative variance),
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
-"floor" traces the path tracer's own rays again, bare: fraction_of_ray_floor is that over the picture's cost; beside
-it the same for 128 x 128 pixels and 1024 samples.
+"floor" traces a picture's own rays again, bare: fraction_of_ray_floor is that over the picture's cost (median of
+five turns); fraction_of_ray_floor_long is the path tracer's at 128 x 128 pixels and 1024 samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
 surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
@@ -30,6 +30,7 @@ import multiprocessing
 import os
 import resource
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -40,7 +41,7 @@ from scipy.stats import chi2
 
 SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
 #: The part "floor": a picture of many samples, as paths are used. With few, lanes wait for their neighbours at the end.
-FLOOR_SIZE, FLOOR_SAMPLES = 128, 1024
+FLOOR_SIZE, FLOOR_SAMPLES, FLOOR_ROUNDS = 128, 1024, 5
 PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
@@ -114,6 +115,27 @@ def _without_lamp(size: int) -> np.ndarray:
     return (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)
 
 
+def _floors(
+    contenders: dict[str, Contender], size: int, samples: int, say: Callable[..., None]
+) -> dict[str, float]:
+    """Of each of our contenders, and of the path tracer with many samples ("long"): bare rays over the whole cost."""
+    from ray_floor import floor_per_sample
+
+    contenders["long"] = Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
+    traced = {"path": size**2 * samples, "long": FLOOR_SIZE**2 * FLOOR_SAMPLES}
+    if "default" in contenders:
+        traced["default"] = size**2 * samples * GATHER_FACTOR
+    fractions: dict[str, list[float]] = {name: [] for name in traced}
+    for seed in range(1000, 1000 + FLOOR_ROUNDS):
+        for name, count in traced.items():
+            kind = "default" if name == "default" else "path"
+            bare, rays = floor_per_sample(kind, cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
+            contenders[name].turn(seed)
+            fractions[name].append(bare * count / contenders[name].cpu[-1])
+            say(f"floor: {name}, {rays:.2f} rays a sample, {fractions[name][-1]:.1%}")
+    return {name: float(np.median(values)) for name, values in fractions.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -135,7 +157,6 @@ def main() -> None:
     # here, before the long work, and not above, where each contender's process would import them
     from bias import furnace, refinement_bias, surface_bias
     from engine_parts import SMALL_PARTS
-    from ray_floor import floor_per_path
 
     names = ["path"] + [name for name in ("default", "specfilm", "mono") if name in parts]
     names += [f"{name}-76" for name in ("path", "default") if name in names and "bands" in parts]
@@ -177,24 +198,11 @@ def main() -> None:
 
     result = {**summary("path"), "default": summary("default") if "default" in parts else None}
     if "floor" in parts:
-        bare, contenders["long"] = [], Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
-        for seed in range(3):
-            seconds, rays = floor_per_path(cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
-            bare.append(seconds)
-            contenders["path"].turn(1000 + seed)
-            contenders["long"].turn(1000 + seed)
-        fractions = {}
-        for name, size, samples in (
-            ("path", options.size, options.samples),
-            ("long", FLOOR_SIZE, FLOOR_SAMPLES),
-        ):
-            cost = float(np.median(contenders[name].cpu[-3:]))
-            fractions[samples] = float(np.median(bare)) * size**2 * samples / cost
-            say(
-                f"floor: {rays:.2f} rays a path, {fractions[samples]:.1%} of {cost:.2f} CPU s, {samples} samples"
-            )
-        result["fraction_of_ray_floor"] = fractions[options.samples]
-        result["fraction_of_ray_floor_by_samples"] = fractions
+        fractions = _floors(contenders, options.size, options.samples, say)
+        result["fraction_of_ray_floor"] = fractions["path"]
+        result["fraction_of_ray_floor_long"] = fractions["long"]
+        if result["default"] is not None:
+            result["default"]["fraction_of_ray_floor"] = fractions["default"]
     for one in contenders.values():
         one.close()
     if "bias" in parts:
