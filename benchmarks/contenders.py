@@ -44,7 +44,7 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
     def run(seed: int) -> np.ndarray:
         image = function(white, camera, wavelengths, samples=samples * factor, batches=1, seed=seed)
-        return image.coefficients[0] @ image.spectra
+        return image.coefficients[0] @ image.spectra.astype(np.float32)
 
     return run
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene import Scene, Surface
+from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.validate.effects import Effect, Light, Parameter
 from numpy.typing import NDArray
@@ -54,6 +55,41 @@ def _halo(light: Light, amount: float, row: float, column: float) -> Light:
     return light.with_signal((1 - amount) * light.signal + amount * wide)
 
 
+def _motion_blur(light: Light, amount: float, row: float, column: float) -> Light:
+    """The camera shook along one line while the shutter was open."""
+    from scipy.ndimage import shift
+
+    step = (0.0, np.sin(np.pi * row), np.cos(np.pi * row))
+    sides = sum(shift(light.signal, np.multiply(sign, step), order=1, mode="nearest") for sign in (-1, 1))
+    return light.with_signal((1 - amount) * light.signal + amount / 2 * sides)
+
+
+def _tilted_sensor(light: Light, amount: float, row: float, column: float) -> Light:
+    """Sharp on one side of the image only."""
+    from scipy.ndimage import gaussian_filter
+
+    _, u = _places(light)
+    share = amount * np.abs(u - round(column)) ** 2
+    return light.with_signal(
+        (1 - share) * light.signal + share * gaussian_filter(light.signal, (0, 0.8, 0.8), mode="nearest")
+    )
+
+
+def _row_bands(light: Light, amount: float, row: float, column: float) -> Light:
+    """Every few rows a reader of its own, with a gain of its own."""
+    rows = np.arange(light.signal.shape[1])
+    gain = 1 + amount * np.sin(2 * np.pi * rows / (2 + round(6 * row)) + column)
+    return light.with_signal(light.signal * gain[:, None])
+
+
+def _forgotten_cube(scene: Scene, amount: float, row: float, column: float) -> Scene:
+    """Somebody left a white cube on the floor, of up to 100 mm."""
+    edge = 1 + 99 * amount
+    centre = np.array([330 + 130 * column, edge / 2 + 0.2, 60 + 90 * row])
+    cube = Surface("forgotten", "white", *box_mesh(centre, np.full(3, edge), 90 * row))
+    return replace(scene, surfaces=(*scene.surfaces, cube))
+
+
 def _repainted(scene: Scene, amount: float, row: float, column: float) -> Scene:
     """One block wears another paint than the rest: lighter or darker in the blue."""
     surface = next(s for s in scene.surfaces if s.name == ("tall-block" if row > 0.5 else "short-block"))
@@ -82,6 +118,10 @@ OUTSIDE = {
         ("seam", "optics", _seam),
         ("corner-glow", "optics", _corner_glow),
         ("halo", "optics", _halo),
+        ("motion-blur", "optics", _motion_blur),
+        ("tilted-sensor", "optics", _tilted_sensor),
+        ("row-bands", "optics", _row_bands),
+        ("forgotten-cube", "scene", _forgotten_cube),
         ("repainted-block", "scene", _repainted),
     )
 }
