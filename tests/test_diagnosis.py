@@ -95,7 +95,9 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
         1.0
     )  # nothing missing is ruled out
     assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
-    assert any("veiling-glare" in text for text in diagnosis_sections(diagnosis)[0].paragraphs)
+    (section,) = diagnosis_sections(diagnosis)
+    assert any("veiling-glare" in text for text in section.paragraphs)
+    assert "lacks veiling-glare (fraction 0.00" in section.finding
 
 
 def test_final_model_is_written_and_read_back(outcome, tmp_path):

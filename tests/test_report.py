@@ -29,6 +29,7 @@ def pages(tmp_path_factory):
             map_row({"before": np.ones((8, 8)), "after": np.zeros((8, 8))}, noise),
             Table(("effect", "fraction"), [("veiling-glare", Cell("0.031", "± 0.001", True))]),
         ),
+        finding="Glare is missing.",
     )  # fmt: skip
     inputs = {
         "noise": ReportInputs(BOX.compare(seed=1), fake_run(), ASSUMPTIONS, *fake_weights()),
@@ -62,6 +63,11 @@ def test_well_formed_with_unique_identifiers(pages, name):
     assert len(identifiers) == len(set(identifiers))
     references = {r for r in re.findall(r'(?:url\(|href=")#([^)"]+)', pages[name])}
     assert references <= set(identifiers)
+
+
+def test_the_finding_stands_before_any_picture(pages):
+    assert pages["error"].index("Glare is missing.") < pages["error"].index("<img")
+    assert 'class="finding"' not in pages["noise"]
 
 
 def test_pictures_are_there(pages):

@@ -38,11 +38,15 @@ class Table:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """One section of the report: paragraphs of plain text, then pictures, plots and tables in order."""
+    """One section of the report: paragraphs of plain text, then pictures, plots and tables in order.
+
+    finding : a sentence that belongs at the top of the report.
+    """
 
     title: str
     paragraphs: Sequence[str] = ()
     blocks: Sequence[MapRow | Drawing | Table] = ()
+    finding: str = ""
 
 
 def number(value: float, digits: int = 2, sign: bool = False) -> str:

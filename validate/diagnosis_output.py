@@ -83,6 +83,22 @@ def _step_name(step: Step) -> str:
     return "+ " + step.effects[-1].id if step.effects else "model as given"
 
 
+def _in_short(diagnosis: Diagnosis) -> str:
+    """The answer in a sentence or two."""
+    if diagnosis.adequate:
+        return (
+            "The model is adequate: no effect of the catalogue improves it by more than its own flaws could."
+        )
+    if diagnosis.selected == ("unknown",):
+        return "The model lacks something that is not in the catalogue."
+    last = diagnosis.path[-1]
+    effects = zip(last.effects, last.sigma, strict=True)
+    found = " and ".join(f"{effect.id} ({_values(effect, sigma)})" for effect, sigma in effects)
+    rest = " Something remains that is not in the catalogue." if diagnosis.selected[-1] == "unknown" else ""
+    chi2 = last.comparison.chi2.per_dof
+    return f"The model lacks {found}; added, it leaves χ² per degree of freedom at {chi2:.3g}.{rest}"
+
+
 def _in_words(diagnosis: Diagnosis) -> list[str]:
     """The answer in sentences."""
     last = diagnosis.path[-1]
@@ -171,6 +187,7 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[ReportSection]:
                       "Camera and lamp refitted with each; the model as given has χ²/dof "
                       f"{diagnosis.chi2_per_dof:.4g}. The base picture's own error is counted here."),
             ],
+            finding=_in_short(diagnosis),
         )
     ]  # fmt: skip
 

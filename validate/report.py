@@ -88,7 +88,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
     )  # fmt: skip
     environment.globals["kind"] = _block_kind
     page = environment.get_template("report.html.j2").render(
-        run=run, verdict=verdict(c), figures=_figures(c),
+        run=run, verdict=verdict(c), findings=[s.finding for s in inputs.sections if s.finding], figures=_figures(c),
         warnings=[*warnings(c, run), *inputs.further_warnings],
         slider=slider.panels,
         trio=[*slider.panels, *map_row({"Luminance difference": signed}, scale).panels], trio_scale=scale,
