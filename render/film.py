@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 __all__ = ["exposed"]
 
 #: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
-LANES_PER_CALL = 2**15
+_LANES_PER_CALL = 2**15
 
 
 def exposed(
@@ -28,7 +28,7 @@ def exposed(
 
     strip : from first row, number of rows and seed to n sums, a lane per pixel, counted along the rows.
     """
-    rows = max(1, min(camera.height_px, LANES_PER_CALL // camera.width_px))
+    rows = max(1, min(camera.height_px, _LANES_PER_CALL // camera.width_px))
     shape = batches, camera.height_px, camera.width_px
     result = np.empty((*shape, 0), np.float32)
     for batch in range(batches):
