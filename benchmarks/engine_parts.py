@@ -84,7 +84,7 @@ def threads() -> dict[str, Any]:
     """How much faster (wall clock) two threads are than one."""
     result = {}
     for name, render in WAYS.items():
-        samples = 64 if name == "path" else 256
+        samples = 64 if name == "path" else 1024
 
         def work(count: int, render: Callable[..., Any] = render, samples: int = samples) -> None:
             dr.set_thread_count(count)

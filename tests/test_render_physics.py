@@ -17,7 +17,7 @@ from cboxlab.render.lamp import build_lamp_sampler, direct_light
 from cboxlab.render.path_points import PathPoints
 from cboxlab.render.path_tracer import render_path_tracer
 from cboxlab.render.primary import facet_coverage, pixel_coverage
-from cboxlab.render.tracer import build_tracer
+from cboxlab.render.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.render.variant import compiled
 from scipy.integrate import dblquad
 from scipy.stats import chi2
@@ -79,6 +79,17 @@ def corner_to_rectangle(a, b, c):
         x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x))
         + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
     ) / (2 * np.pi)  # fmt: skip
+
+
+@pytest.mark.parametrize("distance", [150.0, 500.0, 2000.0, 8000.0])
+def test_a_lamp_seen_whole_is_known_without_noise(distance):
+    """Straight below a corner's quarter of a square lamp: the catalogue's value in single precision, no scatter."""
+    lamp = square(np.array([0.0, distance, 0.0]), 500.0, 1, -1)
+    floor = quad("floor", square(np.zeros(3), 2000.0, 1, 1))
+    mean, error = light_at(lamp_and([floor], lamp), np.zeros(3), np.array([0.0, 1.0, 0.0]), 256)
+    expected = 4 * corner_to_rectangle(500.0, 500.0, distance - RAY_OFFSET_MM)
+    assert mean == pytest.approx(expected, rel=3e-6)
+    assert error < 1e-6 * expected
 
 
 @pytest.mark.parametrize("distance", [300.0, 1000.0])
