@@ -167,7 +167,7 @@ def furnace(samples: int) -> dict[str, dict[str, float]]:
     }
     surfaces = [Surface(n, "white", *quad_mesh(corner[list(i)])) for n, i in inwards.items()]
     ceiling = corner[[3, 2, 6, 7]]
-    hole = ceiling.mean(axis=0) + 0.8 * (ceiling - ceiling.mean(axis=0))
+    hole = ceiling.mean(axis=0) + 0.95 * (ceiling - ceiling.mean(axis=0))
     surfaces.append(Surface("ceiling", "white", *ring_mesh(ceiling, hole)))
     lamp = Lamp(Surface("light", "light", *quad_mesh(hole)), FLAT)
     white = {"white": Material("white", Spectrum(np.array([550.0]), np.ones(1)))}
