@@ -17,7 +17,7 @@ from cboxlab.validate.diagnosis_output import (
     path_steps,
     write_diagnosis,
 )
-from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue
 from cboxlab.validate.forward import displacement
 from cboxlab.validate.further_captures import distance, further_captures, separations
 from cboxlab.validate.hypotheses import hypotheses
@@ -174,6 +174,23 @@ def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):
         assert abs(off.mean()) < 4.9 * off.std() / np.sqrt(own.sum()) + 0.001 * level
         change = max(change, abs((mixed - plain)[:, own].mean()) / level)
     assert change > 0.01
+
+
+def test_a_users_effect_may_give_a_surface_another_paint(outcome):
+    """All that is red in a new paint, a tenth darker: what wall-reflectance makes of the old one, to rounding."""
+    predictor = outcome[0].rendered.predictor
+    darker = apply_checked("wall-reflectance", {"material": "red", "scale": 0.9}, "test")
+
+    def repaint(scene):
+        surfaces = tuple(replace(s, material="new") if s.material == "red" else s for s in scene.surfaces)
+        new = darker.apply(scene).materials["red"]
+        return replace(scene, surfaces=surfaces, materials={**scene.materials, "new": new})
+
+    effect = AppliedEffect(Effect("repainted", "scene", "", (), repaint, ""), {})
+    after, plain = predictor._picture((effect,)), predictor._picture(())
+    np.testing.assert_allclose(after, predictor._picture((darker,)), rtol=1e-5)
+    lit = plain > 0
+    assert abs(after[lit] / plain[lit] - 1).max() > 0.05
 
 
 def test_averaged_changes_stay_on_their_face():

@@ -151,7 +151,7 @@ class Predictor:
 
     def _transport(self, scene: Scene) -> PatchTransport:
         lamp = scene.lamp
-        key = (lamp.edge_ratio, lamp.exponent, *_meshes(scene))
+        key = (lamp.edge_ratio, lamp.exponent, *(s.material for s in scene.surfaces), *_meshes(scene))
         if key not in self._transports:
             if len(self._transports) > 6:
                 for old in list(self._transports)[1:]:  # the first is the base's own
