@@ -133,16 +133,13 @@ def _register() -> None:
         import drjit as dr
 
         class Reflection(mi.BSDF):  # type: ignore[misc]
-            """Samples cosine-weighted directions; ``value`` is the reflection function times the cosine."""
+            """Samples cosine-weighted directions; subclasses give ``value``, reflection function times cosine."""
 
             def __init__(self, props: Any) -> None:
                 mi.BSDF.__init__(self, props)
                 self.reflectance = mi.Color3f(props["reflectance"])
                 self.m_flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide
                 self.m_components = [self.m_flags]
-
-            def value(self, si: Any, wo: Any) -> Any:
-                raise NotImplementedError
 
             def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
                 ok = (mi.Frame3f.cos_theta(si.wi) > 0) & (mi.Frame3f.cos_theta(wo) > 0) & active

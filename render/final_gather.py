@@ -19,7 +19,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 
-from .film import exposed
+from .film import means_by_strips
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .patches import Patches, build_patches, patch_of
@@ -114,7 +114,7 @@ def gather(
         return _strip(light, table, camera, start, height, samples, own_seed)
 
     return RenderedImage(
-        coefficients=exposed(strip, camera, samples, batches, seed, progress),
+        coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
         spectra=light.spectra,
         wavelength_nm=light.wavelength_nm,
         coverage=facet_coverage(light.tracer, camera),

@@ -17,7 +17,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from .bsdf import SpectralBsdfs
-from .film import exposed
+from .film import means_by_strips
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_radiance
 from .medium import SpectralMedium
@@ -59,7 +59,7 @@ def render_general_path_tracer(
             parts = tracer, lamp, bsdfs, medium, reflectances, camera
             return _strip(*parts, start, height, samples, own_seed, max_bounces)
 
-        coefficients = exposed(strip, camera, samples, batches, seed, progress)
+        coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)
     return RenderedImage(
         coefficients=coefficients,

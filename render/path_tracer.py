@@ -16,7 +16,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
-from .film import exposed
+from .film import means_by_strips
 from .image import RenderedImage
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .path_points import PathPoints
@@ -91,7 +91,7 @@ def trace_paths(
         bounds = start, height, samples, own_seed, max_bounces
         return _strip(tracer, lamp, reflectances, camera, *bounds, counted, split)
 
-    return exposed(strip, camera, samples, batches, seed, progress)
+    return means_by_strips(strip, camera, samples, batches, seed, progress)
 
 
 def _strip(

@@ -83,7 +83,7 @@ def corner_to_rectangle(a, b, c):
 
 @pytest.mark.parametrize("distance", [150.0, 500.0, 2000.0, 8000.0])
 def test_a_lamp_seen_whole_is_known_without_noise(distance):
-    """Straight below a corner's quarter of a square lamp: the catalogue's value in single precision, no scatter."""
+    """Straight below a square lamp's centre: the catalogue's value in single precision, no scatter."""
     lamp = square(np.array([0.0, distance, 0.0]), 500.0, 1, -1)
     floor = quad("floor", square(np.zeros(3), 2000.0, 1, 1))
     mean, error = light_at(lamp_and([floor], lamp), np.zeros(3), np.array([0.0, 1.0, 0.0]), 256)

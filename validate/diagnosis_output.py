@@ -87,10 +87,14 @@ def _in_short(diagnosis: Diagnosis) -> str:
     """The answer in a sentence or two."""
     if diagnosis.adequate:
         return (
-            "The model is adequate: no effect of the catalogue improves it by more than its own flaws could."
+            "No effect of the catalogue improves the model by more than the render's own flaws could: "
+            "the model is adequate."
         )
     if diagnosis.selected == ("unknown",):
-        return "The model lacks something that is not in the catalogue."
+        return (
+            "Something is there that noise does not explain, and no effect of the catalogue explains most of it: "
+            "unknown."
+        )
     last = diagnosis.path[-1]
     effects = zip(last.effects, last.sigma, strict=True)
     found = " and ".join(f"{effect.id} ({_values(effect, sigma)})" for effect, sigma in effects)
@@ -103,16 +107,10 @@ def _in_words(diagnosis: Diagnosis) -> list[str]:
     """The answer in sentences."""
     last = diagnosis.path[-1]
     if diagnosis.adequate:
-        return [
-            "No effect of the catalogue improves the model by more than the render's own flaws could: "
-            "the model is adequate."
-        ]
+        return [_in_short(diagnosis)]
     sentences = []
     if diagnosis.selected == ("unknown",):
-        sentences.append(
-            "Something is there that noise does not explain, and no effect of the catalogue explains most of it: "
-            "unknown."
-        )
+        sentences.append(_in_short(diagnosis))
     else:
         for effect, sigma in zip(last.effects, last.sigma, strict=True):
             sentences.append(
