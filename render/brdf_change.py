@@ -19,7 +19,7 @@ from .final_gather import LightField
 from .lamp import lamp_pattern, lamp_point
 from .patches import patch_of
 from .sampling import SobolPoints
-from .tracer import RAY_OFFSET_MM, camera_ray, intersect, visible
+from .tracer import RAY_OFFSET_MM, intersect, pixel_rays, visible
 
 __all__ = ["Coat", "changed_reflection", "fresnel"]
 
@@ -123,23 +123,18 @@ def changed_reflection(
     table_rho = mi.Float(np.asarray(reflectances).astype(np.float32).ravel())
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     points = SobolPoints(8 if albedo is None else 12, samples, lane, seed)
-    surfaces = len(tracer.scene.surfaces)
 
     def seen(hit, active) -> list[mi.Float]:
-        on = (
-            hit.front
-            & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
-            & active
-        )
+        on = hit.painted & active
         patch = patch_of(patches, hit.triangle, hit.uv, on)
         return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        ray = camera_ray(camera, column + points.point(i, 4) - 0.5, row + points.point(i, 5) - 0.5)
+        ray = rays(points.point(i, 4), points.point(i, 5))
         hit = intersect(tracer, ray)
-        mine = hit.front & (dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, hit.front) == material)
+        mine = hit.front & (hit.material == material)
         frame = mi.Frame3f(hit.normal)
         outgoing = frame.to_local(-ray.d)
         origin = hit.position + hit.normal * RAY_OFFSET_MM
@@ -180,9 +175,7 @@ def changed_reflection(
         pdf = coat.density(direction, outgoing)
         strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
         near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
-        on_lamp = near.front & (
-            dr.gather(mi.UInt32, tracer.packed_surface, near.triangle, near.front) == surfaces
-        )
+        on_lamp = near.front & ~near.painted
         lamp_cosine = -dr.dot(frame.to_world(direction), light.lamp.normal)
         lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
         glow = lamp_pattern(light.lamp, near.position, lamp_cosine)
@@ -191,11 +184,8 @@ def changed_reflection(
     def turned(i, hit, origin, direction) -> list[mi.Float]:
         """The lamp's light by way of the paint: what leaves it this way less the mean over all ways."""
         assert albedo is not None
-        shaded = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
-        far = intersect(tracer, mi.Ray3f(origin, direction), shaded)
-        theirs = far.front & (
-            dr.gather(mi.UInt32, tracer.packed_material, far.triangle, far.front) == material
-        )
+        far = intersect(tracer, mi.Ray3f(origin, direction), hit.painted)
+        theirs = far.front & (far.material == material)
         frame = mi.Frame3f(far.normal)
         outgoing = frame.to_local(-direction)
         there = far.position + far.normal * RAY_OFFSET_MM
@@ -209,8 +199,8 @@ def changed_reflection(
         if coat is not None:
             u, v = points.point(i, 10), points.point(i, 11)
             lobe += mirrored(coat, frame, there, incoming, outgoing, weight, per_area, u, v, theirs)[0]
-        paint = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
-        first = [dr.gather(mi.Float, table_rho, paint * bands + k, shaded) for k in range(bands)]
+        entry = hit.material * bands
+        first = [dr.gather(mi.Float, table_rho, entry + k, hit.painted) for k in range(bands)]
         return [dr.select(theirs, f * (r * diffuse + lobe), 0) for f, r in zip(first, rho, strict=True)]
 
     total = dr.opaque(mi.UInt32, samples)

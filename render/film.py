@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 __all__ = ["means_by_strips"]
 
 #: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
-_LANES_PER_CALL = 2**15
+_LANES_PER_CALL = 2**16
 
 
 def means_by_strips(

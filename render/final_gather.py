@@ -26,7 +26,7 @@ from .patches import Patches, build_patches, patch_of
 from .primary import facet_coverage
 from .radiosity import TOLERANCE, Exchange, indirect_basis, trace_exchange
 from .sampling import SobolPoints, cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
+from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, intersect, pixel_rays
 
 __all__ = ["LightField", "gather", "render_final_gather", "solve_light"]
 
@@ -198,11 +198,10 @@ def _strip(
     count = height * camera.width_px
     local = dr.arange(mi.UInt32, count)
     lane = local + dr.opaque(mi.UInt32, start * camera.width_px)
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     gathers = GATHERS if samples % GATHERS == 0 else 1
     points = SobolPoints(12, samples, lane, seed)
     paints = len(tracer.material_names)
-    n_surfaces = len(tracer.scene.surfaces)
     first = max_bounces is None or max_bounces >= 1
     second = max_bounces is None or max_bounces >= 2
     third = max_bounces is None or max_bounces >= 3
@@ -213,8 +212,7 @@ def _strip(
         """What one gathering ray brings: direct light by second and third paints, and the patches' part."""
         direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction), shaded)
-        lit = far.front & (dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < n_surfaces)
-        paint = dr.gather(mi.UInt32, tracer.packed_material, far.triangle, lit)
+        lit, paint = far.painted, far.material
         u, v = points.point(i, 2), points.point(i, 3)
         arriving = direct_light(tracer, lamp, far.position, far.normal, u, v, lit)
         values = [dr.select(lit & (paint == m), arriving, 0) for m in range(paints)]
@@ -223,10 +221,7 @@ def _strip(
         close = lit & (far.distance < reach)
         onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
         last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
-        at_last = last.front & (
-            dr.gather(mi.UInt32, tracer.packed_surface, last.triangle, last.front) < n_surfaces
-        )
-        last_paint = dr.gather(mi.UInt32, tracer.packed_material, last.triangle, at_last)
+        at_last, last_paint = last.painted, last.material
         u, v = points.point(i, 10), points.point(i, 11)
         arriving = direct_light(tracer, lamp, last.position, last.normal, u, v, at_last)
         values += [
@@ -242,12 +237,9 @@ def _strip(
         return values + [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        ray = camera_ray(camera, column + points.point(i, 4) - 0.5, row + points.point(i, 5) - 0.5)
+        ray = rays(points.point(i, 4), points.point(i, 5))
         hit = intersect(tracer, ray)
-        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.valid)
-        on_lamp = hit.front & (surface == n_surfaces)
-        shaded = hit.front & ~on_lamp
-        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, shaded)
+        shaded, material = hit.painted, hit.material
         values = []
         if first:
             u, v = points.point(i, 6), points.point(i, 7)
@@ -262,7 +254,7 @@ def _strip(
             nothing = [dr.zeros(mi.Float, count) for _ in range(per_paint - 1 if third else paints)]
             values += dr.while_loop((i * gathers, nothing), lambda j, _: j < end, inner)[1]
         glow = gathers * lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
-        new = [sums[0] + dr.select(on_lamp, glow, mi.Float(0))]
+        new = [sums[0] + dr.select(hit.front & ~shaded, glow, mi.Float(0))]
         for m in range(paints):
             here = shaded & (material == m)
             mine = sums[1 + m * per_paint : 1 + (m + 1) * per_paint]

@@ -25,7 +25,7 @@ from .path_points import PathPoints
 from .path_tracer import HIGHEST_SURVIVAL, SPARED_REFLECTIONS, UNLIMITED
 from .primary import facet_coverage
 from .sampling import cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect, visible
+from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, intersect, pixel_rays, visible
 
 __all__ = ["render_general_path_tracer"]
 
@@ -79,19 +79,17 @@ def _strip(
     """The sums at each wavelength of a strip of rows: one lane per pixel, one loop over path segments."""
     count, bands = height * camera.width_px, reflectances.shape[1]
     lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     points = PathPoints(samples, lane, seed)
     own_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
     paints = mi.Float(reflectances.astype(np.float32).ravel())
     lambertian = mi.UInt32([0 if m in bsdfs.materials else 1 for m in range(len(reflectances))] or [1])
-    n_surfaces = len(tracer.scene.surfaces)
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
 
     def begin(index: mi.UInt32) -> mi.Ray3f:
-        u, v = points.pixel(index)
-        return camera_ray(camera, column + u - 0.5, row + v - 0.5)
+        return rays(*points.pixel(index))
 
     def body(
         index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, density: mi.Float,
@@ -109,15 +107,13 @@ def _strip(
             position = dr.select(scattered, origin + distance * direction, hit.position)
         met, front = hit.valid & ~scattered, hit.front & ~scattered
         position = mi.Point3f(dr.select(met | scattered, position, origin))
-        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, met)
-        on_lamp = front & (surface == n_surfaces)
+        material, on_lamp = hit.material, front & ~hit.painted
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         by_lamp = dr.square(hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
         share = dr.select(dr.isinf(density), one, density / (density + by_lamp))
         sums = [s + dr.select(on_lamp, glow * share * t, 0) for s, t in zip(sums, throughput, strict=True)]
 
-        going = (depth < last) & (scattered | (met & (surface < n_surfaces)))
-        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, going & met)
+        going = (depth < last) & (scattered | (met & (material < len(reflectances))))
         plain = going & front & (dr.gather(mi.UInt32, lambertian, material, going & front) == 1)
         special = going & met & (dr.gather(mi.UInt32, lambertian, material, going & met) == 0)
         vertex = points.at_vertex(index, depth)
@@ -160,18 +156,19 @@ def _strip(
         sums = [s + x for s, x in zip(sums, light, strict=True)]
 
         # onward
-        turned = cosine_hemisphere(hit.normal, vertex.direction_u, vertex.direction_v)
+        u, v = points.direction(index, depth)
+        turned = cosine_hemisphere(hit.normal, u, v)
         factors, density = [dr.select(plain, r, 0) for r in rho], mi.Float(0)
         if bsdfs.materials:
             toward, drawn, by_bsdf = bsdfs.sample(
-                si, material, lobe, mi.Point2f(vertex.direction_u, vertex.direction_v), special
+                si, material, lobe, mi.Point2f(u, v), special
             )
             turned = mi.Vector3f(dr.select(special, toward, turned))
             factors = [dr.select(special, new, old) for new, old in zip(drawn, factors, strict=True)]
             density = dr.select(special, by_bsdf, density)
             side = dr.select(special, dr.sign(dr.dot(toward, hit.normal)), side)
         if medium is not None:
-            toward, phase = medium.sample(direction, vertex.direction_u, vertex.direction_v)
+            toward, phase = medium.sample(direction, u, v)
             turned = mi.Vector3f(dr.select(scattered, toward, turned))
             factors = [dr.select(scattered, one, old) for old in factors]
             density = dr.select(scattered, phase, density)

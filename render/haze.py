@@ -97,7 +97,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
             _cells(np.append((low - aside)[:2], eye), np.append((high + aside)[:2], low[2]), _BEFORE)
         )
     corner, size = (np.concatenate([zone[i] for zone in zones]) for i in (1, 2))
-    count, surfaces = len(corner), len(tracer.scene.surfaces)
+    count = len(corner)
     lane = dr.arange(mi.UInt32, count)
     first, extent = mi.Point3f(*_columns(corner)), mi.Vector3f(*_columns(size))
     random = SobolPoints(7, _CELL_SAMPLES, lane, seed)
@@ -112,9 +112,8 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         air = ~hit.valid | hit.front
         dr.scatter_add(exposed, mi.Float(1), lane, air)
         dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
-        on = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
-        patch = patch_of(patches, hit.triangle, hit.uv, on)
-        dr.scatter_add(matrix, mi.Float(1), lane * len(patches) + patch, on)
+        patch = patch_of(patches, hit.triangle, hit.uv, hit.painted)
+        dr.scatter_add(matrix, mi.Float(1), lane * len(patches) + patch, hit.painted)
         dr.scatter_add(lit, _from_lamp(tracer, light.lamp, point, u[5], u[6]), lane, air)
         return (i + 1,)
 

@@ -9,9 +9,14 @@ import mitsuba as mi
 import numpy as np
 from cboxlab.scenes.scene import Lamp
 
+from .polynomials import polynomial, polynomial_at
 from .tracer import RAY_OFFSET_MM, Tracer, visible
 
 __all__ = ["LampSampler", "build_lamp_sampler", "direct_light", "lamp_pattern", "lamp_point", "lamp_radiance"]
+
+
+#: atan(x) / x as a polynomial in x^2, for 0 <= x <= 1: off by less than 2e-8.
+_ARC_TANGENT = polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +149,21 @@ def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) ->
         a, b = start - position, end - position
         whole &= dr.dot(a, normal) > 0
         axis = dr.cross(a, b)
-        length = dr.norm(axis)
-        angle = dr.atan2(length, dr.dot(a, b))
-        total += dr.select(length > 0, angle * dr.dot(axis, normal) / length, 0)
+        total += dr.dot(axis, normal) * _angle_over_sine(dr.norm(axis), dr.dot(a, b))
     return dr.abs(total) * (0.5 / np.pi), whole
+
+
+def _angle_over_sine(sine: mi.Float, cosine: mi.Float) -> mi.Float:
+    """atan2(sine, cosine) / sine for sine >= 0: with one division for all, and 1 / sine where both are 0."""
+    sine = dr.select(sine > 1e-12, sine, 1e-12)
+    base = dr.abs(cosine)
+    steep = base < sine
+    longer, shorter = dr.select(steep, sine, base), dr.select(steep, base, sine)
+    inverse = dr.rcp(longer * sine)
+    ratio = shorter * sine * inverse
+    angle = ratio * polynomial_at(_ARC_TANGENT, ratio * ratio)
+    angle = dr.select(steep, 0.5 * np.pi - angle, angle)
+    return dr.select(cosine < 0, np.pi - angle, angle) * longer * inverse
 
 
 def lamp_pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.Float | float:
@@ -218,11 +234,12 @@ def lamp_point(
     point = _sample(lamp, u, v)
     offset = point - origin
     square = dr.squared_norm(offset)
-    direction = offset * dr.rsqrt(square)
+    nearness = dr.rsqrt(square)
+    direction = offset * nearness
     cosine = dr.dot(direction, normal)
     lamp_cosine = -dr.dot(direction, lamp.normal)
     facing = active & (cosine > 0) & (lamp_cosine > 0)
-    weight = dr.select(facing, cosine * lamp_cosine * lamp.area / (np.pi * square), 0)
+    weight = dr.select(facing, cosine * lamp_cosine * (nearness * nearness) * (lamp.area / np.pi), 0)
     if patterned:
         weight = dr.select(facing, weight * lamp_pattern(lamp, point, lamp_cosine), 0)
     return weight, offset, dr.select(facing, square / (lamp.area * lamp_cosine), 0)

@@ -23,7 +23,7 @@ from .lamp import direct_light, lamp_pattern
 from .patches import patch_of
 from .primary import facet_coverage
 from .sampling import SobolPoints, cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, camera_ray, intersect
+from .tracer import RAY_OFFSET_MM, Tracer, intersect, pixel_rays
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
@@ -88,18 +88,16 @@ def build_patch_transport(
     lookup = mi.UInt32(index)
     count, faces = coverage.shape[0], coverage.shape[1] + 1
     lane = dr.arange(mi.UInt32, count)
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     points = SobolPoints(6, samples, lane, seed)
-    surfaces = len(tracer.scene.surfaces)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
     direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
     glow, on_lamp = (dr.zeros(mi.Float, count) for _ in range(2))
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
-        ray = camera_ray(camera, column + points.point(i, 2) - 0.5, row + points.point(i, 3) - 0.5)
+        ray = rays(points.point(i, 2), points.point(i, 3))
         hit = intersect(tracer, ray)
-        shaded = hit.front & (dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front) < surfaces)
-        bright = hit.front & ~shaded
+        shaded, bright = hit.painted, hit.front & ~hit.painted
         dr.scatter_add(on_lamp, mi.Float(1), lane, bright)
         pattern = lamp_pattern(light.lamp, hit.position, -dr.dot(ray.d, light.lamp.normal))
         dr.scatter_add(glow, mi.Float(pattern), lane, bright)
@@ -110,7 +108,7 @@ def build_patch_transport(
         )
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
-        lit = far.front & (dr.gather(mi.UInt32, tracer.packed_surface, far.triangle, far.front) < surfaces)
+        lit = far.painted
         patch = patch_of(patches, far.triangle, far.uv, lit)
         dr.scatter_add(direct, arriving, fragment, shaded)
         dr.scatter_add(seen, mi.Float(1), fragment, shaded)

@@ -18,28 +18,30 @@ __all__ = ["PathPoints", "VertexPoints"]
 #: helps most: to the directions, two columns a vertex. Lamp points come last: where the lamp is seen whole,
 #: their contribution is analytic.
 _JOINT_VERTICES = 3
-_PIXEL = 2 * _JOINT_VERTICES
-_LIGHT = _PIXEL + 2
-_ROULETTE = _LIGHT + 2 * _JOINT_VERTICES
-_COLUMNS = _ROULETTE + 1
-#: Columns of the vertices beyond, each with an order of its own.
-_PADDED_DIRECTION, _PADDED_LIGHT, _PADDED_ROULETTE = 0, 2, 4
+_PIXEL = _JOINT_VERTICES
+_LIGHT = _PIXEL + 1
+_ROULETTE = _LIGHT + _JOINT_VERTICES
+#: Words of the table for each point: two columns, 16 bits of each, in a word; gathering is what takes time.
+_WORDS = _ROULETTE + 1
+#: Paths beyond so many take other scramblings of the same points.
+_LOG2_MOST_POINTS = 16
 
 
 @lru_cache(maxsize=8)
 def _reversed_table(log2_points: int) -> np.ndarray:
-    """(2^m * columns,) Sobol' points, their 32 bits in reverse order, which is how scrambling needs them."""
-    points = (qmc.Sobol(_COLUMNS, scramble=False, bits=32).random_base2(log2_points) * 2.0**32).astype(">u4")
-    bits = np.unpackbits(points.view(np.uint8).reshape(*points.shape, 4), axis=-1)
-    return np.packbits(bits[..., ::-1], axis=-1).view(">u4").astype(np.uint32).ravel()
+    """(2^m * words,) Sobol' points, m <= 16: their leading 16 bits in reverse order, as scrambling needs them."""
+    points = qmc.Sobol(2 * _WORDS - 1, scramble=False, bits=32).random_base2(log2_points)
+    leading = np.zeros((len(points), 2 * _WORDS), ">u2")
+    leading[:, :-1] = points * 2.0**16
+    bits = np.unpackbits(leading.view(np.uint8).reshape(*leading.shape, 2), axis=-1)
+    columns = np.packbits(bits[..., ::-1], axis=-1).view(">u2")[..., 0].astype(np.uint32)
+    return (columns[:, 0::2] | columns[:, 1::2] << 16).ravel()
 
 
 @dataclass
 class VertexPoints:
-    """Five numbers in [0, 1) per lane: what one vertex of a path needs."""
+    """Three numbers in [0, 1) per lane: what a vertex of a path needs beside its direction onwards."""
 
-    direction_u: mi.Float
-    direction_v: mi.Float
     light_u: mi.Float
     light_v: mi.Float
     roulette: mi.Float
@@ -56,35 +58,67 @@ class PathPoints:
 
     def __init__(self, count: int, lane: mi.UInt32, seed: int) -> None:
         log2 = int(np.ceil(np.log2(max(count, 2))))
+        self._several_sets = log2 > _LOG2_MOST_POINTS
+        log2 = min(log2, _LOG2_MOST_POINTS)
         self._table = mi.UInt32(_reversed_table(log2))
         self._mask = dr.opaque(mi.UInt32, (1 << log2) - 1)
         self._lane_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))[0]
 
     def pixel(self, index: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Where in its pixel path ``index`` begins."""
-        seed = self._lane_seed
-        u, v = (self._number(index * _COLUMNS + c, _seed_of(seed, c)) for c in (_PIXEL, _PIXEL + 1))
-        return u, v
+        index, seed = self._own(index)
+        return self._pair(index * _WORDS + _PIXEL, _turned(seed))
 
     def at_vertex(self, index: mi.UInt32, depth: mi.UInt32) -> VertexPoints:
         """Numbers of vertex ``depth`` (0 is what the camera sees) of path ``index``."""
-        seed = _mixed(self._lane_seed ^ ((depth + 1) * 0x85EBCA6B))
+        base, joint, seed = self._row(index, depth)
+        seed = _turned(seed * 0x2C1B3C6D)
+        light = self._pair(base + _LIGHT + dr.select(joint, depth, 0), seed)
+        roulette = _scrambled(dr.gather(mi.UInt32, self._table, base + _ROULETTE), _turned(_turned(seed)))
+        return VertexPoints(*light, roulette)
+
+    def direction(self, index: mi.UInt32, depth: mi.UInt32) -> tuple[mi.Float, mi.Float]:
+        """Where path ``index`` goes from vertex ``depth``."""
+        base, joint, seed = self._row(index, depth)
+        return self._pair(base + dr.select(joint, depth, 0), _turned(seed))
+
+    def onward(self, index: mi.UInt32, depth: mi.UInt32, ended: mi.Bool) -> tuple[mi.Float, mi.Float]:
+        """``direction``, or ``pixel`` of the next path where this one has ``ended``: at the cost of one."""
+        base, joint, seed = self._row(index, depth)
+        next_index, next_seed = self._own(index + 1)
+        where = dr.select(ended, next_index * _WORDS + _PIXEL, base + dr.select(joint, depth, 0))
+        return self._pair(where, _turned(dr.select(ended, next_seed, seed)))
+
+    def _own(self, index: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+        """A path's index in its set of points, and the seed of that set."""
+        if not self._several_sets:
+            return index, self._lane_seed
+        return index & self._mask, _mixed(self._lane_seed + (index >> _LOG2_MOST_POINTS) * 0x9E3779B9)
+
+    def _row(self, index: mi.UInt32, depth: mi.UInt32) -> tuple[mi.UInt32, mi.Bool, mi.UInt32]:
+        """Where in the table a vertex' words begin, whether they are the joint set's, and the vertex' seed."""
+        index, seed = self._own(index)
+        seed = _mixed(seed ^ ((depth + 1) * 0x85EBCA6B))
         joint = depth < _JOINT_VERTICES
-        base = _COLUMNS * dr.select(joint, index, _permuted(index, seed) & self._mask)
-        direction = base + dr.select(joint, 2 * depth, _PADDED_DIRECTION)
-        light = base + dr.select(joint, _LIGHT + 2 * depth, _PADDED_LIGHT)
-        roulette = base + dr.select(joint, mi.UInt32(_ROULETTE), _PADDED_ROULETTE)
-        where = (direction, direction + 1, light, light + 1, roulette)
-        return VertexPoints(*(self._number(w, _seed_of(seed, c)) for c, w in enumerate(where)))
+        return _WORDS * dr.select(joint, index, _permuted(index, seed) & self._mask), joint, seed
 
-    def _number(self, where: mi.UInt32, seed: mi.UInt32) -> mi.Float:
-        bits = dr.brev(_permuted(dr.gather(mi.UInt32, self._table, where), seed))
-        return mi.Float(bits >> 8) * (1.0 / 16777216.0)
+    def _pair(self, where: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Float, mi.Float]:
+        word = dr.gather(mi.UInt32, self._table, where)
+        return _scrambled(word & 0xFFFF, seed), _scrambled(word >> 16, _turned(seed))
 
 
-def _seed_of(seed: mi.UInt32, column: int) -> mi.UInt32:
-    """A seed of its own for each column. Cheaper hashes leave pairs of columns dependent."""
-    return _mixed(seed + (0x9E3779B9 * (column + 1) & 0xFFFFFFFF))
+def _scrambled(reversed_bits: mi.UInt32, seed: mi.UInt32) -> mi.Float:
+    return mi.Float(dr.brev(_permuted(reversed_bits, seed)) >> 8) * (1.0 / 16777216.0)
+
+
+def _turned(seed: mi.UInt32) -> mi.UInt32:
+    """Another seed from a well-mixed one.
+
+    Scrambling takes the leading bits from a seed's lowest bits and from those above the 16th: with a shift of
+    15 or 16 bits, these would depend on each other, and columns too.
+    """
+    seed = seed * 0x9E3779B1
+    return seed ^ (seed >> 11)
 
 
 def _mixed(x: mi.UInt32) -> mi.UInt32:

@@ -22,7 +22,7 @@ from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from .path_points import PathPoints
 from .primary import facet_coverage
 from .sampling import cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, camera_ray, intersect
+from .tracer import RAY_OFFSET_MM, Tracer, build_tracer, intersect, pixel_rays
 
 __all__ = ["render_path_tracer", "trace_paths"]
 
@@ -102,77 +102,78 @@ def _strip(
     """Sums over the paths of each pixel of a strip of rows, see ``trace_paths``.
 
     One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
-    path in the same step, so none waits for the longest path of its neighbours.
+    path in the same step, so none waits for the longest path of its neighbours. What a path carries is set
+    back when the next one meets its first surface, which takes less than at the end of the one before.
     """
     count = height * camera.width_px
     lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     points = PathPoints(samples, lane, seed)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     paints = _Paints(reflectances)
-    survivals = _Paints(survival[:, None])
-    n_paints = len(reflectances)  # the lamp's triangles carry the number after the last paint's
+    survivals = _Paints(np.column_stack([survival, 1 / survival]))
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
 
-    def begin(index: mi.UInt32) -> mi.Ray3f:
-        u, v = points.pixel(index)
-        return camera_ray(camera, column + u - 0.5, row + v - 0.5)
-
     def body(
-        index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float,
-        weight: mi.Float, throughput: list[mi.Float], sums: list[mi.Float],
+        throughput: list[mi.Float], sums: list[mi.Float], index: mi.UInt32, depth: mi.UInt32,
+        origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float, weight: mi.Float,
         counts: list[mi.Float], counted_sums: list[list[mi.Float]],
     ) -> tuple:  # fmt: skip
         hit = intersect(tracer, mi.Ray3f(origin, direction))
-        material = dr.gather(mi.UInt32, tracer.packed_material, hit.triangle, hit.front)
-        on_lamp = hit.front & (material == n_paints)
-        shaded = hit.front & (material < n_paints) & (depth < last)
+        material, on_lamp, shaded = hit.material, hit.front & ~hit.painted, hit.painted & (depth < last)
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         vertex = points.at_vertex(index, depth)
+        begun = depth == 0
+        weight = dr.select(begun, one, weight)
         light = weight * direct_light(
             tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
         )
-        reflected = [t * r for t, r in zip(throughput, paints(material), strict=True)]
-        added = [t * light for t in reflected]
-        new_sums = [s + a for s, a in zip(sums, added, strict=True)]
-        counts = [c + dr.select(shaded & (material == m), one, 0) for m, c in enumerate(counts)]
+        reflected = [
+            dr.select(begun, one, t) * r for t, r in zip(throughput, paints(material), strict=True)
+        ]
+        new_sums = [dr.fma(t, light, s) for t, s in zip(reflected, sums, strict=True)]
+        counts = [
+            dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
+            for m, c in enumerate(counts)
+        ]
         reached = [dr.select(depth == n, one, 0) for n in range(split)]
         new_counted = [
-            [s + c * a for s, a in zip(row, added, strict=True)]
+            [dr.fma(c * light, t, s) for s, t in zip(row, reflected, strict=True)]
             for c, row in zip(counts + reached, counted_sums, strict=True)
         ]
-        survives = dr.select(depth < SPARED_REFLECTIONS, one, survivals(material)[0])
+        survives, raised = (dr.select(depth < SPARED_REFLECTIONS, one, x) for x in survivals(material))
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
-        turned = cosine_hemisphere(hit.normal, vertex.direction_u, vertex.direction_v)
-        next_index = index + dr.select(ended, mi.UInt32(1), mi.UInt32(0))
-        fresh = begin(next_index)
+        u, v = points.onward(index, depth, ended)
+        turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
         return (
-            next_index,
+            reflected,
+            new_sums,
+            index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            seen + dr.select(on_lamp & (depth == 0), glow, 0),
-            dr.select(ended, one, weight / survives),
-            [dr.select(ended, one, t) for t in reflected],
-            new_sums,
-            [dr.select(ended, 0, c) for c in counts],
+            seen + dr.select(on_lamp & begun, glow, 0),
+            weight * raised,
+            counts,
             new_counted,
         )
 
     zero = dr.zeros(mi.UInt32, count)
-    first = begin(zero)
+    first = rays(*points.pixel(zero))
     wavelengths = reflectances.shape[1]
     followed = len(reflectances) if counted else 0
+    # what each wavelength carries comes first: its arithmetic then runs while the next ray is being made
     state = (
-        zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.zeros(mi.Float, count),
-        dr.ones(mi.Float, count), [dr.ones(mi.Float, count) for _ in range(wavelengths)],
+        [dr.ones(mi.Float, count) for _ in range(wavelengths)],
         [dr.zeros(mi.Float, count) for _ in range(wavelengths)],
+        zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.zeros(mi.Float, count),
+        dr.ones(mi.Float, count),
         [dr.zeros(mi.Float, count) for _ in range(followed)],
         [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed + split)],
     )  # fmt: skip
-    *_, seen, _, _, sums, _, counted_sums = dr.while_loop(state, lambda index, *_: index < total, body)
+    _, sums, *_, seen, _, _, counted_sums = dr.while_loop(state, lambda _t, _s, index, *_: index < total, body)
     return [seen, *sums, *(s for row in counted_sums for s in row)]
 
 

@@ -9,7 +9,7 @@ from cboxlab.scenes.camera import Camera
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from .sampling import SobolPoints
-from .tracer import Tracer, camera_ray, intersect
+from .tracer import Tracer, intersect, pixel_rays
 
 __all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
 
@@ -47,13 +47,12 @@ def pixel_coverage(
     """(n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows."""
     count = len(pixels)
     lane = mi.UInt32(np.asarray(pixels, np.uint32))
-    column, row = mi.Float(lane % camera.width_px), mi.Float(lane // camera.width_px)
+    rays = pixel_rays(camera, lane)
     points = SobolPoints(2, samples, lane, seed)
     faces = len(tracer.facet_surface)
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        u, v = points.point(i, 0) - 0.5, points.point(i, 1) - 0.5
-        hit = intersect(tracer, camera_ray(camera, column + u, row + v), coherent=True)
+        hit = intersect(tracer, rays(points.point(i, 0), points.point(i, 1)), coherent=True)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
         here = [dr.select(hit.front & (facet == f), mi.Float(1), mi.Float(0)) for f in range(faces)]
         return i + 1, [a + b for a, b in zip(sums, here, strict=True)]
@@ -70,12 +69,10 @@ def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int,
 
     Where in its part a ray goes is random, so that edges along rows or columns are not found all at one side.
     """
-    rows, columns = np.divmod(np.asarray(pixels), camera.width_px)
-    jitter = np.random.default_rng(seed).random((2, len(rows), across, across))
-    v = rows[:, None, None] - 0.5 + (np.arange(across)[:, None] + jitter[0]) / across
-    u = columns[:, None, None] - 0.5 + (np.arange(across) + jitter[1]) / across
-    ray = camera_ray(camera, *(mi.Float(place.ravel().astype(np.float32)) for place in (u, v)))
-    hit = intersect(tracer, ray, coherent=True)
+    jitter = np.random.default_rng(seed).random((2, len(pixels), across, across))
+    v, u = (np.arange(across)[:, None] + jitter[0]) / across, (np.arange(across) + jitter[1]) / across
+    rays = pixel_rays(camera, mi.UInt32(np.repeat(np.asarray(pixels, np.uint32), across**2)))
+    hit = intersect(tracer, rays(*(mi.Float(x.ravel().astype(np.float32)) for x in (u, v))), coherent=True)
     facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
     return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1)).reshape(
         jitter.shape[1:]

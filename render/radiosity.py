@@ -55,10 +55,9 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     points = SobolPoints(6, samples, lane, seed)
     matrix = dr.zeros(mi.Float, count * count)
     parent = mi.UInt32(patches.triangle.astype(np.uint32))
-    normal = dr.gather(mi.Vector3f, tracer.packed_normals, parent)
+    normal = dr.gather(mi.Vector4f, tracer.packed, parent).xyz
     corners = mi.Float(patches.corners.astype(np.float32).ravel())
 
-    n_surfaces = len(tracer.scene.surfaces)
 
     def body(
         i: mi.UInt32, direct: mi.Float, escaped: mi.Float, seen: mi.Float
@@ -70,8 +69,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
         direction = cosine_hemisphere(normal, points.point(i, 4), points.point(i, 5))
         hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction))
         exposed = ~hit.valid | hit.front
-        surface = dr.gather(mi.UInt32, tracer.packed_surface, hit.triangle, hit.front)
-        on_patch = hit.front & (surface < n_surfaces)
+        on_patch = hit.painted
         target = patch_of(patches, hit.triangle, hit.uv, on_patch)
         for patch, weight in slopes.weights(target, hit.position, on_patch):
             dr.scatter_add(matrix, weight, lane * count + patch, on_patch)

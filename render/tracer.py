@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
@@ -12,7 +13,7 @@ from cboxlab.scenes.scene import Scene
 
 from . import variant as _variant  # noqa: F401  (activates a variant)
 
-__all__ = ["RAY_OFFSET_MM", "Hit", "Tracer", "build_tracer", "camera_ray", "facets", "intersect", "visible"]
+__all__ = ["RAY_OFFSET_MM", "Hit", "Tracer", "build_tracer", "facets", "intersect", "pixel_rays", "visible"]
 
 #: Rays leave surfaces this far above them: a hundred times the rounding of positions at box size.
 RAY_OFFSET_MM = 0.01
@@ -25,7 +26,8 @@ class Tracer:
     vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
     ``scene.surfaces``, the lamp's triangles carry len(surfaces). material : (t,) index into
     ``material_names``, the lamp's carry len(material_names). facet : (t,) index of the flat face it belongs
-    to; facet_surface : (f,) the surface of each face, the lamp's face comes last.
+    to; facet_surface : (f,) the surface of each face, the lamp's face comes last. packed : normal and
+    material of each triangle, four numbers together, which memory yields faster than one after the other.
     """
 
     scene: Scene
@@ -37,9 +39,7 @@ class Tracer:
     material: np.ndarray
     facet: np.ndarray
     facet_surface: np.ndarray
-    packed_normals: mi.Float
-    packed_surface: mi.UInt32
-    packed_material: mi.UInt32
+    packed: mi.Float
     packed_facet: mi.UInt32
 
     @property
@@ -50,18 +50,21 @@ class Tracer:
 
 @dataclass
 class Hit:
-    """A lane's nearest hit: the triangle, where on it, and its normal, towards the lit side.
+    """A lane's nearest hit: the triangle, where on it, its material, and its normal, towards the lit side.
 
     front : the ray meets the lit side. Backs are black: in a box of closed blocks no light reaches them.
+    painted : the lit side of a surface, not the lamp.
     """
 
     valid: mi.Bool
     front: mi.Bool
+    painted: mi.Bool
     triangle: mi.UInt32
     uv: mi.Point2f
     distance: mi.Float
     position: mi.Point3f
     normal: mi.Vector3f
+    material: mi.UInt32
 
 
 def build_tracer(scene: Scene) -> Tracer:
@@ -90,9 +93,7 @@ def build_tracer(scene: Scene) -> Tracer:
         material=material,
         facet=facet,
         facet_surface=facet_surface,
-        packed_normals=mi.Float(normals.astype(np.float32).ravel()),
-        packed_surface=mi.UInt32(surface.astype(np.uint32)),
-        packed_material=mi.UInt32(material.astype(np.uint32)),
+        packed=mi.Float(np.column_stack([normals, material]).astype(np.float32).ravel()),
         packed_facet=mi.UInt32(facet.astype(np.uint32)),
     )
 
@@ -121,39 +122,63 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
     """Nearest hit of each lane's ray."""
     found = tracer.mitsuba_scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = found.is_valid() & active
-    normal = dr.gather(mi.Vector3f, tracer.packed_normals, found.prim_index, valid)
+    packed = dr.gather(mi.Vector4f, tracer.packed, found.prim_index, valid)
+    normal, material = packed.xyz, mi.UInt32(packed.w)
+    front = valid & (dr.dot(normal, ray.d) < 0)
     return Hit(
         valid=valid,
-        front=valid & (dr.dot(normal, ray.d) < 0),
+        front=front,
+        painted=front & (material < len(tracer.material_names)),
         triangle=found.prim_index,
         uv=found.prim_uv,
         distance=found.t,
         position=ray(found.t),
         normal=normal,
+        material=material,
     )
 
 
 def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:
     """Whether the segment between two points is free (both ends excluded)."""
-    offset = target - origin
-    distance = dr.norm(offset)
-    ray = mi.Ray3f(origin, offset / distance)
-    ray.maxt = distance * (1 - 1e-4)
+    ray = mi.Ray3f(origin, target - origin)
+    ray.maxt = 1 - 1e-4
     return active & ~tracer.mitsuba_scene.ray_test(ray, active=active)
 
 
-def camera_ray(camera: Camera, u: mi.Float, v: mi.Float) -> mi.Ray3f:
-    """Rays through image positions (px) of the calibrated camera, distortion inverted."""
+def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], mi.Ray3f]:
+    """Rays of the calibrated camera, distortion inverted, through lanes' pixels, counted along the rows.
+
+    The result takes places in each pixel, 0 to 1 along its row and its column. Undistorted positions are the
+    distorted ones times s with s + q s^3 = 1, q = k1 r^2. Newton's steps to it converge quadratically; those
+    to the pixel's centre are taken once, and one more serves all its places.
+    """
     f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
-    x = (u - dr.opaque(mi.Float, camera.principal_point_px[0])) / f
-    y = (v - dr.opaque(mi.Float, camera.principal_point_px[1])) / f
-    radius = dr.sqrt(x * x + y * y)
-    r = mi.Float(radius)
-    for _ in range(4):  # Newton: quadratic convergence, 4 steps reach single precision for |k1| r^2 < 0.3
-        r = r - (r * (1 + k1 * r * r) - radius) / (1 + 3 * k1 * r * r)
-    scale = dr.select(radius > 0, r / radius, 1.0)
-    x, y = x * scale, y * scale
-    rows = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
-    direction = mi.Vector3f(*(x * rows[0][i] + y * rows[1][i] + rows[2][i] for i in range(3)))
+    centre_x, centre_y = (dr.opaque(mi.Float, float(c)) for c in camera.principal_point_px)
+    axes = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
     origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
-    return mi.Ray3f(origin, dr.normalize(direction))
+    left = (mi.Float(pixel % camera.width_px) - 0.5 - centre_x) / f
+    top = (mi.Float(pixel // camera.width_px) - 0.5 - centre_y) / f
+    pitch = 1 / f
+
+    def place(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
+        x, y = dr.fma(u, pitch, left), dr.fma(v, pitch, top)
+        return x, y, k1 * (x * x + y * y)
+
+    def newton(scale: mi.Float, q: mi.Float) -> mi.Float:
+        bent = q * scale * scale
+        return scale - (scale + bent * scale - 1) / (1 + 3 * bent)
+
+    *_, q_centre = place(mi.Float(0.5), mi.Float(0.5))
+    scale_centre = mi.Float(1)
+    for _ in range(4):  # reaches single precision for |k1| r^2 < 0.3 (0.1 for a barrel)
+        scale_centre = newton(scale_centre, q_centre)
+    slope = -(scale_centre**3) / (1 + 3 * q_centre * scale_centre**2)
+
+    def rays(u: mi.Float, v: mi.Float) -> mi.Ray3f:
+        x, y, q = place(u, v)
+        scale = newton(scale_centre + slope * (q - q_centre), q)
+        x, y = x * scale, y * scale
+        direction = mi.Vector3f(*(x * axes[0][i] + y * axes[1][i] + axes[2][i] for i in range(3)))
+        return mi.Ray3f(origin, dr.normalize(direction))
+
+    return rays

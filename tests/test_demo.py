@@ -47,8 +47,8 @@ def test_the_bundled_capture_is_small():
 def test_the_stated_command_makes_the_bundled_capture(tmp_path):
     """A rough render of the same: files that do not hang on it are equal, the signals are so on average.
 
-    The render's 2% per pixel leaves 0.02% in the mean of 16,000 pixels; 0.2% allow for changes of the
-    renderer.
+    The render's 1% per pixel leaves 0.01% in the mean of 16,000 pixels; 0.2% allow for changes of the
+    renderer. (With 2%, a band's exposure would hang on the noise.)
     """
     seed, noise, fraction = (
         float(re.search(pattern, README.read_text())[1])
@@ -57,7 +57,7 @@ def test_the_stated_command_makes_the_bundled_capture(tmp_path):
     assert noise == 0.05
     model = Model().with_effect(apply_checked("veiling-glare", {"fraction": fraction}, "test"))
     camera = perturbed_camera(128, int(seed))
-    write_model_capture(tmp_path / "again", model, camera, CaptureSettings(), int(seed), 0.02)
+    write_model_capture(tmp_path / "again", model, camera, CaptureSettings(), int(seed), 0.01)
     for name in (
         "capture.toml",
         "points.csv",

@@ -207,8 +207,8 @@ def test_random_numbers_of_a_path_are_uniform_and_independent():
     for index, depth in ((0, 0), (3, 0), (5, 1), (6, 2), (7, 3), (2, 9)):
         i, d = dr.full(mi.UInt32, index, lanes), dr.full(mi.UInt32, depth, lanes)
         vertex = points.at_vertex(i, d)
-        numbers = [vertex.direction_u, vertex.direction_v, vertex.light_u, vertex.light_v, vertex.roulette]
-        numbers += points.pixel(i) if depth == 0 else [points.at_vertex(i, d + 1).direction_u]
+        numbers = [*points.direction(i, d), vertex.light_u, vertex.light_v, vertex.roulette]
+        numbers += points.pixel(i) if depth == 0 else points.direction(i, d + 1)
         values = [np.array(n) for n in numbers]
         for a in range(len(values)):
             for b in range(a):
@@ -223,7 +223,8 @@ def test_each_lanes_points_are_stratified():
     points = PathPoints(64, mi.UInt32(lane), seed=8)
     for depth in (0, 1, 2, 5):
         vertex = points.at_vertex(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 128))
-        for numbers in (vertex.direction_u, vertex.light_v, vertex.roulette):
+        direction = points.direction(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 128))
+        for numbers in (direction[0], vertex.light_v, vertex.roulette):
             cells = (np.array(numbers).reshape(2, 64) * 64).astype(int)
             assert np.all(np.sort(cells, axis=1) == np.arange(64))
 
