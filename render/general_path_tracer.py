@@ -160,9 +160,7 @@ def _strip(
         turned = cosine_hemisphere(hit.normal, u, v)
         factors, density = [dr.select(plain, r, 0) for r in rho], mi.Float(0)
         if bsdfs.materials:
-            toward, drawn, by_bsdf = bsdfs.sample(
-                si, material, lobe, mi.Point2f(u, v), special
-            )
+            toward, drawn, by_bsdf = bsdfs.sample(si, material, lobe, mi.Point2f(u, v), special)
             turned = mi.Vector3f(dr.select(special, toward, turned))
             factors = [dr.select(special, new, old) for new, old in zip(drawn, factors, strict=True)]
             density = dr.select(special, by_bsdf, density)

@@ -103,7 +103,8 @@ def _strip(
 
     One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
     path in the same step, so none waits for the longest path of its neighbours. What a path carries is set
-    back when the next one meets its first surface, which takes less than at the end of the one before.
+    back when the next one meets its first surface, which takes less than at the end of the one before. And
+    wavelengths carry each vertex only in the next step: their arithmetic does not wait for its light.
     """
     count = height * camera.width_px
     lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
@@ -116,11 +117,26 @@ def _strip(
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
 
+    def carried(
+        throughput: list[mi.Float], sums: list[mi.Float], counted_sums: list[list[mi.Float]],
+        begun: mi.Bool, material: mi.UInt32, light: mi.Float, counts: list[mi.Float],
+    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:  # fmt: skip
+        """All wavelengths' throughputs and sums after a vertex: its paint, and the light that reaches it."""
+        throughput = [dr.select(begun, one, t) * r for t, r in zip(throughput, paints(material), strict=True)]
+        sums = [dr.fma(t, light, s) for t, s in zip(throughput, sums, strict=True)]
+        counted_sums = [
+            [dr.fma(c * light, t, s) for t, s in zip(throughput, row, strict=True)]
+            for c, row in zip(counts, counted_sums, strict=True)
+        ]
+        return throughput, sums, counted_sums
+
     def body(
-        throughput: list[mi.Float], sums: list[mi.Float], index: mi.UInt32, depth: mi.UInt32,
-        origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float, weight: mi.Float,
-        counts: list[mi.Float], counted_sums: list[list[mi.Float]],
+        throughput: list[mi.Float], sums: list[mi.Float], counted_sums: list[list[mi.Float]],
+        begun: mi.Bool, material: mi.UInt32, light: mi.Float, counts: list[mi.Float],
+        index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float,
+        weight: mi.Float,
     ) -> tuple:  # fmt: skip
+        carried_on = carried(throughput, sums, counted_sums, begun, material, light, counts)
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         material, on_lamp, shaded = hit.material, hit.front & ~hit.painted, hit.painted & (depth < last)
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
@@ -131,50 +147,44 @@ def _strip(
             tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
         )
         reflected = [
-            dr.select(begun, one, t) * r for t, r in zip(throughput, paints(material), strict=True)
-        ]
-        new_sums = [dr.fma(t, light, s) for t, s in zip(reflected, sums, strict=True)]
-        counts = [
             dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
-            for m, c in enumerate(counts)
+            for m, c in enumerate(counts[:followed])
         ]
         reached = [dr.select(depth == n, one, 0) for n in range(split)]
-        new_counted = [
-            [dr.fma(c * light, t, s) for s, t in zip(row, reflected, strict=True)]
-            for c, row in zip(counts + reached, counted_sums, strict=True)
-        ]
         survives, raised = (dr.select(depth < SPARED_REFLECTIONS, one, x) for x in survivals(material))
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
         u, v = points.onward(index, depth, ended)
         turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
         return (
-            reflected,
-            new_sums,
+            *carried_on,
+            begun,
+            material,
+            light,
+            reflected + reached,
             index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
             seen + dr.select(on_lamp & begun, glow, 0),
             weight * raised,
-            counts,
-            new_counted,
         )
+
+    def nothing(number: int) -> list[mi.Float]:
+        return [dr.zeros(mi.Float, count) for _ in range(number)]
 
     zero = dr.zeros(mi.UInt32, count)
     first = rays(*points.pixel(zero))
     wavelengths = reflectances.shape[1]
     followed = len(reflectances) if counted else 0
-    # what each wavelength carries comes first: its arithmetic then runs while the next ray is being made
     state = (
-        [dr.ones(mi.Float, count) for _ in range(wavelengths)],
-        [dr.zeros(mi.Float, count) for _ in range(wavelengths)],
-        zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.zeros(mi.Float, count),
-        dr.ones(mi.Float, count),
-        [dr.zeros(mi.Float, count) for _ in range(followed)],
-        [[dr.zeros(mi.Float, count) for _ in range(wavelengths)] for _ in range(followed + split)],
+        nothing(wavelengths), nothing(wavelengths), [nothing(wavelengths) for _ in range(followed + split)],
+        dr.full(mi.Bool, True, count), mi.UInt32(zero), dr.zeros(mi.Float, count), nothing(followed + split),
+        mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d),
+        dr.zeros(mi.Float, count), dr.zeros(mi.Float, count),
     )  # fmt: skip
-    _, sums, *_, seen, _, _, counted_sums = dr.while_loop(state, lambda _t, _s, index, *_: index < total, body)
-    return [seen, *sums, *(s for row in counted_sums for s in row)]
+    final = dr.while_loop(state, lambda *state: state[7] < total, body)
+    _, sums, counted_sums = carried(*final[:7])
+    return [final[11], *sums, *(s for row in counted_sums for s in row)]
 
 
 class _Paints:

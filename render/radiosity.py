@@ -58,7 +58,6 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     normal = dr.gather(mi.Vector4f, tracer.packed, parent).xyz
     corners = mi.Float(patches.corners.astype(np.float32).ravel())
 
-
     def body(
         i: mi.UInt32, direct: mi.Float, escaped: mi.Float, seen: mi.Float
     ) -> tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]:
