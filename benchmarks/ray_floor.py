@@ -16,7 +16,7 @@ from cboxlab.render.path_tracer import trace_paths
 from cboxlab.render.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
 
-__all__ = ["floor_per_sample"]
+__all__ = ["bare_seconds", "own_rays"]
 
 
 class _Watched:
@@ -38,7 +38,7 @@ class _Watched:
         return self._scene.ray_test(ray, active=active)
 
 
-def _record(
+def own_rays(
     name: str, scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int
 ) -> tuple[mi.Ray3f, mi.Ray3f]:
     """All path segments and all shadow rays of one small picture by ``name``: path or default."""
@@ -69,22 +69,23 @@ def _record(
     )
 
 
-def floor_per_sample(
-    name: str, scene: Scene, camera: Camera, wavelengths: np.ndarray, samples: int, runs: int
-) -> tuple[float, float]:
-    """CPU seconds of the rays of one sample (median of ``runs``), and rays per sample."""
-    segments, tests = _record(name, scene, camera, wavelengths, samples)
+def bare_seconds(scene: Scene, rays: tuple[mi.Ray3f, mi.Ray3f], for_s: float) -> float:
+    """CPU seconds in which ``rays`` (as of ``own_rays``) are traced once: the mean over ``for_s`` of them."""
+    segments, tests = rays
     bare = build_tracer(scene).mitsuba_scene
-    seconds = []
-    for _ in range(runs + 1):
-        start = time.process_time()
+
+    def trace() -> None:
         found = bare.ray_intersect_preliminary(segments, coherent=False)
         blocked = bare.ray_test(tests)
         dr.eval(found.t, found.prim_index, found.prim_uv, blocked)
         dr.sync_thread()
-        seconds.append(time.process_time() - start)
-    count = camera.width_px * camera.height_px * samples
-    return float(np.median(seconds[1:])) / count, (dr.width(segments) + dr.width(tests)) / count
+
+    trace()
+    start, turns = time.process_time(), 0
+    while time.process_time() - start < for_s:
+        trace()
+        turns += 1
+    return (time.process_time() - start) / turns
 
 
 def _columns(ray: mi.Ray3f, active: mi.Bool) -> np.ndarray:

@@ -12,7 +12,7 @@ the median's own bias), then over bands. Efficiency is 1 / (CPU seconds x relati
 cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 
 "floor" traces a picture's own rays again, bare: fraction_of_ray_floor is that over the picture's cost (median of
-five turns); fraction_of_ray_floor_long is the path tracer's at 128 x 128 pixels and 1024 samples.
+nine turns); fraction_of_ray_floor_long is the path tracer's at 128 x 128 pixels and 1024 samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
 surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
 the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
@@ -41,7 +41,9 @@ from scipy.stats import chi2
 
 SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
 #: The part "floor": a picture of many samples, as paths are used. With few, lanes wait for their neighbours at the end.
-FLOOR_SIZE, FLOOR_SAMPLES, FLOOR_ROUNDS = 128, 1024, 5
+FLOOR_SIZE, FLOOR_SAMPLES, FLOOR_ROUNDS = 128, 1024, 9
+#: Bare rays are those of so many samples, traced for so long before and after each picture: the machine's speed wavers.
+FLOOR_RECORDED, FLOOR_SECONDS = 8, 1.0
 PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
@@ -124,20 +126,27 @@ def _floors(
     contenders: dict[str, Contender], size: int, samples: int, say: Callable[..., None]
 ) -> dict[str, float]:
     """Of each of our contenders, and of the path tracer with many samples ("long"): bare rays over the whole cost."""
-    from ray_floor import floor_per_sample
+    from ray_floor import bare_seconds, own_rays
 
     contenders["long"] = Contender("path", FLOOR_SIZE, FLOOR_SAMPLES)
     traced = {"path": size**2 * samples, "long": FLOOR_SIZE**2 * FLOOR_SAMPLES}
     if "default" in contenders:
         traced["default"] = size**2 * samples * GATHER_FACTOR
+    box = cornell_box()
+    rays = {
+        kind: own_rays(kind, box, cornell_camera(FLOOR_SIZE), BANDS, FLOOR_RECORDED)
+        for kind in ("path", "default")
+        if kind in traced
+    }
     fractions: dict[str, list[float]] = {name: [] for name in traced}
     for seed in range(1000, 1000 + FLOOR_ROUNDS):
         for name, count in traced.items():
-            kind = "default" if name == "default" else "path"
-            bare, rays = floor_per_sample(kind, cornell_box(), cornell_camera(FLOOR_SIZE), BANDS, 8, 3)
+            own = rays["path" if name == "long" else name]
+            before = bare_seconds(box, own, FLOOR_SECONDS)
             contenders[name].turn(seed)
+            bare = (before + bare_seconds(box, own, FLOOR_SECONDS)) / 2 / (FLOOR_SIZE**2 * FLOOR_RECORDED)
             fractions[name].append(bare * count / contenders[name].cpu[-1])
-            say(f"floor: {name}, {rays:.2f} rays a sample, {fractions[name][-1]:.1%}")
+            say(f"floor: {name}, {fractions[name][-1]:.1%}")
     return {name: float(np.median(values)) for name, values in fractions.items()}
 
 
