@@ -154,7 +154,7 @@ def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) ->
 
 
 def _angle_over_sine(sine: mi.Float, cosine: mi.Float) -> mi.Float:
-    """atan2(sine, cosine) / sine for sine >= 0: with one division for all, and 1 / sine where both are 0."""
+    """atan2(sine, cosine) / sine for sine >= 0: with one division in all, and finite where both are 0."""
     sine = dr.select(sine > 1e-12, sine, 1e-12)
     base = dr.abs(cosine)
     steep = base < sine

@@ -27,7 +27,7 @@ class Tracer:
     ``scene.surfaces``, the lamp's triangles carry len(surfaces). material : (t,) index into
     ``material_names``, the lamp's carry len(material_names). facet : (t,) index of the flat face it belongs
     to; facet_surface : (f,) the surface of each face, the lamp's face comes last. packed : normal and
-    material of each triangle, four numbers together, which memory yields faster than one after the other.
+    material of each triangle, four numbers each.
     """
 
     scene: Scene
