@@ -175,11 +175,15 @@ def changed_reflection(
         pdf = coat.density(direction, outgoing)
         strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
         near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
-        on_lamp = near.front & ~near.painted
         lamp_cosine = -dr.dot(frame.to_world(direction), light.lamp.normal)
         lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
         glow = lamp_pattern(light.lamp, near.position, lamp_cosine)
-        return lobe + dr.select(on_lamp, strength * glow * pdf / (pdf + lamp_pdf), 0), strength, near, valid
+        return (
+            lobe + dr.select(near.on_lamp, strength * glow * pdf / (pdf + lamp_pdf), 0),
+            strength,
+            near,
+            valid,
+        )
 
     def turned(i, hit, origin, direction) -> list[mi.Float]:
         """The lamp's light by way of the paint: what leaves it this way less the mean over all ways."""

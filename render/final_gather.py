@@ -254,7 +254,7 @@ def _strip(
             nothing = [dr.zeros(mi.Float, count) for _ in range(per_paint - 1 if third else paints)]
             values += dr.while_loop((i * gathers, nothing), lambda j, _: j < end, inner)[1]
         glow = gathers * lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
-        new = [sums[0] + dr.select(hit.front & ~shaded, glow, mi.Float(0))]
+        new = [sums[0] + dr.select(hit.on_lamp, glow, mi.Float(0))]
         for m in range(paints):
             here = shaded & (material == m)
             mine = sums[1 + m * per_paint : 1 + (m + 1) * per_paint]

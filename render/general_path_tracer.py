@@ -107,7 +107,7 @@ def _strip(
             position = dr.select(scattered, origin + distance * direction, hit.position)
         met, front = hit.valid & ~scattered, hit.front & ~scattered
         position = mi.Point3f(dr.select(met | scattered, position, origin))
-        material, on_lamp = hit.material, front & ~hit.painted
+        material, on_lamp = hit.material, hit.on_lamp & ~scattered
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         by_lamp = dr.square(hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
         share = dr.select(dr.isinf(density), one, density / (density + by_lamp))

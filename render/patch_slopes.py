@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from .patches import Patches, patch_points
 from .sampling import SobolPoints
-from .tracer import RAY_OFFSET_MM, Tracer, intersect
+from .tracer import RAY_OFFSET_MM, Tracer, intersect, normal_and_material
 
 __all__ = ["PatchSlopes", "build_slopes"]
 
@@ -102,7 +102,7 @@ def _free_part(tracer: Tracer, patches: Patches) -> tuple[NDArray[np.float64], N
     points = SobolPoints(2, _POINTS, patch, seed=0)
     corners = mi.Float(patches.corners.astype(np.float32).ravel())
     triangle = dr.gather(mi.UInt32, mi.UInt32(patches.triangle.astype(np.uint32)), patch)
-    normal = dr.gather(mi.Vector4f, tracer.packed, triangle).xyz
+    normal, _ = normal_and_material(tracer, triangle)
     position = patch_points(corners, patch, points.point(i, 0), points.point(i, 1))
     hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, normal))
     free = np.array(~hit.valid | hit.front).reshape(-1, _POINTS)

@@ -97,7 +97,7 @@ def build_patch_transport(
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         ray = rays(points.point(i, 2), points.point(i, 3))
         hit = intersect(tracer, ray)
-        shaded, bright = hit.painted, hit.front & ~hit.painted
+        shaded, bright = hit.painted, hit.on_lamp
         dr.scatter_add(on_lamp, mi.Float(1), lane, bright)
         pattern = lamp_pattern(light.lamp, hit.position, -dr.dot(ray.d, light.lamp.normal))
         dr.scatter_add(glow, mi.Float(pattern), lane, bright)

@@ -1,4 +1,4 @@
-"""The random numbers of whole paths: Owen-scrambled Sobol' points, padded beyond the second vertex."""
+"""The random numbers of whole paths: Owen-scrambled Sobol' points, padded beyond the third vertex."""
 
 from __future__ import annotations
 

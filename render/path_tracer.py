@@ -130,15 +130,11 @@ def _strip(
         ]
         return throughput, sums, counted_sums
 
-    def body(
-        throughput: list[mi.Float], sums: list[mi.Float], counted_sums: list[list[mi.Float]],
-        begun: mi.Bool, material: mi.UInt32, light: mi.Float, counts: list[mi.Float],
-        index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, seen: mi.Float,
-        weight: mi.Float,
-    ) -> tuple:  # fmt: skip
-        carried_on = carried(throughput, sums, counted_sums, begun, material, light, counts)
+    def body(spectral: tuple, path: tuple) -> tuple[tuple, tuple]:
+        carried_on, counts = carried(*spectral), spectral[-1]
+        index, depth, origin, direction, seen, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
-        material, on_lamp, shaded = hit.material, hit.front & ~hit.painted, hit.painted & (depth < last)
+        material, shaded = hit.material, hit.painted & (depth < last)
         glow = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         vertex = points.at_vertex(index, depth)
         begun = depth == 0
@@ -155,17 +151,12 @@ def _strip(
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
         u, v = points.onward(index, depth, ended)
         turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
-        return (
-            *carried_on,
-            begun,
-            material,
-            light,
-            reflected + reached,
+        return (*carried_on, begun, material, light, reflected + reached), (
             index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            seen + dr.select(on_lamp & begun, glow, 0),
+            seen + dr.select(hit.on_lamp & begun, glow, 0),
             weight * raised,
         )
 
@@ -176,15 +167,17 @@ def _strip(
     first = rays(*points.pixel(zero))
     wavelengths = reflectances.shape[1]
     followed = len(reflectances) if counted else 0
-    state = (
+    spectral = (
         nothing(wavelengths), nothing(wavelengths), [nothing(wavelengths) for _ in range(followed + split)],
         dr.full(mi.Bool, True, count), mi.UInt32(zero), dr.zeros(mi.Float, count), nothing(followed + split),
+    )  # fmt: skip
+    path = (
         mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d),
         dr.zeros(mi.Float, count), dr.zeros(mi.Float, count),
     )  # fmt: skip
-    final = dr.while_loop(state, lambda *state: state[7] < total, body)
-    _, sums, counted_sums = carried(*final[:7])
-    return [final[11], *sums, *(s for row in counted_sums for s in row)]
+    spectral, (*_, seen, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
+    _, sums, counted_sums = carried(*spectral)
+    return [seen, *sums, *(s for row in counted_sums for s in row)]
 
 
 class _Paints:

@@ -18,7 +18,7 @@ from .lamp import LampSampler, direct_light
 from .patch_slopes import PatchSlopes, build_slopes
 from .patches import Patches, patch_of, patch_points
 from .sampling import SobolPoints, cosine_hemisphere
-from .tracer import RAY_OFFSET_MM, Tracer, intersect
+from .tracer import RAY_OFFSET_MM, Tracer, intersect, normal_and_material
 
 __all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
 
@@ -55,7 +55,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     points = SobolPoints(6, samples, lane, seed)
     matrix = dr.zeros(mi.Float, count * count)
     parent = mi.UInt32(patches.triangle.astype(np.uint32))
-    normal = dr.gather(mi.Vector4f, tracer.packed, parent).xyz
+    normal, _ = normal_and_material(tracer, parent)
     corners = mi.Float(patches.corners.astype(np.float32).ravel())
 
     def body(

@@ -13,7 +13,17 @@ from cboxlab.scenes.scene import Scene
 
 from . import variant as _variant  # noqa: F401  (activates a variant)
 
-__all__ = ["RAY_OFFSET_MM", "Hit", "Tracer", "build_tracer", "facets", "intersect", "pixel_rays", "visible"]
+__all__ = [
+    "RAY_OFFSET_MM",
+    "Hit",
+    "Tracer",
+    "build_tracer",
+    "facets",
+    "intersect",
+    "normal_and_material",
+    "pixel_rays",
+    "visible",
+]
 
 #: Rays leave surfaces this far above them: a hundred times the rounding of positions at box size.
 RAY_OFFSET_MM = 0.01
@@ -26,8 +36,8 @@ class Tracer:
     vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
     ``scene.surfaces``, the lamp's triangles carry len(surfaces). material : (t,) index into
     ``material_names``, the lamp's carry len(material_names). facet : (t,) index of the flat face it belongs
-    to; facet_surface : (f,) the surface of each face, the lamp's face comes last. packed : normal and
-    material of each triangle, four numbers each.
+    to; facet_surface : (f,) the surface of each face, the lamp's face comes last. packed_triangles :
+    normal and material of each triangle, four numbers each.
     """
 
     scene: Scene
@@ -39,7 +49,7 @@ class Tracer:
     material: np.ndarray
     facet: np.ndarray
     facet_surface: np.ndarray
-    packed: mi.Float
+    packed_triangles: mi.Float
     packed_facet: mi.UInt32
 
     @property
@@ -65,6 +75,11 @@ class Hit:
     position: mi.Point3f
     normal: mi.Vector3f
     material: mi.UInt32
+
+    @property
+    def on_lamp(self) -> mi.Bool:
+        """The ray meets the side of the lamp that shines."""
+        return self.front & ~self.painted
 
 
 def build_tracer(scene: Scene) -> Tracer:
@@ -93,7 +108,7 @@ def build_tracer(scene: Scene) -> Tracer:
         material=material,
         facet=facet,
         facet_surface=facet_surface,
-        packed=mi.Float(np.column_stack([normals, material]).astype(np.float32).ravel()),
+        packed_triangles=mi.Float(np.column_stack([normals, material]).astype(np.float32).ravel()),
         packed_facet=mi.UInt32(facet.astype(np.uint32)),
     )
 
@@ -122,8 +137,7 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
     """Nearest hit of each lane's ray."""
     found = tracer.mitsuba_scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = found.is_valid() & active
-    packed = dr.gather(mi.Vector4f, tracer.packed, found.prim_index, valid)
-    normal, material = packed.xyz, mi.UInt32(packed.w)
+    normal, material = normal_and_material(tracer, found.prim_index, valid)
     front = valid & (dr.dot(normal, ray.d) < 0)
     return Hit(
         valid=valid,
@@ -136,6 +150,14 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
         normal=normal,
         material=material,
     )
+
+
+def normal_and_material(
+    tracer: Tracer, triangle: mi.UInt32, active: mi.Bool | bool = True
+) -> tuple[mi.Vector3f, mi.UInt32]:
+    """Of each lane's triangle: its unit normal, towards the lit side, and its material."""
+    packed = dr.gather(mi.Vector4f, tracer.packed_triangles, triangle, active)
+    return packed.xyz, mi.UInt32(packed.w)
 
 
 def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:

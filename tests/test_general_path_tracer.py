@@ -91,11 +91,11 @@ def test_a_white_furnace_with_coat_and_medium_is_white():
     )
     hazy = replace(coated, medium=Medium(FLAT.scaled(1 / EDGE), FLAT.scaled(0.0), -0.3))
     camera = camera_inside(12)
-    images = [render_general_path_tracer(s, camera, BANDS[:1], 256, BATCHES, seed=4) for s in (coated, hazy)]
+    images = [render_general_path_tracer(s, camera, BANDS[:1], 512, BATCHES, seed=4) for s in (coated, hazy)]
     for image in images:
         values = means(image)
         error = values.std(axis=0, ddof=1) / np.sqrt(BATCHES)
-        assert np.all(error < 0.004)
+        assert np.all(error < 0.003)
         assert np.all(np.abs(values.mean(axis=0) - 1.0) < student.isf(0.5e-6, BATCHES - 1) * error)
 
 
