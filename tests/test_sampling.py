@@ -42,9 +42,9 @@ def test_angles_over_sines_at_all_angles_and_sizes():
 
 
 @pytest.mark.parametrize("size", [8, 256])
-@pytest.mark.parametrize("k1", [0.0, -0.12, 0.25])
+@pytest.mark.parametrize("k1", [0.0, -0.12, 0.25, 0.6])
 def test_rays_of_pixels_are_the_cameras(size, k1):
-    """In the corner pixels, too, where distortion moves points by 6 to 10%: within single precision."""
+    """In the corner pixels, too, where distortion moves points by 7 to 17%: within single precision."""
     turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     camera = Camera(
         width_px=size, height_px=size - 2, focal_length_px=1.1 * size, k1=k1,
