@@ -14,10 +14,12 @@ __all__ = ["means_by_strips"]
 
 #: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
 _LANES_PER_CALL = 2**16
+#: Every so manieth row follows the one before: each part of a call has dark and bright rows, and takes as long.
+_COMB = 16
 
 
 def means_by_strips(
-    strip: Callable[[int, int, int], list[mi.Float]],
+    strip: Callable[[mi.UInt32, int], list[mi.Float]],
     camera: Camera,
     samples: int,
     batches: int,
@@ -26,19 +28,21 @@ def means_by_strips(
 ) -> NDArray[np.float32]:
     """(batch, y, x, n) means over ``samples`` of what ``strip`` sums up.
 
-    strip : from first row, number of rows and seed to n sums, a lane per pixel, counted along the rows.
+    strip : from pixels, counted along the rows, and a seed to n sums, a lane per pixel.
     """
-    rows = max(1, min(camera.height_px, _LANES_PER_CALL // camera.width_px))
-    strips = []
+    order = np.argsort(np.arange(camera.height_px) % _COMB, kind="stable")
+    calls = np.array_split(order, -(-camera.height_px * camera.width_px // _LANES_PER_CALL))
+    columns = np.arange(camera.width_px)
+    pictures: list[NDArray[np.float32]] = []
     for batch in range(batches):
-        for start in range(0, camera.height_px, rows):
-            height = min(rows, camera.height_px - start)
-            sums = strip(start, height, seed + 7919 * (batch + 1))
+        for done, rows in enumerate(calls, 1):
+            pixels = (rows[:, None] * camera.width_px + columns).astype(np.uint32).ravel()
+            sums = strip(mi.UInt32(pixels), seed + 7919 * (batch + 1))
             dr.eval(sums)
-            means = np.empty((height * camera.width_px, len(sums)), np.float32)
-            for column, values in zip(means.T, sums, strict=True):
-                np.multiply(values.numpy(), np.float32(1 / samples), out=column)
-            strips.append(means)
+            if done == 1:
+                pictures.append(np.empty((camera.height_px, camera.width_px, len(sums)), np.float32))
+            for mean, values in zip(np.moveaxis(pictures[batch], -1, 0), sums, strict=True):
+                mean[rows] = values.numpy().reshape(len(rows), -1) * np.float32(1 / samples)
             if progress:
-                progress((batch + (start + height) / camera.height_px) / batches)
-    return np.concatenate(strips).reshape(batches, camera.height_px, camera.width_px, -1)
+                progress((batch + done / len(calls)) / batches)
+    return np.stack(pictures)

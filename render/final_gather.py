@@ -110,8 +110,8 @@ def gather(
     """The picture of a solved scene through a camera. Parameters as in ``render_final_gather``."""
     table = mi.Float(light.table.ravel())
 
-    def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
-        return _strip(light, table, camera, start, height, samples, own_seed)
+    def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+        return _strip(light, table, camera, pixels, samples, own_seed)
 
     return RenderedImage(
         coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
@@ -190,17 +190,15 @@ def _basis_spectra(
 
 
 def _strip(
-    light: LightField, table: mi.Float, camera: Camera, start: int, height: int, samples: int, seed: int
+    light: LightField, table: mi.Float, camera: Camera, pixels: mi.UInt32, samples: int, seed: int
 ) -> list[mi.Float]:
-    """The n accumulators of a strip of rows: one lane per pixel, one symbolic loop over samples."""
+    """The n accumulators of some pixels: one lane per pixel, one symbolic loop over samples."""
     tracer, lamp, patches = light.tracer, light.lamp, light.finer
     rank, max_bounces = light.table.shape[2], light.max_bounces
-    count = height * camera.width_px
-    local = dr.arange(mi.UInt32, count)
-    lane = local + dr.opaque(mi.UInt32, start * camera.width_px)
-    rays = pixel_rays(camera, lane)
+    count = dr.width(pixels)
+    rays = pixel_rays(camera, pixels)
     gathers = GATHERS if samples % GATHERS == 0 else 1
-    points = SobolPoints(12, samples, lane, seed)
+    points = SobolPoints(12, samples, pixels, seed)
     paints = len(tracer.material_names)
     first = max_bounces is None or max_bounces >= 1
     second = max_bounces is None or max_bounces >= 2

@@ -55,9 +55,9 @@ def render_general_path_tracer(
         medium = None if scene.medium is None else SpectralMedium(scene.medium, wavelengths)
         reflectances = np.array([m.reflectance.at(wavelengths) for m in scene.materials.values()])
 
-        def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
+        def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
             parts = tracer, lamp, bsdfs, medium, reflectances, camera
-            return _strip(*parts, start, height, samples, own_seed, max_bounces)
+            return _strip(*parts, pixels, samples, own_seed, max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)
@@ -73,15 +73,14 @@ def render_general_path_tracer(
 
 def _strip(
     tracer: Tracer, lamp: LampSampler, bsdfs: SpectralBsdfs, medium: SpectralMedium | None,
-    reflectances: np.ndarray, camera: Camera, start: int, height: int, samples: int, seed: int,
+    reflectances: np.ndarray, camera: Camera, pixels: mi.UInt32, samples: int, seed: int,
     max_bounces: int | None,
 ) -> list[mi.Float]:  # fmt: skip
-    """The sums at each wavelength of a strip of rows: one lane per pixel, one loop over path segments."""
-    count, bands = height * camera.width_px, reflectances.shape[1]
-    lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
-    rays = pixel_rays(camera, lane)
-    points = PathPoints(samples, lane, seed)
-    own_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
+    """The sums at each wavelength of some pixels: one lane per pixel, one loop over path segments."""
+    count, bands = dr.width(pixels), reflectances.shape[1]
+    rays = pixel_rays(camera, pixels)
+    points = PathPoints(samples, pixels, seed)
+    own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
     paints = mi.Float(reflectances.astype(np.float32).ravel())
     lambertian = mi.UInt32([0 if m in bsdfs.materials else 1 for m in range(len(reflectances))] or [1])
     total = dr.opaque(mi.UInt32, samples)

@@ -19,23 +19,27 @@ __all__ = ["PathPoints", "VertexPoints"]
 #: their contribution is analytic.
 _JOINT_VERTICES = 3
 _PIXEL = _JOINT_VERTICES
-_LIGHT = _PIXEL + 1
-_ROULETTE = _LIGHT + _JOINT_VERTICES
-#: Words of the table for each point: two columns, 16 bits of each, in a word; gathering is what takes time.
-_WORDS = _ROULETTE + 1
+#: Words of each point: two columns, 16 bits of each, in a word; gathering is what takes time.
+_WORDS = _PIXEL + 1
+#: Words of each point for its vertices: the lamp's two columns, and above them that of the roulette.
+_LAMP_WORDS = _JOINT_VERTICES
 #: Paths beyond so many take other scramblings of the same points.
 _LOG2_MOST_POINTS = 16
 
 
 @lru_cache(maxsize=8)
-def _reversed_table(log2_points: int) -> np.ndarray:
-    """(2^m * words,) Sobol' points, m <= 16: their leading 16 bits in reverse order, as scrambling needs them."""
-    points = qmc.Sobol(2 * _WORDS - 1, scramble=False, bits=32).random_base2(log2_points)
-    leading = np.zeros((len(points), 2 * _WORDS), ">u2")
-    leading[:, :-1] = points * 2.0**16
+def _reversed_tables(log2_points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sobol' points, 2^m of them, m <= 16: (2^m * _WORDS,) 32 bits and (2^m * _LAMP_WORDS,) 64 bits.
+
+    Of each column its leading 16 bits, in reverse order, as scrambling needs them.
+    """
+    count = 2 * (_WORDS + _LAMP_WORDS) + 1
+    leading = (qmc.Sobol(count, scramble=False, bits=32).random_base2(log2_points) * 2.0**16).astype(">u2")
     bits = np.unpackbits(leading.view(np.uint8).reshape(*leading.shape, 2), axis=-1)
-    columns = np.packbits(bits[..., ::-1], axis=-1).view(">u2")[..., 0].astype(np.uint32)
-    return (columns[:, 0::2] | columns[:, 1::2] << 16).ravel()
+    columns = np.packbits(bits[..., ::-1], axis=-1).view(">u2")[..., 0].astype(np.uint64)
+    pairs = columns[:, 0:-1:2] | columns[:, 1::2] << np.uint64(16)
+    lamp = pairs[:, _WORDS:] | columns[:, -1:] << np.uint64(32)
+    return pairs[:, :_WORDS].astype(np.uint32).ravel(), lamp.ravel()
 
 
 @dataclass
@@ -60,34 +64,36 @@ class PathPoints:
         log2 = int(np.ceil(np.log2(max(count, 2))))
         self._several_sets = log2 > _LOG2_MOST_POINTS
         log2 = min(log2, _LOG2_MOST_POINTS)
-        self._table = mi.UInt32(_reversed_table(log2))
+        words, lamp_words = _reversed_tables(log2)
+        self._table, self._lamp_table = mi.UInt32(words), mi.UInt64(lamp_words)
         self._mask = dr.opaque(mi.UInt32, (1 << log2) - 1)
         self._lane_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))[0]
 
     def pixel(self, index: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Where in its pixel path ``index`` begins."""
         index, seed = self._own(index)
-        return self._pair(index * _WORDS + _PIXEL, _turned(seed))
+        return _pair(self._word(index, _PIXEL), _turned(seed))
 
     def at_vertex(self, index: mi.UInt32, depth: mi.UInt32) -> VertexPoints:
         """Numbers of vertex ``depth`` (0 is what the camera sees) of path ``index``."""
-        base, joint, seed = self._row(index, depth)
+        point, joint, seed = self._point(index, depth)
         seed = _turned(seed * 0x2C1B3C6D)
-        light = self._pair(base + _LIGHT + dr.select(joint, depth, 0), seed)
-        roulette = _scrambled(dr.gather(mi.UInt32, self._table, base + _ROULETTE), _turned(_turned(seed)))
-        return VertexPoints(*light, roulette)
+        word = dr.gather(mi.UInt64, self._lamp_table, point * _LAMP_WORDS + dr.select(joint, depth, 0))
+        roulette = _scrambled(mi.UInt32(word >> 32), _turned(_turned(seed)))
+        return VertexPoints(*_pair(mi.UInt32(word), seed), roulette)
 
     def direction(self, index: mi.UInt32, depth: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Where path ``index`` goes from vertex ``depth``."""
-        base, joint, seed = self._row(index, depth)
-        return self._pair(base + dr.select(joint, depth, 0), _turned(seed))
+        point, joint, seed = self._point(index, depth)
+        return _pair(self._word(point, dr.select(joint, depth, 0)), _turned(seed))
 
     def onward(self, index: mi.UInt32, depth: mi.UInt32, ended: mi.Bool) -> tuple[mi.Float, mi.Float]:
         """``direction``, or ``pixel`` of the next path where this one has ``ended``: at the cost of one."""
-        base, joint, seed = self._row(index, depth)
+        point, joint, seed = self._point(index, depth)
         next_index, next_seed = self._own(index + 1)
-        where = dr.select(ended, next_index * _WORDS + _PIXEL, base + dr.select(joint, depth, 0))
-        return self._pair(where, _turned(dr.select(ended, next_seed, seed)))
+        column = dr.select(ended, _PIXEL, dr.select(joint, depth, 0))
+        word = self._word(dr.select(ended, next_index, point), column)
+        return _pair(word, _turned(dr.select(ended, next_seed, seed)))
 
     def _own(self, index: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
         """A path's index in its set of points, and the seed of that set."""
@@ -95,16 +101,19 @@ class PathPoints:
             return index, self._lane_seed
         return index & self._mask, _mixed(self._lane_seed + (index >> _LOG2_MOST_POINTS) * 0x9E3779B9)
 
-    def _row(self, index: mi.UInt32, depth: mi.UInt32) -> tuple[mi.UInt32, mi.Bool, mi.UInt32]:
-        """Where in the table a vertex' words begin, whether they are the joint set's, and the vertex' seed."""
+    def _point(self, index: mi.UInt32, depth: mi.UInt32) -> tuple[mi.UInt32, mi.Bool, mi.UInt32]:
+        """Which point a vertex takes, whether all its columns or the joint set's, and the vertex' seed."""
         index, seed = self._own(index)
         seed = _mixed(seed ^ ((depth + 1) * 0x85EBCA6B))
         joint = depth < _JOINT_VERTICES
-        return _WORDS * dr.select(joint, index, _permuted(index, seed) & self._mask), joint, seed
+        return dr.select(joint, index, _permuted(index, seed) & self._mask), joint, seed
 
-    def _pair(self, where: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Float, mi.Float]:
-        word = dr.gather(mi.UInt32, self._table, where)
-        return _scrambled(word & 0xFFFF, seed), _scrambled(word >> 16, _turned(seed))
+    def _word(self, point: mi.UInt32, column: mi.UInt32 | int) -> mi.UInt32:
+        return dr.gather(mi.UInt32, self._table, point * _WORDS + column)
+
+
+def _pair(word: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Float, mi.Float]:
+    return _scrambled(word & 0xFFFF, seed), _scrambled(word >> 16, _turned(seed))
 
 
 def _scrambled(reversed_bits: mi.UInt32, seed: mi.UInt32) -> mi.Float:

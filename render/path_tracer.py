@@ -55,13 +55,14 @@ def render_path_tracer(
     """
     wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
+    coverage = facet_coverage(tracer, camera)
     sums = trace_paths(tracer, camera, wavelengths, samples, batches, seed, max_bounces, progress)
     lamp_radiance = scene.lamp.radiance.at(wavelengths)
     return RenderedImage(
         coefficients=sums,
         spectra=np.vstack([lamp_radiance, np.diag(lamp_radiance)]),
         wavelength_nm=wavelengths,
-        coverage=facet_coverage(tracer, camera),
+        coverage=coverage,
         facet_surface=tracer.facet_surface,
         surface_names=tuple(s.name for s in scene.surfaces),
     )
@@ -87,29 +88,27 @@ def trace_paths(
     lamp = build_lamp_sampler(tracer)
     reflectances = np.array([m.reflectance.at(wavelengths) for m in tracer.scene.materials.values()])
 
-    def strip(start: int, height: int, own_seed: int) -> list[mi.Float]:
-        bounds = start, height, samples, own_seed, max_bounces
-        return _strip(tracer, lamp, reflectances, camera, *bounds, counted, split)
+    def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+        bounds = samples, own_seed, max_bounces
+        return _strip(tracer, lamp, reflectances, camera, pixels, *bounds, counted, split)
 
     return means_by_strips(strip, camera, samples, batches, seed, progress)
 
 
 def _strip(
-    tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera,
-    start: int, height: int, samples: int, seed: int, max_bounces: int | None, counted: bool = False,
-    split: int = 0,
+    tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera, pixels: mi.UInt32,
+    samples: int, seed: int, max_bounces: int | None, counted: bool = False, split: int = 0,
 ) -> list[mi.Float]:  # fmt: skip
-    """Sums over the paths of each pixel of a strip of rows, see ``trace_paths``.
+    """Sums over the paths of each of some pixels, see ``trace_paths``.
 
     One lane per pixel and one symbolic loop over path segments: a lane whose path has ended begins its next
     path in the same step, so none waits for the longest path of its neighbours. What a path carries is set
     back when the next one meets its first surface, which takes less than at the end of the one before. And
     wavelengths carry each vertex only in the next step: their arithmetic does not wait for its light.
     """
-    count = height * camera.width_px
-    lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, start * camera.width_px)
-    rays = pixel_rays(camera, lane)
-    points = PathPoints(samples, lane, seed)
+    count = dr.width(pixels)
+    rays = pixel_rays(camera, pixels)
+    points = PathPoints(samples, pixels, seed)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     paints = _Paints(reflectances)
     survivals = _Paints(np.column_stack([survival, 1 / survival]))

@@ -8,27 +8,31 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from .face_edges import face_edges, pixels_on_edges
 from .sampling import SobolPoints
 from .tracer import Tracer, intersect, pixel_rays
 
 __all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
 
-#: Rays that tell whether a pixel, or one beside it, sees more than one face; most pixels see but one.
-_FIRST_SAMPLES = 16
-
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
     """(y, x, f) float32: the part of each pixel that each flat face covers; the lamp's face comes last.
 
-    What is missing to 1 sees no face. samples : low-discrepancy camera rays of a pixel at a border.
+    What is missing to 1 sees no face. samples : low-discrepancy camera rays of a pixel that an edge crosses,
+    or that sees another face than its neighbour though no edge lies between them, as where surfaces cut each
+    other. One ray tells the face of all others.
     """
-    pixels = np.arange(camera.width_px * camera.height_px)
-    shape = (camera.height_px, camera.width_px, len(tracer.facet_surface))
-    coverage = pixel_coverage(tracer, camera, pixels, min(samples, _FIRST_SAMPLES), seed)
-    border = border_pixels(coverage.reshape(shape))
-    if len(border):
-        coverage[border] = pixel_coverage(tracer, camera, border, samples, seed)
-    return coverage.reshape(shape)
+    crossed = pixels_on_edges(camera, face_edges(tracer.vertices, tracer.facet))
+    centres = pixel_rays(camera, dr.arange(mi.UInt32, crossed.size))(mi.Float(0.5), mi.Float(0.5))
+    face = _faces(tracer, centres).reshape(crossed.shape)
+    faces = len(tracer.facet_surface)
+    coverage = np.eye(faces + 1, faces, dtype=np.float32)[face]
+    highest = maximum_filter(np.where(crossed, -2, face), 3)
+    lowest = minimum_filter(np.where(crossed, faces, face), 3)
+    mixed = np.flatnonzero(crossed | (lowest < highest))
+    if len(mixed):
+        coverage.reshape(crossed.size, -1)[mixed] = pixel_coverage(tracer, camera, mixed, samples, seed)
+    return coverage
 
 
 def border_pixels(coverage: np.ndarray) -> np.ndarray:
@@ -72,8 +76,13 @@ def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int,
     jitter = np.random.default_rng(seed).random((2, len(pixels), across, across))
     v, u = (np.arange(across)[:, None] + jitter[0]) / across, (np.arange(across) + jitter[1]) / across
     rays = pixel_rays(camera, mi.UInt32(np.repeat(np.asarray(pixels, np.uint32), across**2)))
-    hit = intersect(tracer, rays(*(mi.Float(x.ravel().astype(np.float32)) for x in (u, v))), coherent=True)
-    facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
-    return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1)).reshape(
+    return _faces(tracer, rays(*(mi.Float(x.ravel().astype(np.float32)) for x in (u, v)))).reshape(
         jitter.shape[1:]
     )
+
+
+def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:
+    """(n,) int16 face that each ray meets, -1 for none."""
+    hit = intersect(tracer, rays, coherent=True)
+    facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+    return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1))

@@ -37,7 +37,7 @@ class Tracer:
     ``scene.surfaces``, the lamp's triangles carry len(surfaces). material : (t,) index into
     ``material_names``, the lamp's carry len(material_names). facet : (t,) index of the flat face it belongs
     to; facet_surface : (f,) the surface of each face, the lamp's face comes last. packed_triangles :
-    normal and material of each triangle, four numbers each.
+    normal and material of each triangle, two numbers of 32 bits in each of two words: gathering is what takes time.
     """
 
     scene: Scene
@@ -49,7 +49,7 @@ class Tracer:
     material: np.ndarray
     facet: np.ndarray
     facet_surface: np.ndarray
-    packed_triangles: mi.Float
+    packed_triangles: mi.UInt64
     packed_facet: mi.UInt32
 
     @property
@@ -108,9 +108,16 @@ def build_tracer(scene: Scene) -> Tracer:
         material=material,
         facet=facet,
         facet_surface=facet_surface,
-        packed_triangles=mi.Float(np.column_stack([normals, material]).astype(np.float32).ravel()),
+        packed_triangles=mi.UInt64(_packed(normals, material)),
         packed_facet=mi.UInt32(facet.astype(np.uint32)),
     )
+
+
+def _packed(normals: np.ndarray, material: np.ndarray) -> np.ndarray:
+    words = np.empty((len(normals), 4), "<u4")
+    words[:, :3] = normals.astype("<f4").view("<u4")
+    words[:, 3] = material
+    return words.view("<u8").ravel()
 
 
 def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,8 +163,10 @@ def normal_and_material(
     tracer: Tracer, triangle: mi.UInt32, active: mi.Bool | bool = True
 ) -> tuple[mi.Vector3f, mi.UInt32]:
     """Of each lane's triangle: its unit normal, towards the lit side, and its material."""
-    packed = dr.gather(mi.Vector4f, tracer.packed_triangles, triangle, active)
-    return packed.xyz, mi.UInt32(packed.w)
+    first = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle, active)
+    second = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle + 1, active)
+    x, y, z = (dr.reinterpret_array(mi.Float, mi.UInt32(word)) for word in (first, first >> 32, second))
+    return mi.Vector3f(x, y, z), mi.UInt32(second >> 32)
 
 
 def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:

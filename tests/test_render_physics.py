@@ -19,7 +19,9 @@ from cboxlab.render.path_tracer import render_path_tracer
 from cboxlab.render.primary import facet_coverage, pixel_coverage
 from cboxlab.render.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.render.variant import compiled
+from cboxlab.scenes import cornell_box, cornell_camera
 from scipy.integrate import dblquad
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 pytestmark = pytest.mark.skipif(
@@ -249,15 +251,46 @@ def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1):
         assert np.abs(coverage[..., index] - count / count.sum() * area).max() < 0.01
 
 
-def test_what_covers_a_sixth_of_a_pixel_is_not_overlooked():
-    """Squares of 0.4 x 0.4 pixels: their coverage is what many rays in every pixel find, to the last one."""
+def crossing_squares():
+    """Two squares that cut each other: no edge lies along the line where one hides the other."""
+    first = square(np.array([500.0, 500.0, 900.0]), 300.0, 2, -1)
+    return lamp_and(
+        [quad("one", first), quad("other", first + np.array([0.0, 0.0, 0.3]) * (first[:, :1] - 430.0))],
+        square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1),
+    )
+
+
+def specks():
+    """Squares of 0.1 x 0.1 pixels: a hundredth of a pixel."""
     places = np.random.default_rng(4).uniform([150.0, 150.0, 900.0], [850.0, 850.0, 900.0], (40, 3))
-    marks = [quad(f"mark-{i}", square(p, 4.0, 2, -1)) for i, p in enumerate(places)]
-    tracer = build_tracer(lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1)))
-    camera = camera_inside(64, z=-700.0, focal=1.3)
-    everywhere = pixel_coverage(tracer, camera, np.arange(64**2), 256)
-    assert 0.05 < np.median(everywhere[everywhere > 0]) < 0.2
-    assert np.array_equal(facet_coverage(tracer, camera, 256).reshape(everywhere.shape), everywhere)
+    marks = [quad(f"mark-{i}", square(p, 1.0, 2, -1)) for i, p in enumerate(places)]
+    return lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
+
+
+def turned(camera, degrees):
+    """From the middle of the cube, edges pass beside and behind the camera."""
+    turn = Rotation.from_rotvec(degrees, degrees=True).as_matrix()
+    return replace(camera, rotation=turn @ camera.rotation, position_mm=np.full(3, 480.0))
+
+
+@pytest.mark.parametrize(
+    "scene, camera",
+    [
+        (specks(), camera_inside(64, z=-700.0, focal=1.3)),
+        (crossing_squares(), camera_inside(64, z=-700.0, focal=1.3)),
+        (cornell_box(), cornell_camera(64)),
+        (box_with_lamp(0.5), turned(camera_inside(64), [25.0, 10.0, 40.0])),
+        (box_with_lamp(0.5), replace(turned(camera_inside(64, focal=0.8), [60.0, -20.0, 5.0]), k1=-0.12)),
+        (box_with_lamp(0.5), replace(turned(camera_inside(64, focal=0.8), [-20.0, 130.0, 0.0]), k1=0.2)),
+    ],
+    ids=["specks", "no edge", "published box", "inside", "barrel", "pincushion"],
+)
+def test_no_pixel_that_sees_several_faces_is_overlooked(scene, camera):
+    """Coverage is what 1024 rays in every pixel find, to the last one."""
+    tracer = build_tracer(scene)
+    everywhere = pixel_coverage(tracer, camera, np.arange(64**2), 1024)
+    assert np.count_nonzero((everywhere > 0) & (everywhere < 1)) > 40
+    assert np.array_equal(facet_coverage(tracer, camera, 1024).reshape(everywhere.shape), everywhere)
 
 
 @pytest.mark.parametrize("render", [render_path_tracer, render_final_gather])
