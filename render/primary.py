@@ -26,7 +26,7 @@ def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int 
     centres = pixel_rays(camera, dr.arange(mi.UInt32, crossed.size))(mi.Float(0.5), mi.Float(0.5))
     face = _faces(tracer, centres).reshape(crossed.shape)
     faces = len(tracer.facet_surface)
-    coverage = np.eye(faces + 1, faces, dtype=np.float32)[face]
+    coverage = np.eye(faces + 1, faces, dtype=np.float32)[face]  # its last row, of zeros, is that of no face
     highest = maximum_filter(np.where(crossed, -2, face), 3)
     lowest = minimum_filter(np.where(crossed, faces, face), 3)
     mixed = np.flatnonzero(crossed | (lowest < highest))
