@@ -318,7 +318,7 @@ def test_without_a_compiler_there_is_a_hint_and_a_picture():
     program = """
 import warnings, numpy as np
 from unittest import mock
-with mock.patch("ctypes.CDLL", side_effect=OSError):
+with mock.patch("ctypes.CDLL", side_effect=OSError), mock.patch("drjit.has_backend", return_value=False):
     from cboxlab.render import variant
 assert not variant.compiled()
 from cboxlab.render.integrators import render
