@@ -14,8 +14,9 @@ __all__ = ["means_by_strips"]
 
 #: Pixels of one kernel call: enough to fill the processors, few enough for a progress bar to move.
 _LANES_PER_CALL = 2**16
-#: Every so manieth row follows the one before: each part of a call has dark and bright rows, and takes as long.
-_COMB = 16
+#: Lanes take every 16th row, then those below them, and so on: each thread's share of a call has rows from all of the
+#: picture, and takes as long as another's.
+_ROWS_APART = 16
 
 
 def means_by_strips(
@@ -30,7 +31,7 @@ def means_by_strips(
 
     strip : from pixels, counted along the rows, and a seed to n sums, a lane per pixel.
     """
-    order = np.argsort(np.arange(camera.height_px) % _COMB, kind="stable")
+    order = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
     calls = np.array_split(order, -(-camera.height_px * camera.width_px // _LANES_PER_CALL))
     columns = np.arange(camera.width_px)
     pictures: list[NDArray[np.float32]] = []
