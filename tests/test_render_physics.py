@@ -231,6 +231,20 @@ def test_each_lanes_points_are_stratified():
             assert np.all(np.sort(cells, axis=1) == np.arange(64))
 
 
+def test_vertices_of_a_path_take_columns_of_their_own():
+    """Lamp points of two vertices: 64 paths reach far more of 8 x 8 cells than the 8 that one column would leave."""
+    lane, index = (values.astype(np.uint32) for values in (np.zeros(64), np.arange(64)))
+    points = PathPoints(64, mi.UInt32(lane), seed=3)
+    first, second, third = (
+        (np.array(points.at_vertex(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 64)).light_u) * 8).astype(
+            int
+        )
+        for depth in range(3)
+    )
+    for one, other in ((first, second), (first, third), (second, third)):
+        assert len(np.unique(8 * one + other)) >= 16
+
+
 @pytest.mark.parametrize("k1", [0.0, -0.15, 0.2])
 def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1):
     """Small squares' coverage is the density of their projected points, distortion included, to 1%."""
