@@ -20,9 +20,10 @@ test: lint
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@# the rooms are the packages cboxlab.*, which mypy sees only in a tree of that shape
+	@# the rooms are packages inside cboxlab, which mypy sees only in a tree of that shape
 	@mkdir -p $(TYPECHECK)/cboxlab
 	@for room in $(ROOMS); do ln -sfn ../../../$$room $(TYPECHECK)/cboxlab/$$room; done
+	@for file in cboxlab/*.*; do ln -sfn ../../../$$file $(TYPECHECK)/$$file; done
 	MYPYPATH=$(TYPECHECK) $(BIN)/mypy --namespace-packages --explicit-package-bases $(TYPECHECK)/cboxlab
 
 $(INSTALLED): pyproject.toml .ci/prepare

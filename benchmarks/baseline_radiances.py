@@ -14,15 +14,15 @@ import json
 from pathlib import Path
 
 import numpy as np
-from cboxlab.calibration.calibrate import calibrate
-from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, trapezoidal_weights
-from cboxlab.render.bands import render_bands
-from cboxlab.render.precision import render_to_precision
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.colour.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
+from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.render.chain.bands import render_bands
+from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.scenes.camera import Camera
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import photographed_scene
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from cboxlab.validate.model.model_file import Model
+from cboxlab.validate.synthetic.model_capture import photographed_scene
 from scipy.ndimage import binary_erosion
 
 
@@ -44,12 +44,12 @@ def main() -> None:
     image = render_to_precision(scene, camera, WAVELENGTH_NM, arguments.error, seed=1)
     rendered = render_bands(image, calibration.responses)["signal"].values
     measured = calibration.images["signal"].values
-    cmfs = LUMINOUS_EFFICACY * colour_matching_functions() * trapezoidal_weights(WAVELENGTH_NM)
+    cmfs = LUMINOUS_EFFICACY * colour_matching_functions() * INTEGRAL_GRID.weights
     exact = image.project(cmfs.T)[0]
     usable = np.all(calibration.images["mask"].values == 0, axis=0)
     names, bands, xyz = [], [], []
     for index, surface in enumerate(scene.surfaces):
-        inside = binary_erosion((image.surface == index) & image.pure, iterations=3) & usable
+        inside = binary_erosion((image.surface == index) & image.single_surface, iterations=3) & usable
         if inside.sum() < 20:
             continue
         names.append(surface.name)

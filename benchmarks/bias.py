@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from cboxlab.render.final_gather import NEAR_PATCHES, gather, render_final_gather, solve_light
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.path_tracer import render_path_tracer
-from cboxlab.render.primary import facet_coverage
-from cboxlab.render.stock import render_stock
-from cboxlab.render.tracer import build_tracer
+from cboxlab.render.image.image import RenderedImage
+from cboxlab.render.integrators.path_tracer import render_path_tracer
+from cboxlab.render.integrators.stock import render_stock
+from cboxlab.render.radiosity.final_gather import NEAR_PATCHES, gather, render_final_gather, solve_light
+from cboxlab.render.visibility.primary import facet_coverage
+from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Lamp, Material, Scene, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
 from contenders import BANDS, REFERENCE_BANDS
@@ -39,7 +39,7 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
     solutions = [solve_light(scene, BANDS, seed=1000 + number) for number in range(BATCHES)]
 
     def path(view: Camera, samples: int, seed: int) -> RenderedImage:
-        return render_path_tracer(scene, view, BANDS, samples, BATCHES, seed)
+        return render_path_tracer(scene, view, BANDS, samples, BATCHES, seed=seed)
 
     def default(view: Camera, samples: int, seed: int) -> RenderedImage:
         images = [gather(light, view, samples, 1, seed + number) for number, light in enumerate(solutions)]
@@ -48,7 +48,7 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
         return replace(images[0], coefficients=values, spectra=np.eye(len(BANDS)))
 
     def mitsuba(view: Camera, samples: int, seed: int) -> RenderedImage:
-        return render_stock(scene, view, bands, samples, BATCHES, seed, variant="llvm_ad_rgb")
+        return render_stock(scene, view, bands, samples, BATCHES, seed=seed, variant="llvm_ad_rgb")
 
     ways: dict[str, Render] = {"path": path, "default": default, **({"stock": mitsuba} if stock else {})}
     means: dict[str, list[np.ndarray]] = {name: [] for name in ways}
@@ -128,7 +128,7 @@ def _means(image: RenderedImage) -> np.ndarray:
     """(surface, w) over the pixels that see one face alone."""
     values = (image.coefficients @ image.spectra)[0]
     names = range(len(image.surface_names))
-    return np.stack([values[image.pure & (image.surface == i)].mean(axis=0) for i in names])
+    return np.stack([values[image.single_surface & (image.surface == i)].mean(axis=0) for i in names])
 
 
 def _compared(one: np.ndarray, other: np.ndarray, names: list[str]) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def furnace(samples: int) -> dict[str, dict[str, float]]:
         means = []
         for batch in range(BATCHES):
             image = integrator(scene, camera, BANDS[15:16], samples, 1, seed=batch)
-            walls = image.pure & (image.surface >= 0)
+            walls = image.single_surface & (image.surface >= 0)
             means.append((image.coefficients @ image.spectra)[0, walls].mean())
         results[name] = {
             "distance_from_1": float(np.mean(means) - 1),

@@ -25,24 +25,26 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.render.precision import render_to_precision
+from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.render.chain.stages import PHOTOGRAPHED, stages_between
+from cboxlab.render.image.image import RenderedImage
+from cboxlab.render.integrators.precision import render_to_precision
+from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.camera import Camera
-from cboxlab.validate.blind import draw_effect
-from cboxlab.validate.diagnosis import Diagnosis, diagnose
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare.pipeline import validate
+from cboxlab.validate.diagnose.diagnosis import Diagnosis, diagnose
 from cboxlab.validate.effects import AppliedEffect, catalogue
-from cboxlab.validate.model import Model, RenderSettings
-from cboxlab.validate.pipeline import validate
-from cboxlab.validate.strengths import STRENGTHS, Scale, at_strength, scale_of
-from cboxlab.validate.synthetic import (
+from cboxlab.validate.model.model_file import Model
+from cboxlab.validate.synthetic.blind import draw_effect
+from cboxlab.validate.synthetic.model_capture import (
     perturbed_camera,
     photograph_image,
     photographed_scene,
     write_model_capture,
 )
-from cboxlab.validate.varied import block_offsets, settled, varied_settings
+from cboxlab.validate.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
+from cboxlab.validate.synthetic.varied import block_offsets, settled, varied_settings
 from outside_effects import OUTSIDE
 
 _DRAWS = 8
@@ -53,7 +55,7 @@ _LABORATORIES = 4
 #: Relative error of the pictures that are photographed, median over pixels.
 _PICTURE_ERROR = 0.002
 
-_AFTER_THE_PICTURE = ("filter", "optics", "counts")
+_AFTER_THE_PICTURE = stages_between("filter", "counts")
 
 #: A fitted number is right within this part of its distance from null, or within so many standard deviations.
 _CLOSE, _SIGMAS = 0.15, 2.0
@@ -121,10 +123,12 @@ def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scale]:
 
 
 @cache
-def picture(seed: int) -> RenderedImage:
+def picture(seed: int, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
     box = settled(photographed_scene(Model()), seed)
-    return render_to_precision(box, perturbed_camera(128, seed), WAVELENGTH_NM, _PICTURE_ERROR, None, seed)
+    return render_to_precision(
+        box, perturbed_camera(128, seed), WAVELENGTH_NM, _PICTURE_ERROR, max_bounces=max_bounces, seed=seed
+    )
 
 
 def run(case: Case) -> dict[str, Any] | None:
@@ -132,10 +136,14 @@ def run(case: Case) -> dict[str, Any] | None:
     generator = np.random.default_rng([case.seed, len(case.key)])
     camera, settings, scale = laboratory(case.laboratory)
     model = Model(render=RenderSettings(seed=case.seed))
-    given, effects = Model(), []
-    if case.names == ("interreflection",):
+    given, effects, bounces = Model(), [], None
+    truncating = [
+        catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"
+    ]
+    if truncating:
         given = Model(render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
-        effects = [AppliedEffect(catalogue()["interreflection"], {"max_bounces": np.inf})]
+        effects = [AppliedEffect(truncating[0], {p.name: np.inf for p in truncating[0].parameters})]
+        bounces = effects[0].apply(given.render).max_bounces
     elif case.names:
         for name in case.names:
             one = drawn(name, case.strength, generator, scale)
@@ -144,15 +152,15 @@ def run(case: Case) -> dict[str, Any] | None:
             effects.append(one)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
-        inside = tuple(e for e in effects if e.effect.stage != "settings")
-        if all(e.effect.stage in _AFTER_THE_PICTURE for e in inside):
-            image, scene = picture(case.laboratory), photographed_scene(model)
+        inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
+        if all(e.stage in _AFTER_THE_PICTURE for e in inside):
+            image, scene = picture(case.laboratory, bounces), photographed_scene(model)
             box = settled(scene, case.laboratory)
-            photograph_image(path, image, inside, box, scene, camera, settings, case.seed)
+            photograph_image(path, image, inside, box, scene, camera, settings=settings, seed=case.seed)
         else:
             write_model_capture(
-                path, replace(model, effects=inside), camera, settings, case.seed, _PICTURE_ERROR, None,
-                lambda scene: settled(scene, case.laboratory),
+                path, replace(model, effects=inside), camera, settings, case.seed,
+                relative_error=_PICTURE_ERROR, box=lambda scene: settled(scene, case.laboratory),
             )  # fmt: skip
         start = time.perf_counter()
         diagnosis = diagnose(validate(path, given))
@@ -187,7 +195,7 @@ def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis, la
             if answer.id != truth.id or truth.id not in catalogue():
                 continue
             for p in truth.effect.numbers:
-                beside = block_offsets(laboratory).get(str(truth.values.get("block")), {}).get(p.name, 0.0)
+                beside = getattr(block_offsets(laboratory).get(str(truth.values.get("block"))), p.name, 0.0)
                 true, found = float(truth.values[p.name]) + beside, float(answer.values[p.name])
                 if not (np.isfinite(true) and np.isfinite(found)):
                     continue

@@ -28,9 +28,8 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
     Radiance is relative to the lamp's. Sets Mitsuba's variant, so one contender per process.
     """
-    from cboxlab.render import variant  # noqa: F401  (finds LLVM)
-    from cboxlab.render.final_gather import render_final_gather
-    from cboxlab.render.path_tracer import render_path_tracer
+    from cboxlab.render.integrators.path_tracer import render_path_tracer
+    from cboxlab.render.radiosity.final_gather import render_final_gather
 
     white = scene.with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2), "zero"))
     if name == "specfilm":
@@ -51,13 +50,14 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
 def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
     """Each band 10 nm wide with (nearly) upright edges: together they use every sampled wavelength once."""
-    import mitsuba as mi
-    from cboxlab.render.stock import scene_dict
+    from cboxlab.render.device import mi
+    from cboxlab.render.integrators.stock import scene_dict
 
     mi.set_variant("llvm_ad_spectral")
     grid = np.linspace(360.0, 830.0, 471)
     paints = {name: _irregular(grid, m.reflectance.at(grid)) for name, m in scene.materials.items()}
-    loaded = mi.load_dict(scene_dict(scene, paints, {"type": "uniform", "value": 1.0}), optimize=False)
+    lamp = _irregular(grid, scene.lamp.reflectance.at(grid)), {"type": "uniform", "value": 1.0}
+    loaded = mi.load_dict(scene_dict(scene, paints, *lamp), optimize=False)
     edges = np.array([-5.0, -4.99, 4.99, 5.0])
     bands = {f"band_{i:02d}": _irregular(b + edges, [0, 1, 1, 0]) for i, b in enumerate(BANDS)}
     run = _stock(loaded, camera, {"type": "specfilm", **bands}, samples)
@@ -65,25 +65,25 @@ def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
 
 
 def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
-    import mitsuba as mi
-    from cboxlab.render.stock import scene_dict
+    from cboxlab.render.device import mi
+    from cboxlab.render.integrators.stock import scene_dict
 
     mi.set_variant("llvm_ad_mono")
     runs = []
     for band in BANDS[MONO_BANDS]:
-        paints = {
-            name: {"type": "uniform", "value": float(m.reflectance.at(band))}
-            for name, m in scene.materials.items()
-        }
-        loaded = mi.load_dict(scene_dict(scene, paints, {"type": "uniform", "value": 1.0}), optimize=False)
+        *levels, own = ({"type": "uniform", "value": float(x)} for x in scene.reflectances(band))
+        paints = dict(zip(scene.materials, levels, strict=True))
+        loaded = mi.load_dict(
+            scene_dict(scene, paints, own, {"type": "uniform", "value": 1.0}), optimize=False
+        )
         runs.append(_stock(loaded, camera, {"pixel_format": "luminance"}, samples))
     return lambda seed: np.concatenate([run(seed) for run in runs], axis=-1)
 
 
 def _stock(loaded: Any, camera: Camera, film: dict[str, Any], samples: int) -> Render:
-    import mitsuba as mi
-    from cboxlab.render.pinhole import film_for
-    from cboxlab.render.stock import sensor_dict
+    from cboxlab.render.device import mi
+    from cboxlab.render.integrators.stock import sensor_dict
+    from cboxlab.render.visibility.pinhole import film_for
 
     sensor = mi.load_dict(sensor_dict(film_for(camera, 1), camera, film))
     integrator = mi.load_dict({"type": "path", "max_depth": -1})

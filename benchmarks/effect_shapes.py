@@ -4,7 +4,7 @@
 
 The published box and camera, a lamp of radiance 1, three wavelengths, pixels inside faces away from the lamp. The
 prediction is the diagnosis' own: patches of a twelfth of the box's diagonal. Effects of light transport are compared
-with Mitsuba's path and volpath integrators (mitsuba_effects.py), those of lamp and geometry with a final gather of
+with Mitsuba's path and volpath integrators (tests/oracles), those of lamp and geometry with a final gather of
 the altered box, truncated light with the path tracer. "error" is the rms of predicted less true change over pixels
 and wavelengths, over the rms of the true change, the references' Monte Carlo variance taken off both (0 where it is
 all there is); "shape" is the same with the best amplitude, which "amplitude" is; "noise" that of the reference,
@@ -19,15 +19,16 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import mitsuba_effects
 import numpy as np
-from cboxlab.render.final_gather import render_final_gather
-from cboxlab.render.patch_light import PatchLight, patch_light
-from cboxlab.render.path_tracer import render_path_tracer
+import oracles_path  # noqa: F401
+from cboxlab.render.integrators.path_tracer import render_path_tracer
+from cboxlab.render.perturbation.patch_light import PatchLight, patch_light
+from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from cboxlab.validate import predictor
 from cboxlab.validate.effects import apply_checked
+from cboxlab.validate.predict import predictor
 from numpy.typing import NDArray
+from oracles import mitsuba_effects
 from scipy.ndimage import binary_dilation
 
 NM, GRID = np.array([450.0, 550.0, 650.0]), np.arange(400.0, 701.0)
@@ -60,7 +61,9 @@ class Bench:
         self.camera = cornell_camera(size)
         self.scene = cornell_box().with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2)))
         self.picture, _, image = self.gathered(self.scene)
-        self.used = image.pure & (image.surface >= 0) & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
+        self.used = (
+            image.single_surface & (image.surface >= 0) & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
+        )
         self.before = self.light(self.scene).picture()
 
     def gathered(self, scene: Any) -> tuple[NDArray, NDArray, Any]:
@@ -71,7 +74,7 @@ class Bench:
     def light(self, scene: Any, max_bounces: int | None = None) -> PatchLight:
         transport = predictor._coarse_transport(scene, NM, self.camera, 0)
         at_each = (GRID == NM[:, None]).astype(float)
-        return patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size), max_bounces)
+        return patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size), max_bounces=max_bounces)
 
     def truth(self, name: str, values: dict[str, Any]) -> tuple[NDArray, NDArray, NDArray]:
         """The picture with the effect, its variance, and which pixels see what they saw."""
@@ -95,18 +98,24 @@ class Bench:
             return self.picture + (plain - self.picture) * share, noise * share**2, self.used
         if name == "interreflection":
             bounces = int(values["max_bounces"])
-            image = render_path_tracer(self.scene, self.camera, NM, self.samples, self.batches, 3, bounces)
+            image = render_path_tracer(
+                self.scene, self.camera, NM, self.samples, self.batches, seed=3, max_bounces=bounces
+            )
             mean, variance = (np.moveaxis(x, -1, 0) for x in image.project(np.eye(3)))
             return mean, variance, self.used
         mean, variance, image = self.gathered(apply_checked(name, values, "benchmark").apply(self.scene))
-        return mean, variance, self.used & image.pure & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
+        return (
+            mean,
+            variance,
+            self.used & image.single_surface & ~binary_dilation(image.sees_lamp, np.ones((3, 3))),
+        )
 
     def predicted(self, name: str, values: dict[str, Any]) -> NDArray:
         """The picture with the effect as the diagnosis predicts it."""
         applied = apply_checked(name, values, "benchmark")
-        if applied.effect.stage == "transport":
+        if applied.stage == "transport":
             after = applied.apply(self.light(self.scene)).picture()
-        elif applied.effect.stage == "settings":
+        elif applied.stage == "settings":
             after = self.light(self.scene, int(values["max_bounces"])).picture()
         else:
             after = self.light(applied.apply(self.scene)).picture()

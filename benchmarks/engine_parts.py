@@ -11,15 +11,15 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import drjit as dr
 import numpy as np
-from cboxlab.render.derivatives import render_derivatives
-from cboxlab.render.final_gather import render_final_gather
-from cboxlab.render.general_path_tracer import render_general_path_tracer
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.path_tracer import render_path_tracer
-from cboxlab.render.sensor_cameras import load_camera
-from cboxlab.render.sensor_simulation import auto_exposure, expected_electrons
+from cboxlab.render.device import dr
+from cboxlab.render.image.image import RenderedImage
+from cboxlab.render.integrators.derivatives import render_derivatives
+from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.render.integrators.path_tracer import render_path_tracer
+from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.render.sensor.cameras import load_camera
+from cboxlab.render.sensor.simulation import auto_exposure, expected_electrons
 from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera
 from contenders import BANDS
 from sensor_speed import plain, random_cube

@@ -10,12 +10,16 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from cboxlab.calibration.colour_error import choose_filters
-from cboxlab.calibration.radiance_ensemble import general_lamps, judging_radiances, training_radiances
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM
-from cboxlab.render.capture_writer import unit_responses
-from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.calibration.colour.colour_error import choose_filters
+from cboxlab.calibration.colour.radiance_ensemble import (
+    evaluation_radiances,
+    general_lamps,
+    training_radiances,
+)
+from cboxlab.render.laboratory.capture_writer import unit_factors
+from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 
 
 def main() -> None:
@@ -30,11 +34,11 @@ def main() -> None:
         )
         for centre in range(400, 701, 10)
     }
-    candidates = unit_responses(CaptureSettings(), 256, filters)
+    candidates = unit_factors(CaptureSettings(), 256, filters).responses()
     for name, lamps in (("3200 K", {"3200 K": general_lamps()["3200.0 K"]}), ("nine lamps", general_lamps())):
         print(f"{name}: filters, X Y Z rms %, Delta E*ab mean max, CIEDE2000 mean max, which")
         choices = choose_filters(
-            candidates, training_radiances(lamps), judging_radiances(lamps), (3, 4, 5, 6, 7, 8, 10, 12, 16),
+            candidates, training_radiances(lamps), evaluation_radiances(lamps), (3, 4, 5, 6, 7, 8, 10, 12, 16),
             arguments.noise,
         )  # fmt: skip
         for choice in choices:

@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-from cboxlab.render.final_gather import gather, solve_light
-from cboxlab.render.path_points import PathPoints
-from cboxlab.render.path_tracer import trace_paths
-from cboxlab.render.tracer import build_tracer
+from cboxlab.render.device import dr, mi
+from cboxlab.render.integrators.path_points import PathPoints
+from cboxlab.render.integrators.path_tracer import trace_paths
+from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
 
 __all__ = ["bare_seconds", "own_rays"]
@@ -60,7 +59,7 @@ def own_rays(
     with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):  # step by step, each with its rays
         if light is None:
             with mock.patch.object(PathPoints, "at_vertex", at_vertex):
-                trace_paths(tracer, camera, wavelengths, samples, 1, 1, None, None)
+                trace_paths(tracer, camera, wavelengths, samples=samples, batches=1, seed=1, max_bounces=None)
         else:
             gather(replace(light, tracer=tracer), camera, samples, 1)
     return tuple(  # type: ignore[return-value]

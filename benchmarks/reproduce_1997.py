@@ -15,14 +15,14 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from cboxlab.calibration.calibrate import Calibration, calibrate
-from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.write_calibration import write_calibration
-from cboxlab.render.capture_writer import field_signals, sphere_spectrum, unit_responses
-from cboxlab.render.laboratory import CaptureSettings, Shot, photograph, pixel_maps
-from cboxlab.render.raw_files import write_raw
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.result.calibrate import Calibration, calibrate
+from cboxlab.calibration.result.write import write_calibration
+from cboxlab.render.files.raw_files import write_raw
+from cboxlab.render.laboratory.capture_writer import sphere_spectrum, unit_factors
+from cboxlab.render.laboratory.photographer import CaptureSettings, Shot, photograph, pixel_maps
+from cboxlab.validate.model.model_file import Model
+from cboxlab.validate.synthetic.model_capture import perturbed_camera, write_model_capture
 
 SIZE, SEED = 64, 1997
 BAND = "f550"
@@ -35,9 +35,8 @@ LEVELS = (0.1, 0.2, 0.4, 0.7, 1.0)
 def add_series(folder: Path) -> None:
     """Append [[reference]] tables of the sphere, one setting varied at a time, and the darks they need."""
     settings = CaptureSettings()
-    responses = unit_responses(settings, SIZE)
-    index = [r.band for r in responses].index(BAND)
-    field = field_signals(responses, (SIZE, SIZE))[index]
+    response = next(r for r in unit_factors(settings, SIZE).responses() if r.band == BAND)
+    field = np.full((SIZE, SIZE), response.signal(sphere_spectrum().values))
     # The same draws as the capture's own: these are the pixels of one camera.
     first = np.random.default_rng(np.random.SeedSequence(SEED).spawn(5)[0])
     maps = pixel_maps(perturbed_camera(SIZE, SEED), settings, first)
@@ -79,7 +78,9 @@ def add_series(folder: Path) -> None:
 
 def simulated(folder: Path) -> Path:
     """A capture of the published box by a simulated PXL 1300L, with the sphere's series."""
-    write_model_capture(folder, Model(), perturbed_camera(SIZE, SEED), CaptureSettings(), SEED, 3e-3)
+    write_model_capture(
+        folder, Model(), perturbed_camera(SIZE, SEED), CaptureSettings(), SEED, relative_error=3e-3
+    )
     add_series(folder)
     return folder
 

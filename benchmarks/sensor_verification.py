@@ -2,8 +2,9 @@
 
     python benchmarks/sensor_verification.py [--json] [--frames FOLDER]
 
-Where the paper measured in a laboratory, a stand-in of it is simulated by an independent path (verification_chart);
-what was assumed there is printed. The real frames are those of the seven-band ColorChecker capture.
+Where the paper measured in a laboratory, a stand-in of it is simulated by an independent path
+(tests/oracles/verification_chart.py); what was assumed there is printed. The real frames are those of the seven-band
+ColorChecker capture.
 """
 
 from __future__ import annotations
@@ -15,18 +16,29 @@ from pathlib import Path
 
 import colour
 import numpy as np
-import verification_chart as chart
-import verification_frames as frames
+import oracles_path  # noqa: F401
 import xarray as xr
-from cboxlab.calibration.colorimetry import colour_matching_functions
-from cboxlab.calibration.spectral_sensitivity import band_constant, convex_sets, least_squares, wiener
-from cboxlab.render.colour_correction import chart_reflectances, demosaic, fit_correction, linear_counts
-from cboxlab.render.sensor import SensorCamera, noisy_counts
-from cboxlab.render.sensor_cameras import load_camera
-from cboxlab.render.sensor_simulation import auto_exposure, expected_counts, simulate
-from cboxlab.render.spectral_basis import principal_components, spectral_error, to_basis
+from cboxlab.calibration.colour.colorimetry import colour_matching_functions
+from cboxlab.calibration.radiometry.spectral_sensitivity import (
+    band_constant,
+    convex_sets,
+    least_squares,
+    wiener,
+)
+from cboxlab.render.image.spectral_basis import principal_components, spectral_error, to_basis
+from cboxlab.render.sensor.cameras import load_camera
+from cboxlab.render.sensor.colour_correction import (
+    chart_reflectances,
+    demosaic,
+    fit_correction,
+    linear_counts,
+)
+from cboxlab.render.sensor.detector import SensorCamera, noisy_counts
+from cboxlab.render.sensor.simulation import auto_exposure, expected_counts, simulate
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
+from oracles import verification_chart as chart
+from oracles import verification_frames as frames
 
 FRAMES = Path(__file__).resolve().parents[2] / "shared" / "real" / "seven-band-colorchecker"
 COLUMNS = ("mean", "mean_percent", "rms", "maximum", "maximum_percent")

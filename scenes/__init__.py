@@ -1,4 +1,4 @@
-"""What is in the box: surfaces, paints, spectra, the lamp, the camera's geometry, scene files."""
+"""The scene: surfaces, materials, spectra, the lamp, the camera's geometry, scene files."""
 
 from .camera import Camera
 from .cornell_box import cornell_box, cornell_camera

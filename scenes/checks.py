@@ -1,4 +1,4 @@
-"""What a scene may hold: tables without holes, reflectances of real paints, triangles with an area."""
+"""Checks of scene data: spectra without gaps, reflectances from 0 to 1, triangles with an area."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from .spectra import Spectrum
 
 __all__ = ["radiance_faults", "reflectance_faults", "surface_faults", "table_faults"]
 
-#: A step this many times the median step is a hole in a table.
+#: A step larger than this many times the median step is a gap in a table.
 LARGEST_STEP = 3.0
-#: A triangle whose area is a smaller share of its longest edge squared counts as none.
+#: Smallest valid area of a triangle, relative to its longest edge squared.
 SMALLEST_AREA = 1e-9
 
 
 def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """A fault for each hole, a step above three times the median: to interpolate over it is to guess."""
+    """One fault for each gap: a step above three times the median step, too wide to interpolate over."""
     steps = np.diff(spectrum.wavelength_nm)
     if steps.size == 0:
         return []
@@ -25,7 +25,7 @@ def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
     return [
         InputError(
             where,
-            f"a hole in the table from {spectrum.wavelength_nm[i]:g} to {spectrum.wavelength_nm[i + 1]:g} nm",
+            f"a gap in the table from {spectrum.wavelength_nm[i]:g} to {spectrum.wavelength_nm[i + 1]:g} nm",
             f"steps up to {LARGEST_STEP * median:g} nm, {LARGEST_STEP:g} times the usual {median:g} nm",
             "fill in the missing rows",
         )
@@ -34,7 +34,7 @@ def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
 
 
 def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """Holes, and the first value outside 0 to 1 (a passive paint cannot return more light than it gets)."""
+    """Faults for gaps, and for the first value outside 0 to 1 (energy conservation)."""
     faults = table_faults(spectrum, where)
     outside = np.flatnonzero((spectrum.values < 0) | (spectrum.values > 1))
     if outside.size:
@@ -47,20 +47,20 @@ def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
 
 
 def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """Holes, a negative radiance, or no light at all."""
+    """Faults for gaps, and for a negative radiance or one that is 0 everywhere."""
     faults = table_faults(spectrum, where)
     if spectrum.values.min() < 0:
         at = spectrum.wavelength_nm[np.argmin(spectrum.values)]
         faults.append(
-            InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values not below 0")
+            InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values of 0 or more")
         )
     elif spectrum.values.max() == 0:
-        faults.append(InputError(where, "a radiance of 0 everywhere", "a lamp that gives light"))
+        faults.append(InputError(where, "a radiance of 0 everywhere", "a value above 0"))
     return faults
 
 
 def surface_faults(surface: Surface, where: str) -> list[InputError]:
-    """A fault where triangles have no area (corners that coincide or lie on one line)."""
+    """One fault if any triangle has no area (its corners coincide or lie on one line)."""
     corners = surface.vertices_mm[surface.faces]
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     empty = np.flatnonzero(surface.areas_mm2 <= SMALLEST_AREA * edges.max(axis=1) ** 2)

@@ -14,14 +14,14 @@ __all__ = ["cornell_box", "cornell_camera"]
 
 
 def cornell_box() -> Scene:
-    """The box as Cornell measured it (source: scenes/data/README.md); the lamp's spectrum is relative."""
+    """The box as measured at Cornell (source: scenes/data/README.md). The lamp's spectrum is relative."""
     return load_scene("cornell-box")
 
 
 def cornell_camera(size_px: int) -> Camera:
-    """The published camera with size_px x size_px square pixels: a pinhole, centred, without distortion.
+    """The published camera with size_px x size_px square pixels: a centred pinhole without distortion.
 
-    Film 25 mm wide behind 35 mm: a full field of 39.31 degrees, as for a thin lens focused at infinity.
+    Film 25 mm wide at 35 mm from the pinhole: the full field is 39.31 degrees (a lens focused at infinity).
     """
     published = json.loads((PACKAGED / "cornell-box-camera.json").read_text())
     return Camera(

@@ -1,4 +1,4 @@
-"""The one exception for a user's mistake; the command line turns it into one line and exit code 2."""
+"""The exception for bad input. The command line prints it and ends with exit code 2."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ __all__ = ["InputError"]
 
 
 class InputError(ValueError):
-    """Bad input, described so that the user can mend it.
+    """Bad input: where it is, what was found, what is allowed, how to correct it.
 
     Parameters
     ----------
     where : file (and key) at fault, for example ``"capture.toml: band[2].exposure_s"``.
-    found : what stands there.
-    expected : what is allowed there.
-    hint : how to mend it (optional).
+    found : the value found.
+    expected : the values allowed.
+    hint : how to correct it (optional).
     """
 
     def __init__(self, where: str | Path, found: str, expected: str, hint: str = "") -> None:

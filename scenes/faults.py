@@ -1,4 +1,4 @@
-"""From the faults of an input file to one InputError: several at once, pydantic's, paths, near names."""
+"""InputErrors for input files: several faults in one, validation errors, paths, similar names."""
 
 from __future__ import annotations
 
@@ -14,8 +14,12 @@ from .errors import InputError
 __all__ = ["combined", "faults_of_validation", "path_inside", "referred", "suggestion"]
 
 
+#: A part of a name that is shorter says nothing.
+_SHORTEST_PART = 4
+
+
 def combined(faults: Sequence[InputError]) -> InputError:
-    """One InputError that tells every fault: the first in full, the others after it in the hint."""
+    """One InputError for all ``faults`` (at least one): the first in full, the others listed in its hint."""
     first, others = faults[0], faults[1:]
     if not others:
         return first
@@ -25,13 +29,15 @@ def combined(faults: Sequence[InputError]) -> InputError:
 
 
 def referred(fault: InputError, where: str) -> InputError:
-    """A fault of another file, told at the key that names that file."""
+    """The fault of another file, reported at ``where``, the key that refers to that file."""
     return InputError(where, f"{fault.found} ({fault.where})", fault.expected, fault.hint)
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """``"did you mean 'x'?"`` for the nearest known name, empty where none is near."""
-    near = difflib.get_close_matches(name, list(known), n=1)
+    """``"did you mean 'x'?"`` for the most similar known name, else for the only one that contains it; or empty."""
+    names = list(known)
+    containing = [other for other in names if len(name) >= _SHORTEST_PART and name in other]
+    near = difflib.get_close_matches(name, names, n=1) or (containing if len(containing) == 1 else [])
     return f"did you mean '{near[0]}'?" if near else ""
 
 
@@ -54,9 +60,10 @@ def path_inside(folder: Path, name: str, where: str | Path) -> Path:
 
 
 def faults_of_validation(path: Path, error: ValidationError, model: type[BaseModel]) -> list[InputError]:
-    """Every fault that pydantic found in the file at ``path`` when it was read as ``model``.
+    """One InputError for each error that pydantic found in the file at ``path`` when read as ``model``.
 
-    A key reads ``surface[2].material``; an unknown key is told with the keys allowed and the nearest one.
+    Keys are written like ``surface[2].material``. For an unknown key, the allowed keys and the most similar one
+    are given.
     """
     return [_fault(path, dict(details), model) for details in error.errors(include_url=False)]
 

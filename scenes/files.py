@@ -1,8 +1,10 @@
-"""Files and folders that are either complete or not there."""
+"""Writing files and folders so that they are either complete or absent."""
 
 from __future__ import annotations
 
+import glob
 import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -15,18 +17,46 @@ __all__ = ["replacing", "replacing_folder"]
 
 
 def _public(path: Path, mode: int) -> None:
-    """Undo the privacy of temporary names: a result is as public as any other new file."""
+    """Give a temporary file the permissions of any other new file (temporary files are private)."""
     mask = os.umask(0)
     os.umask(mask)
     path.chmod(mode & ~mask)
 
 
+def _remove_leftovers(path: Path) -> None:
+    """Remove temporary files and folders for ``path`` whose process, on this machine, is gone."""
+    start = f".{path.name}-unfinished-{platform.node()}-"
+    for left in path.parent.glob(glob.escape(start) + "*"):
+        owner = left.name.removeprefix(start).split("-")[0]
+        if owner.isdigit() and not _running(int(owner)):
+            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+
+
+def _running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def _temporary_prefix(path: Path) -> str:
+    """Names say which process on which machine writes, so that what a killed one leaves is recognised."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(path)
+    return f".{path.name}-unfinished-{platform.node()}-{os.getpid()}-"
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to; it becomes ``path`` only if the block succeeds."""
+    """A temporary name beside ``path`` to write to; it becomes ``path`` only if the block succeeds.
+
+    What a killed process has left beside ``path`` is removed.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=_temporary_prefix(path), suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -41,13 +71,12 @@ def replacing(path: Path) -> Iterator[Path]:
 def replacing_folder(path: Path) -> Iterator[Path]:
     """A temporary folder beside ``path`` to fill; it becomes ``path`` only if the block succeeds.
 
-    Raises InputError where ``path`` exists and is not an empty folder: nothing is ever written over.
+    Raises InputError if ``path`` exists and is not an empty folder: existing files are not overwritten.
     """
     path = Path(path)
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    temporary = Path(tempfile.mkdtemp(prefix=_temporary_prefix(path), dir=path.parent))
     try:
         yield temporary
         _public(temporary, 0o777)

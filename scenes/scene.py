@@ -1,4 +1,4 @@
-"""What is in the box: named surfaces, paints and the lamp. Immutable; effects return changed copies."""
+"""The scene: surfaces, materials, the lamp, the medium. Immutable; effects return changed copies."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .frozen import OwnMappings
 from .spectra import Spectrum
 
 __all__ = ["Lamp", "Material", "Medium", "Scene", "Surface"]
 
 
 @dataclass(frozen=True, eq=False)
-class Material:
-    """A Lambertian paint, or any surface that Mitsuba knows.
+class Material(OwnMappings):
+    """A Lambertian material, or one with any BSDF of Mitsuba.
 
-    reflectance : 0 to 1, held constant beyond its table. bsdf : Mitsuba's description of the surface in place
-    of Lambert's law (keys and plain values, nested); the string "reflectance" in it stands for the reflectance.
+    reflectance : 0 to 1, held constant beyond its table. bsdf : a Mitsuba BSDF dictionary (nested keys and plain
+    values) that replaces Lambert's law; the string "reflectance" in it stands for the reflectance.
     """
 
     name: str
@@ -46,16 +47,21 @@ class Surface:
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
+def _black() -> Spectrum:
+    return Spectrum(np.array([550.0]), np.array([0.0]))
+
+
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """The light: a surface of its own that emits and reflects nothing.
+    """The light source: a surface that emits, and reflects by Lambert's law.
 
     radiance : W m^-2 sr^-1 nm^-1, mean over the lamp, along its normal; zero beyond its table.
-    edge_ratio : 0 to 1, radiance at the corners over that at the centre: the radiance goes as
-        e + (1 - e) (1 - X^2) (1 - Z^2), X and Z from -1 to 1 across the lamp, mean kept; 1 is uniform.
-    exponent : radiance goes as cos^n of the angle from the normal; 0 is Lambert's law.
-    pattern : (rows, columns) radiance of equal cells over the mean, or None. Columns go along the first edge of
-        the lamp's first quad, rows along its last, both from its first corner.
+    edge_ratio : 0 to 1, radiance at the corners relative to the centre. The radiance is proportional to
+        e + (1 - e) (1 - X^2) (1 - Z^2), X and Z from -1 to 1 across the lamp, its mean unchanged; 1 is uniform.
+    exponent : the radiance is proportional to cos^n of the angle from the normal; 0 is Lambert's law.
+    pattern : (rows, columns) radiance of equal cells relative to the mean, or None. Columns run along the first
+        edge of the lamp's first quad, rows along its last edge, both from its first corner.
+    reflectance : 0 to 1, held constant beyond its table, alike all over the lamp.
     """
 
     surface: Surface
@@ -63,13 +69,19 @@ class Lamp:
     edge_ratio: float = 1.0
     exponent: float = 0.0
     pattern: NDArray[np.float64] | None = None
+    reflectance: Spectrum = field(default_factory=_black)
+
+    @property
+    def reflects(self) -> bool:
+        """Whether the reflectance is above 0 anywhere."""
+        return bool(self.reflectance.values.any())
 
 
 @dataclass(frozen=True, eq=False)
 class Medium:
-    """What fills all space between the surfaces, the same everywhere.
+    """A homogeneous medium that fills the space between the surfaces.
 
-    scattering_per_mm, absorption_per_mm : coefficients, held constant beyond their tables.
+    scattering_per_mm, absorption_per_mm : coefficients >= 0, held constant beyond their tables.
     anisotropy : mean cosine of the scattering angle, -1 to 1 (Henyey and Greenstein 1941); 0 is isotropic.
     """
 
@@ -79,21 +91,26 @@ class Medium:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """One box. Lengths in mm; surfaces do not contain the lamp's own surface."""
+class Scene(OwnMappings):
+    """One scene. Lengths in mm. ``surfaces`` does not contain the lamp's surface; ``materials`` is by name."""
 
     name: str
     surfaces: tuple[Surface, ...]
-    materials: dict[str, Material]
+    materials: Mapping[str, Material]
     lamp: Lamp
     source: str = field(default="")
     medium: Medium | None = None
 
     @property
     def diffuse(self) -> bool:
-        """Whether all surfaces in use follow Lambert's law and nothing lies between them."""
+        """Whether all materials in use are Lambertian and there is no medium."""
         used = {surface.material for surface in self.surfaces}
         return self.medium is None and all(self.materials[name].bsdf is None for name in used)
+
+    @property
+    def corners_mm(self) -> NDArray[np.float64]:
+        """(n, 3) vertices of all surfaces except the lamp."""
+        return np.concatenate([surface.vertices_mm for surface in self.surfaces])
 
     def surface(self, name: str) -> Surface:
         """The surface of that name; KeyError with the known names otherwise."""
@@ -102,6 +119,11 @@ class Scene:
                 return surface
         raise KeyError(f"no surface '{name}'; there are {', '.join(s.name for s in self.surfaces)}")
 
+    def reflectances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """(m + 1, w) reflectances of the materials in their order, then that of the lamp."""
+        rows = [*(material.reflectance for material in self.materials.values()), self.lamp.reflectance]
+        return np.array([row.at(wavelength_nm) for row in rows])
+
     def with_lamp(self, radiance: Spectrum) -> Scene:
-        """The same box under another lamp spectrum."""
+        """The same scene with another spectrum of the lamp."""
         return replace(self, lamp=replace(self.lamp, radiance=radiance))

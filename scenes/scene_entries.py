@@ -66,6 +66,7 @@ class LampEntry(_Table):
     name: Name = "light"
     quads_mm: Annotated[list[Quad], Field(min_length=1)]
     radiance: Any
+    reflectance: Any = 0.0
     pattern: list[list[Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]]] | None = None
 
 
@@ -86,12 +87,12 @@ class SceneFile(_Table):
 
 
 def lamp_mesh(entry: LampEntry, where: str) -> Mesh:
-    """The triangles of the lamp; InputError at ``where`` for a quad that crosses itself."""
+    """The triangles of the lamp. Raises InputError (at ``where``) for a quad that crosses itself."""
     return _quads(entry.quads_mm, where)
 
 
 def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
-    """(rows, columns) of mean 1, or None; InputError at ``where`` for a table that cannot be one."""
+    """The lamp's pattern (rows, columns), scaled to mean 1, or None. Raises InputError for an invalid table."""
     if entry.pattern is None:
         return None
     table = f"{where}.pattern"
@@ -106,13 +107,13 @@ def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
 
 
 def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str) -> Mesh:
-    """The triangles of a surface; InputError at ``where`` for a shape that cannot be built."""
+    """The triangles of a surface. Raises InputError (at ``where``) for a shape that cannot be built."""
     given = [key for key in ("quads_mm", "box", "mesh") if getattr(entry, key) is not None]
     if len(given) != 1:
         raise InputError(where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, mesh")
     for key, shape in (("hole", "quads_mm"), ("unit_mm", "mesh")):
         if key in entry.model_fields_set and given != [shape]:
-            raise InputError(f"{where}.{key}", f"'{key}' beside '{given[0]}'", f"it beside '{shape}' only")
+            raise InputError(f"{where}.{key}", f"'{key}' with '{given[0]}'", f"'{key}' only with '{shape}'")
     if entry.box is not None:
         return box_mesh(entry.box.center_mm, entry.box.size_mm, entry.box.yaw_deg)
     if entry.mesh is not None:
@@ -147,7 +148,7 @@ def _quad(quad: list[Point], where: str) -> Mesh:
 
 
 def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
-    """The quads without the lamp's, each of which lies in one quad of its own."""
+    """The quads with the lamp's quads cut out; at most one lamp quad lies in each."""
     whole, meshes = dict(enumerate(quads)), []
     for light in lamp_quads:
         reasons = ["no quad is left for it"]
@@ -159,13 +160,14 @@ def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
                 continue
             if vector_area(quad) @ vector_area(light) < 0:
                 hint = "reverse the order of the lamp's corners"
-                raise InputError(f"{where}.hole", "a lamp facing backwards", "one facing this way", hint)
+                expected = "a lamp facing the same way as the surface"
+                raise InputError(f"{where}.hole", "a lamp facing backwards", expected, hint)
             meshes.append(ring)
             del whole[index]
             break
         else:
-            expected = "each of the lamp's quads flush with this surface and inside a quad of its own"
-            raise InputError(f"{where}.hole", f"no place for the lamp ({reasons[-1]})", expected)
+            expected = "each lamp quad in the plane of this surface and inside a separate quad of it"
+            raise InputError(f"{where}.hole", f"no quad that contains the lamp ({reasons[-1]})", expected)
     rest = [_quad(quad, f"{where}.quads_mm[{index}]") for index, quad in whole.items()]
     return joined([*meshes, *rest])
 

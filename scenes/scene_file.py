@@ -1,8 +1,7 @@
-"""Scene files: a TOML file that describes a box (docs/scene-format.md) becomes a Scene."""
+"""Scene files: reads a scene from a TOML file (docs/scene-format.md)."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from pydantic import ValidationError
 from .checks import radiance_faults, reflectance_faults, surface_faults
 from .errors import InputError
 from .faults import combined, faults_of_validation, referred, suggestion
+from .input_files import read_toml
 from .scene import Lamp, Material, Medium, Scene, Surface
 from .scene_entries import MediumEntry, SceneFile, SpectrumTable, lamp_mesh, lamp_pattern, surface_mesh
 from .spectra import Outside, Spectrum, read_spectrum
@@ -28,9 +28,9 @@ def packaged_scenes() -> list[str]:
 
 
 def load_scene(path_or_name: str | Path) -> Scene:
-    """The scene of a file, or of the program's own by name ("cornell-box").
+    """The scene in a TOML file, or a packaged scene by name ("cornell-box").
 
-    Raises one InputError that tells all faults of the file.
+    Raises one InputError that lists all faults of the file.
     """
     if str(path_or_name) in packaged_scenes():
         path = PACKAGED / f"{path_or_name}.toml"
@@ -40,19 +40,9 @@ def load_scene(path_or_name: str | Path) -> Scene:
 
 
 def _read(path: Path) -> SceneFile:
-    expected = "a readable scene file in TOML"
-    try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        known = packaged_scenes()
-        hint = suggestion(str(path), known) or f"scenes of the program's own: {', '.join(known)}"
-        raise InputError(path, "no such file", expected, hint) from None
-    except UnicodeDecodeError:
-        raise InputError(path, "bytes that are no text", expected) from None
-    except OSError as error:
-        raise InputError(path, error.strerror or str(error), expected) from None
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, a null byte in the path, nesting
-        raise InputError(path, str(error), expected) from None
+    known = packaged_scenes()
+    hint = suggestion(str(path), known) or f"packaged scenes: {', '.join(known)}"
+    content = read_toml(path, "a scene file in TOML", hint)
     try:
         return SceneFile.model_validate(content)
     except ValidationError as error:
@@ -61,7 +51,7 @@ def _read(path: Path) -> SceneFile:
 
 @contextmanager
 def _gathered(faults: list[InputError]) -> Iterator[None]:
-    """One part of the file: a fault in it is kept, and reading goes on with the next part."""
+    """Collect the fault raised in the block, so that reading goes on with the next part of the file."""
     try:
         yield
     except InputError as fault:
@@ -82,14 +72,16 @@ def _built(path: Path, file: SceneFile) -> Scene:
             if material.bsdf is not None and not isinstance(material.bsdf.get("type"), str):
                 hint = 'for example bsdf = { type = "roughplastic", diffuse_reflectance = "reflectance" }'
                 raise InputError(
-                    f"{path}: material.{name}.bsdf", "no type", "the name of a BSDF of Mitsuba", hint
+                    f"{path}: material.{name}.bsdf", "no type", "the name of a Mitsuba BSDF", hint
                 )
     with _gathered(faults):
         where = f"{path}: lamp"
         radiance = _spectrum(path, file.lamp.radiance, f"{where}.radiance", "zero")
         shape = lamp_mesh(file.lamp, where)
         surface = Surface(file.lamp.name, file.lamp.name, *shape)
-        lamp = Lamp(surface, radiance, pattern=lamp_pattern(file.lamp, where))
+        reflectance = _spectrum(path, file.lamp.reflectance, f"{where}.reflectance", "hold")
+        lamp = Lamp(surface, radiance, pattern=lamp_pattern(file.lamp, where), reflectance=reflectance)
+        faults += reflectance_faults(reflectance, f"{where}.reflectance")
         faults += radiance_faults(radiance, f"{where}.radiance")
         faults += surface_faults(lamp.surface, f"{where}.quads_mm")
     medium = None
@@ -100,7 +92,7 @@ def _built(path: Path, file: SceneFile) -> Scene:
         where = f"{path}: surface[{index}] ({entry.name})"
         with _gathered(faults):
             if entry.name in names:
-                raise InputError(where, "a name already taken", "one name for each surface and the lamp")
+                raise InputError(where, "a name used before", "a unique name for each surface and the lamp")
             names.append(entry.name)
             if entry.material not in file.material:
                 faults.append(_missing_material(entry.material, list(file.material), f"{where}.material"))
@@ -119,7 +111,7 @@ def _medium(path: Path, entry: MediumEntry) -> Medium:
         where = f"{path}: medium.{key}"
         spectrum = _spectrum(path, getattr(entry, key), where, "hold")
         if (lowest := spectrum.values.min()) < 0:
-            raise InputError(where, f"{lowest:g}", "no coefficient below 0")
+            raise InputError(where, f"{lowest:g}", "coefficients of 0 or more")
         coefficients.append(spectrum)
     scattering, absorption = coefficients
     return Medium(scattering, absorption, entry.anisotropy)
@@ -143,7 +135,7 @@ def _spectrum(path: Path, entry: object, where: str, outside: Outside) -> Spectr
     except ValidationError as error:
         raise combined(faults_of_validation(Path(where), error, SpectrumTable)) from None
     except OverflowError:
-        raise InputError(where, "an integer beyond all bounds", "a reflectance") from None
+        raise InputError(where, "an integer too large for a float", "a reflectance") from None
     except InputError as error:
         raise referred(error, where) from None
     constant = ", or one number" if outside == "hold" else ""

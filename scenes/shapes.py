@@ -1,6 +1,6 @@
-"""Triangle meshes from what a scene file may hold: quads, quads with a hole, boxes, mesh files.
+"""Triangle meshes of the shapes in a scene file: quads, quads with a hole, boxes, mesh files.
 
-Every function returns (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the lit side.
+A mesh is (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the lit side.
 """
 
 from __future__ import annotations
@@ -14,17 +14,23 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from .errors import InputError
+from .input_files import require_regular_file
 
-__all__ = ["Mesh", "box_mesh", "file_mesh", "joined", "quad_mesh", "ring_mesh", "vector_area"]
+__all__ = [
+    "Mesh", "box_mesh", "file_mesh", "joined", "moved_on_floor", "quad_mesh", "ring_mesh", "vector_area",
+]  # fmt: skip
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
-#: How far from the plane of a quad its hole's corners may lie, as a share of the quad's size.
+#: Largest distance of a hole's corners from the plane of their quad, relative to the quad's size.
 PLANE_TOLERANCE = 1e-4
+
+#: Vertices this near to the lowest one stand on the floor, mm.
+STANDING_MM = 1e-3
 
 
 def quad_mesh(corners: ArrayLike) -> Mesh:
-    """A quad (4, 3), split 1-2-3 and 1-3-4: the diagonal matters where the corners are not in one plane."""
+    """A quad (4, 3), split into 1-2-3 and 1-3-4; the split matters if the corners are not in one plane."""
     return np.asarray(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int64)
 
 
@@ -37,23 +43,23 @@ def vector_area(corners: ArrayLike) -> NDArray[np.float64]:
 def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
     """A convex polygon (n, 3) with a convex hole (m, 3) strictly inside it and in its plane: n + m triangles.
 
-    The edges of both polygons are taken in the order of their direction, as in a Minkowski sum. So an outer
-    edge meets the hole's vertex nearest to its line and a hole's edge the outer vertex farthest beyond its
-    line: no triangle reaches into the hole or out of the outer polygon, and together they tile the ring.
-    The ring has the corners as they are given and no others, so it meets its neighbours without a crack.
+    The edges of both polygons are sorted by direction, as in a Minkowski sum. An outer edge then forms a triangle
+    with the hole's vertex nearest to its line, and an edge of the hole with the outer vertex farthest beyond its
+    line. No triangle overlaps the hole or leaves the outer polygon; together they tile the ring. No vertices are
+    added, so neighbouring surfaces meet the ring without cracks.
 
-    Raises ValueError where a polygon is not convex, or the hole is not in the plane or not inside.
+    Raises ValueError if a polygon is not convex, or the hole is not in the plane or not inside.
     """
     outer, hole = np.asarray(outer, float), np.asarray(hole, float)
     normal = vector_area(outer)
     first = outer[1] - outer[0]
     if not (normal.any() and first.any()):
-        raise ValueError("what is around the hole has no area")
+        raise ValueError("the quad has no area")
     axes = np.stack([first, np.cross(normal, first)])
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     height = (np.concatenate([outer, hole]) - outer[0]) @ (normal / np.linalg.norm(normal))
     if np.abs(height).max() > PLANE_TOLERANCE * np.ptp(outer, axis=0).max():
-        raise ValueError("the hole and what is around it are not in one plane")
+        raise ValueError("the hole and the quad are not in one plane")
     if vector_area(hole) @ normal < 0:
         hole = hole[::-1]
     around, inside = outer @ axes.T, hole @ axes.T
@@ -61,9 +67,9 @@ def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
     edges_inside = np.roll(inside, -1, axis=0) - inside
     for edges in (edges_around, edges_inside):
         if _cross(edges, np.roll(edges, -1, axis=0)).min() <= 0:
-            raise ValueError("the hole or what is around it is not convex")
+            raise ValueError("the hole or the quad is not convex")
     if _cross(edges_around[:, None], inside - around[:, None]).min() <= 0:
-        raise ValueError("the hole is not inside")
+        raise ValueError("the hole is not inside the quad")
 
     n, m = len(outer), len(hole)
     edges = np.concatenate([edges_around, edges_inside])
@@ -81,10 +87,21 @@ def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
 
 
 def box_mesh(center_mm: ArrayLike, size_mm: ArrayLike, yaw_deg: float) -> Mesh:
-    """A block lit from outside (8 vertices, 12 faces), turned about +y through its centre, right-handed."""
+    """A block with outward faces (8 vertices, 12 faces), turned about +y through its centre, right-handed."""
     shape = trimesh.creation.box(extents=np.asarray(size_mm, float))
     turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(np.asarray(shape.vertices, float))
     return turned + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
+
+
+def moved_on_floor(vertices_mm: ArrayLike, dx_mm: float, dz_mm: float, yaw_deg: float) -> NDArray[np.float64]:
+    """Vertices (n, 3) of a block turned about +y (right-handed) through the mean of its footprint's corners, then
+    shifted."""
+    vertices = np.asarray(vertices_mm, float)
+    height = vertices[:, 1]
+    footprint = np.unique(vertices[height < height.min() + STANDING_MM], axis=0)
+    centre = footprint.mean(axis=0)
+    turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(vertices - centre)
+    return turned + centre + np.array([dx_mm, 0.0, dz_mm])
 
 
 def file_mesh(path: Path, unit_mm: float) -> Mesh:
@@ -96,19 +113,20 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("obj", "ply", "stl"):
         raise InputError(path, f"a file of kind '{kind}'", expected)
+    require_regular_file(path, expected)
     try:
         with open(path, "rb") as stream:
-            # skip_materials: colours come from the scene file, and no further file is to be opened
+            # skip_materials: reflectances come from the scene file, and no other file may be opened
             mesh = trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
-    except Exception as error:  # the mesh parsers raise whatever their input makes them stumble over
+    except Exception as error:  # the mesh parsers raise exceptions of any type on damaged input
         raise InputError(path, f"{type(error).__name__}: {error}", expected) from None
     if faces.ndim != 2 or faces.shape[0] == 0 or faces.shape[1] != 3:
         raise InputError(path, "no triangles", "a mesh with at least one triangle")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(path, "a face with a vertex that is not there", "indices of the file's vertices")
+        raise InputError(path, "a face with a missing vertex", "indices of the file's vertices")
     return vertices * unit_mm, faces
 
 

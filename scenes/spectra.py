@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 from .faults import path_inside, suggestion
+from .input_files import read_rows
 
 __all__ = ["Spectrum", "planck", "read_spectra", "read_spectrum"]
 
@@ -24,9 +24,11 @@ class Spectrum:
     """A function of wavelength, linear between samples.
 
     wavelength_nm : (n,) strictly ascending, nm.
-    values : (n,) finite; the unit is that of the quantity (reflectance 1, radiance W m^-2 sr^-1 nm^-1).
-    outside : beyond the table the end value is held ("hold": reflectances) or the value is zero
-        ("zero": everything that carries or passes light).
+    values : (n,) finite, in the unit of the quantity (reflectance 1, radiance W m^-2 sr^-1 nm^-1).
+    outside : the value beyond the table: the end value ("hold", for reflectances) or zero ("zero", for radiances,
+        transmittances and quantum efficiencies).
+
+    Raises InputError for tables of different lengths, empty or not finite, or wavelengths that do not ascend.
     """
 
     wavelength_nm: NDArray[np.float64]
@@ -68,9 +70,9 @@ def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64
 
 
 def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
-    """All columns of a CSV: header row, first column ``wavelength_nm`` ascending, the others spectra.
+    """All spectra of a CSV by column name: a header row, first column ``wavelength_nm`` ascending.
 
-    Raises InputError naming the file, column and row of the first fault.
+    Raises InputError with the file, line and column of the first fault.
     """
     try:
         state = path.stat()
@@ -81,19 +83,19 @@ def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
 
 @lru_cache(maxsize=32)
 def _table_as_of(path: Path, outside: Outside, changed_ns: int, size: int) -> dict[str, Spectrum]:
-    """A capture asks for columns of the same few files again and again."""
+    """The table of one version of a file, cached: a capture reads columns of the same files many times."""
     return _read_table(path, outside)
 
 
 def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
-    lines = _read_lines(path)
+    lines = read_rows(path, "a CSV file of spectra")
     if len(lines) < 2:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")
     names = [name.strip() for name in lines[0][1]]
     if names[0] != "wavelength_nm":
         raise InputError(f"{path}: header", f"first column '{names[0]}'", "first column 'wavelength_nm'")
     if len(set(names)) < len(names) or "" in names:
-        raise InputError(f"{path}: header", ", ".join(names), "a name of its own for every column")
+        raise InputError(f"{path}: header", ", ".join(names), "a unique name for every column")
     table = np.empty((len(lines) - 1, len(names)))
     for index, (line, cells) in enumerate(lines[1:]):
         if len(cells) != len(names):
@@ -109,21 +111,6 @@ def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
     return {name: Spectrum(table[:, 0], table[:, i], outside) for i, name in enumerate(names) if i}
 
 
-def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """(line number, cells) of every line of a CSV that is not blank."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except UnicodeDecodeError:
-        raise InputError(path, "bytes that are no text", "a CSV file in UTF-8") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(path, reason, "a readable CSV file") from None
-    except csv.Error as error:
-        raise InputError(path, str(error), "a CSV file") from None
-
-
 def _number(cell: str, where: str) -> float:
     try:
         value = float(cell)
@@ -135,10 +122,10 @@ def _number(cell: str, where: str) -> float:
 
 
 def read_spectrum(folder: Path, reference: str, outside: Outside = "hold") -> Spectrum:
-    """One column by reference ``"file.csv:column"``, the file inside ``folder``.
+    """One column of a CSV inside ``folder``, by the reference ``"file.csv:column"``.
 
     Raises InputError for a reference without a column, a path that leaves the folder, an unknown column,
-    and whatever ``read_spectra`` finds.
+    and the faults of ``read_spectra``.
     """
     name, separator, column = reference.rpartition(":")
     if not separator:
@@ -146,6 +133,6 @@ def read_spectrum(folder: Path, reference: str, outside: Outside = "hold") -> Sp
     path = path_inside(folder, name, f"{folder}: {reference}")
     spectra = read_spectra(path, outside)
     if column not in spectra:
-        known = f"one of {', '.join(spectra)}" if spectra else "a table with columns beside wavelength_nm"
+        known = f"one of {', '.join(spectra)}" if spectra else "a table with columns besides wavelength_nm"
         raise InputError(path, f"no column '{column}'", known, suggestion(column, spectra))
     return spectra[column]

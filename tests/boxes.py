@@ -43,13 +43,13 @@ def walls(ceiling=True, front=True):
     }
 
 
-def box_with_lamp(reflectance, lamp_half=200.0, front=True, **lamp):
+def box_with_lamp(rho, lamp_half=200.0, front=True, **lamp):
     """A grey cube with a square lamp flush in the middle of its ceiling."""
     corners = walls(front=front)
     hole = square(np.array([EDGE / 2, EDGE, EDGE / 2]), lamp_half, 1, -1)
     surfaces = [quad(name, c) for name, c in corners.items() if name != "ceiling"]
     surfaces.append(Surface("ceiling", "grey", *ring_mesh(corners["ceiling"], hole)))
-    return Scene("box", tuple(surfaces), {"grey": grey(reflectance)}, Lamp(quad("light", hole), FLAT, **lamp))
+    return Scene("box", tuple(surfaces), {"grey": grey(rho)}, Lamp(quad("light", hole), FLAT, **lamp))
 
 
 def lamp_and(surfaces, lamp_corners, **lamp):

@@ -9,6 +9,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
+from places import SHARED
 
 # derandomize: the same examples on every run, so that a failure can be repeated
 settings.register_profile(
@@ -20,7 +21,6 @@ settings.load_profile("repeatable")
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of measurements and published data beside the repository."""
-    folder = Path(__file__).resolve().parents[2] / "shared"
-    if not folder.is_dir():
+    if not SHARED.is_dir():
         pytest.skip("needs the folder 'shared' beside the repository (captures, measurements); it is absent")
-    return folder
+    return SHARED

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.band_images import Mask, band_images
-from cboxlab.calibration.colorimetry import FilterWeights, fit_filter_weights
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, BandResponse
+from cboxlab.calibration.colour.colorimetry import FilterWeights, fit_filter_weights
+from cboxlab.calibration.correction.band_images import Mask, band_images
+from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
-from cboxlab.validate.compare import Comparison, compare
-from cboxlab.validate.metrics import Run
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from cboxlab.validate.compare.comparison import Comparison, compare
+from cboxlab.validate.report.metrics import Run
 
 BANDS = ("f450", "f500", "f550", "f600", "f650")
 SURFACES = ("floor", "ceiling", "back wall", "red wall", "green wall", "block")
@@ -24,7 +25,7 @@ REFLECTANCE = np.array([
 
 
 def surfaces(size: int = 96) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """surface (y, x), pure (y, x) and where the lamp is (y, x)."""
+    """surface (y, x), single_surface (y, x) and where the lamp is (y, x)."""
     v, u = (np.indices((size, size)) - (size - 1) / 2) / (size / 2)
     surface = np.full((size, size), -1, np.int16)
     inside = np.maximum(np.abs(u), np.abs(v)) < 0.96
@@ -37,8 +38,8 @@ def surfaces(size: int = 96) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     lamp = (np.abs(u) < 0.2) & (v > -0.75) & (v < -0.62)
     surface[lamp] = -1
     padded = np.pad(surface, 1, mode="edge")
-    pure = (surface == padded[1:-1, 2:]) & (surface == padded[2:, 1:-1])
-    return surface, pure, lamp
+    single_surface = (surface == padded[1:-1, 2:]) & (surface == padded[2:, 1:-1])
+    return surface, single_surface, lamp
 
 
 @dataclass(frozen=True)
@@ -48,19 +49,20 @@ class FakeBox:
     size: int = 96
     render_over_sensor: float = 0.3
     surface: np.ndarray = field(init=False)
-    pure: np.ndarray = field(init=False)
+    single_surface: np.ndarray = field(init=False)
     lamp: np.ndarray = field(init=False)
     truth: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        surface, pure, lamp = surfaces(self.size)
+        surface, single_surface, lamp = surfaces(self.size)
         v, u = np.indices((self.size, self.size)) / self.size
         light = np.array([700.0, 1500.0, 2400.0, 3000.0, 2600.0])[:, None, None]
         shade = 0.35 + 0.65 * np.exp(-((u - 0.5) ** 2 + (v - 0.25) ** 2) / 0.3)
         reflectance = np.where(surface >= 0, REFLECTANCE[np.maximum(surface, 0)].transpose(2, 0, 1), 0.0)
         truth = light * shade * reflectance
         truth[:, lamp] = 4095.0
-        for name, value in (("surface", surface), ("pure", pure), ("lamp", lamp), ("truth", truth)):
+        values = {"surface": surface, "single_surface": single_surface, "lamp": lamp, "truth": truth}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -96,7 +98,7 @@ class FakeBox:
         measured, rendered = self.images(seed, factor)
         arguments: dict = {
             "xyz_per_dn": self.xyz_per_dn, "lamp_xyz": self.lamp_xyz, "surface": self.surface,
-            "surface_names": SURFACES, "pure": self.pure, **changes,
+            "surface_names": SURFACES, "single_surface": self.single_surface, **changes,
         }  # fmt: skip
         return compare(measured, rendered, self.sensor_variance, **arguments)
 
@@ -119,7 +121,7 @@ def fake_weights() -> tuple[FilterWeights, list[BandResponse]]:
     """Weights fitted to Gaussian filters."""
     responses = [
         BandResponse(
-            band, WAVELENGTH_NM, 1e18 * np.exp(-0.5 * ((WAVELENGTH_NM - float(band[1:])) / 22) ** 2), 1.0
+            band, INTEGRAL_GRID, 1e18 * np.exp(-0.5 * ((WAVELENGTH_NM - float(band[1:])) / 22) ** 2), 1.0
         )
         for band in BANDS
     ]

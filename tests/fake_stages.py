@@ -3,12 +3,16 @@
 from typing import Any
 
 import numpy as np
+from cboxlab.render.chain.band_curves import BandCurves
+from cboxlab.render.chain.counts import Counts
+from cboxlab.render.chain.light import Light
+from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.effects import BandCurves, Counts, Effect, Light, apply_checked
-from cboxlab.validate.model import RenderSettings
+from cboxlab.scenes.wavelength_grid import FILTER_GRID
+from cboxlab.validate.effects import Effect, apply_checked
 
 BANDS = ("f400", "f550", "f700")
-NM = np.arange(380.0, 801.0)
+NM = FILTER_GRID.nm
 
 
 def light(size=(40, 48)) -> Light:
@@ -32,7 +36,12 @@ def counts() -> Counts:
 def curves() -> BandCurves:
     bells = np.exp(-0.5 * ((NM - np.array([[400.0], [550.0], [700.0]])) / 15) ** 2)
     return BandCurves(
-        BANDS, NM, np.tile(bells, (4, 1, 1)), np.linspace(0, 0.2, 4), np.ones((3, NM.size)), np.ones(3)
+        BANDS,
+        FILTER_GRID,
+        np.tile(bells, (4, 1, 1)),
+        np.linspace(0, 0.2, 4),
+        np.ones((3, NM.size)),
+        np.ones(3),
     )
 
 

@@ -2,12 +2,12 @@
 
 import importlib
 import sys
-from pathlib import Path
 
 import pytest
-from cboxlab.render.variant import compiled
+from cboxlab.render.device.variant import compiled
+from places import ROOT
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+BENCHMARKS = ROOT / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -1,65 +1,82 @@
-"""The walls of the house: which room may import which, and how long a module may be."""
+"""Which room and which package may import which, and how long a module may be."""
 
-import ast
-from pathlib import Path
+import itertools
+from graphlib import TopologicalSorter
 
 import pytest
+from architecture import DRAWING, MODULES, drawing, imported, imports_of, package_imports, package_of
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 MAY_IMPORT = {
     "scenes": set(),
     "calibration": {"scenes"},
     "render": {"scenes", "calibration"},
     "validate": {"scenes", "calibration", "render"},
 }
-MODULES = [path for room in MAY_IMPORT for path in sorted((ROOT / room).rglob("*.py"))]
 
-
-def rooms_imported(source: str, room: str, depth: int = 0) -> set[str]:
-    """The other rooms that a module imports; ``depth`` folders below its room."""
-    found = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = ["cboxlab", room, *["?"] * depth][: 2 + depth + 1 - node.level] if node.level else []
-            stem = ".".join([*base, *([node.module] if node.module else [])])
-            names = [f"{stem}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in names:
-            parts = name.split(".")
-            if parts[0] == "cboxlab":
-                found.add(parts[1] if len(parts) > 1 else "*")
-    return found - {room}
+#: The effects are a catalogue: one file each.
+MOST_MODULES, CATALOGUES = 16, {"validate.effects"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_room_imports_only_the_rooms_below_it(path):
-    room, *inner = path.relative_to(ROOT).parts
-    assert rooms_imported(path.read_text(encoding="utf-8"), room, len(inner) - 1) <= MAY_IMPORT[room]
+    room = path.relative_to(ROOT).parts[0]
+    rooms = {name.split(".")[0] for name in imports_of(path)}
+    assert rooms - {room} <= MAY_IMPORT[room]
+
+
+def test_packages_import_each_other_in_one_direction():
+    TopologicalSorter(package_imports()).prepare()
+
+
+def test_the_drawing_shows_the_imports_as_they_are():
+    """After a change of imports: python tests/architecture.py"""
+    assert DRAWING.read_text(encoding="utf-8") == drawing(package_imports())
+
+
+def test_other_packages_import_from_a_packages_face():
+    """``from ..capture import Capture``, not ``from ..capture.capture import Capture``."""
+    packages = {package_of(p) for p in MODULES} - set(MAY_IMPORT)
+    modules = {f"{package_of(p)}.{p.stem}" for p in MODULES if p.name != "__init__.py"}
+    deep = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in MODULES
+        for name in imports_of(path)
+        if (two := ".".join(name.split(".")[:2])) in packages
+        and two != package_of(path)
+        and name.rpartition(".")[0] in modules
+        and not name.startswith("render.device.variant.")
+    ]
+    assert deep == []
 
 
 @pytest.mark.parametrize(
     ("source", "rooms"),
     [
-        ("from cboxlab.render import tracer", {"render"}),
-        ("import cboxlab.validate.cli as cli", {"validate"}),
-        ("def f():\n    from ..render.tracer import trace", {"render"}),
+        ("from cboxlab.render import tracer", {"render.tracer"}),
+        ("import cboxlab.validate.cli as cli", {"validate.cli"}),
+        ("def f():\n    from ..render.tracer import trace", {"render.tracer.trace"}),
         ("from .. import render", {"render"}),
         ("from cboxlab import render", {"render"}),
-        ("from . import spectra\nfrom .spectra import Spectrum\nimport numpy", set()),
+        ("from . import spectra\nimport numpy", {"scenes.spectra"}),
     ],
 )
-def test_every_way_to_import_a_room_is_seen(source, rooms):
-    assert rooms_imported(source, "scenes") == rooms
+def test_every_way_to_import_is_seen(source, rooms):
+    assert imported(source, "scenes") == rooms
 
 
 def test_imports_of_a_module_in_a_subfolder_are_seen():
-    assert rooms_imported("from ...render import tracer\nfrom ..cli import main", "validate", 1) == {"render"}
+    source = "from ...render import tracer\nfrom ..cli import main"
+    assert imported(source, "validate.effects") == {"render.tracer", "validate.cli.main"}
 
 
 def test_modules_are_short():
-    modules = [*MODULES, *(ROOT / "tests").glob("*.py"), *(ROOT / "benchmarks").glob("*.py")]
+    modules = [*MODULES, *(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")]
     lines = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in modules}
     assert {name: count for name, count in lines.items() if count > 400} == {}
+
+
+def test_packages_are_small():
+    by_package = itertools.groupby(sorted(MODULES, key=package_of), key=package_of)
+    sizes = {name: len(list(modules)) for name, modules in by_package if name not in CATALOGUES}
+    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}

@@ -1,23 +1,29 @@
-"""What an effect is: an identifier, its parameters, where it acts, a pure function, and how to confirm it."""
+"""What an effect is: an identifier, its parameters, the stage it acts at, a pure function, how to confirm it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
+from textwrap import shorten
 from typing import Any, Literal
 
 import numpy as np
-from cboxlab.calibration.sensor_equation import BandResponse
-from cboxlab.scenes.camera import Camera
+from cboxlab.render.chain import Stage
 from cboxlab.scenes.errors import InputError
-from numpy.typing import NDArray
+from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.scenes.scene import Scene
 
-__all__ = ["AppliedEffect", "BandCurves", "Counts", "Effect", "Light", "Parameter", "Stage", "index_of"]
+__all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "index_of"]
 
-#: Where an effect acts, in the order of the chain from lamp to counts, and what its function changes:
-#: scene: Scene. settings: RenderSettings. transport: PatchLight.
-#: camera: Camera. filter: BandCurves. optics: Light. counts: Counts.
-Stage = Literal["scene", "settings", "transport", "camera", "filter", "optics", "counts"]
+#: Characters of a title: a list of all effects fits into 80 columns.
+_LONGEST_TITLE = 50
+
+
+#: What a name among a parameter's choices stands for: any that the scene or the capture at hand holds will do.
+Kind = Literal["material", "surface", "block", "band"]
+
+#: Below this inverse square a number counts as infinite.
+_SMALLEST_INVERSE_SQUARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -25,27 +31,94 @@ class Parameter:
     """One number, or one name out of ``choices`` (then unit, null and bounds mean nothing).
 
     null : the value at which the effect does nothing, None for a parameter that has none (a peak's place).
-    low, high : bounds of what is physically plausible. step : a small change, for derivatives.
-    open : the choices are the published box's; any name that the scene or the capture at hand holds will do.
+    null_in : how it is read from a scene, where it is the model's own value; ``null`` is then the published box's.
+    low, high : bounds of what is physically plausible. default : what a model file that leaves it out means.
+    kind : what its names stand for. The choices are then those of the published box; any name of that kind in the
+    scene or capture at hand will do. None where the choices are all there are.
+    scale : in which coordinate the effect grows evenly with the number, and a fit searches: the number itself, or
+    n^-2. step : a small change of that coordinate, for derivatives.
+    starts : where a search starts, for a number without null; by default at ``default``, or else half way between
+    the bounds. example : the value in the effect's picture; by default four steps from null, or the first choice.
+    grows_with_aperture : whether the number is in proportion to the aperture's diameter, as the width of a blur is.
     """
 
     name: str
     unit: str = "1"
+    _: KW_ONLY
     null: float | None = None
+    null_in: Callable[[Scene], float] | None = None
     low: float = -np.inf
     high: float = np.inf
     step: float = 1e-3
     default: float | None = None
     choices: tuple[str, ...] = ()
-    open: bool = False
+    kind: Kind | None = None
+    scale: Literal["linear", "inverse square"] = "linear"
+    starts: tuple[float, ...] = ()
+    example: str | float | None = None
+    grows_with_aperture: bool = False
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for fields that contradict each other."""
+        if self.null is not None and np.isinf(self.null) and self.scale != "inverse square":
+            raise ValueError(f"{self.name}: a null value at infinity needs the scale 'inverse square'")
+        if self.kind and not self.choices:
+            raise ValueError(f"{self.name}: a parameter of a kind needs choices, those of the published box")
+
+    @property
+    def starting_values(self) -> tuple[float, ...]:
+        """Where a search starts; one value at least."""
+        middle = 0.5 * (self.low + self.high) if self.default is None else self.default
+        return self.starts or (middle,)
+
+    def to_coordinate(self, value: float) -> float:
+        """The number in the coordinate of ``scale``."""
+        return 1 / value**2 if self.scale == "inverse square" else value
+
+    def from_coordinate(self, coordinate: float) -> float:
+        """The number of a coordinate, kept within the bounds."""
+        if self.scale == "inverse square":
+            if coordinate <= _SMALLEST_INVERSE_SQUARE:
+                return self.high
+            return float(min(coordinate**-0.5, self.high))
+        return float(np.clip(coordinate, self.low, self.high))
+
+    @property
+    def coordinate_bounds(self) -> tuple[float, float]:
+        """Lowest and highest coordinate."""
+        if self.scale == "inverse square":
+            return self.to_coordinate(self.high), self.to_coordinate(self.low)
+        return self.low, self.high
+
+    @property
+    def null_coordinate(self) -> float:
+        """The coordinate of the null value; 0 where there is none."""
+        return 0.0 if self.null is None else self.to_coordinate(self.null)
+
+    @property
+    def coordinate_step(self) -> float:
+        """A small step of the coordinate, away from null within bounds where there is a null."""
+        inside = self.null_coordinate + self.step <= self.coordinate_bounds[1]
+        return self.step if inside else -self.step
+
+    def deviation(self, value: float, coordinate_deviation: float) -> float:
+        """The standard deviation of the number for one of its coordinate: c = n^-2 gives dn = n^3 / 2 dc."""
+        return coordinate_deviation * (0.5 * value**3 if self.scale == "inverse square" else 1.0)
 
 
 @dataclass(frozen=True)
 class Effect:
     """One physical cause that a model may lack.
 
-    summary : what happens in the real box. apply : pure function (value of the stage, **parameters) -> value.
-    confirm : how a laboratory confirms it or rules it out. sources : where the formula is from.
+    stage : where in the chain it acts (``render.chain``). summary : what happens in the real box, with the formula.
+    title : the same in a few words, for lists (at most 50 characters); the summary's beginning where it is left out.
+    apply : pure function of the stage's value and the parameters by name, to the stage's value. confirm : how a
+    laboratory confirms it or rules it out. sources : where the formula is from.
+    acts_on_charge : of the counts stage: whether it changes charge, before shot noise arises, or else counts as they
+    are read out. spectral_step_nm : of the transport stage: steps of the wavelengths, dividing 300 nm, at which a
+    synthetic capture computes its change; the change is linear in between.
+    imitates_lamp_power : whether the fit of the lamp's power can do all that the effect does to the picture. Then only
+    the lamp's stated uncertainty speaks against the effect.
     """
 
     id: str
@@ -54,16 +127,56 @@ class Effect:
     parameters: tuple[Parameter, ...]
     apply: Callable[..., Any]
     confirm: str
+    _: KW_ONLY
+    title: str = ""
     sources: tuple[str, ...] = ()
+    acts_on_charge: bool = True
+    spectral_step_nm: int = 20
+    imitates_lamp_power: bool = False
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a title that does not fit into a list."""
+        if len(self.title) > _LONGEST_TITLE:
+            raise ValueError(
+                f"{self.id}: a title of {len(self.title)} characters, at most {_LONGEST_TITLE} fit"
+            )
+
+    @property
+    def in_few_words(self) -> str:
+        """The title, or the summary's beginning."""
+        return self.title or shorten(self.summary, _LONGEST_TITLE, placeholder="…")
 
     @property
     def numbers(self) -> tuple[Parameter, ...]:
         """The parameters that are numbers."""
         return tuple(p for p in self.parameters if not p.choices)
 
+    def to_dict(self) -> dict[str, Any]:
+        """What the effect is, ready for JSON. A parameter has bounds or choices; its null value may be infinite."""
+        return {
+            "effect": self.id, "stage": self.stage, "title": self.in_few_words, "summary": self.summary,
+            "parameters": [
+                {"name": p.name, "choices": list(p.choices)} if p.choices
+                else {"name": p.name, "unit": p.unit, "null": p.null, "low": p.low, "high": p.high,
+                      "default": p.default}
+                for p in self.parameters
+            ],
+            "confirm": self.confirm, "sources": list(self.sources),
+        }  # fmt: skip
+
+    def within(self, scene: Scene) -> Effect:
+        """The effect with the null values that it has in a scene."""
+        own = [p if p.null_in is None else replace(p, null=p.null_in(scene)) for p in self.parameters]
+        return replace(self, parameters=tuple(own))
+
+    @property
+    def imitates_nuisance(self) -> bool:
+        """Whether the fit of camera or lamp does to the picture what the effect does, or a part of it."""
+        return self.imitates_lamp_power or self.stage == "camera"
+
 
 def index_of(name: str, known: Iterable[str], key: str) -> int:
-    """Where a name stands among those that scene or capture hold; raises InputError (at ``key``) if nowhere."""
+    """Index of a name among those of scene or capture. Raises InputError (at ``key``) for a name that is not there."""
     names = list(known)
     if name not in names:
         raise InputError(f"effect {key}", f"'{name}', which is not there", f"one of {', '.join(names)}")
@@ -71,7 +184,7 @@ def index_of(name: str, known: Iterable[str], key: str) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class AppliedEffect:
+class AppliedEffect(OwnMappings):
     """An effect with values for all of its parameters. sigma : standard deviations of those fitted to a capture."""
 
     effect: Effect
@@ -83,88 +196,11 @@ class AppliedEffect:
         """The effect's identifier."""
         return self.effect.id
 
+    @property
+    def stage(self) -> Stage:
+        """Where in the chain it acts."""
+        return self.effect.stage
+
     def apply(self, value: Any, *context: Any) -> Any:
         """The stage's value, changed."""
         return self.effect.apply(value, *context, **self.values)
-
-
-@dataclass(frozen=True, eq=False)
-class BandCurves:
-    """What the filter stage changes: the band responses, factored, as seen at field angles.
-
-    wavelength_nm : (w,). transmittance : (angle, band, w) of the filters alone, at the sines squared of the
-    field angle ``sine_squared`` (angle,), ascending from 0. rest : (band, w) F Q T_lens. factor : (band,) K.
-    Effects of this stage act in every frame through the filter, flats and reference too.
-    """
-
-    bands: tuple[str, ...]
-    wavelength_nm: NDArray[np.float64]
-    transmittance: NDArray[np.float64]
-    sine_squared: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    factor: NDArray[np.float64]
-
-    def responses(self, angle: int = 0) -> tuple[BandResponse, ...]:
-        """The band responses at one of the field angles."""
-        return tuple(
-            BandResponse(
-                band, self.wavelength_nm, self.rest[i] * self.transmittance[angle, i], float(self.factor[i])
-            )
-            for i, band in enumerate(self.bands)
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Light:
-    """What the optics stage changes: the picture of the scene on the sensor, band by band.
-
-    signal : (band, y, x) DN above dark at a flat of 1, not clipped, the lamp included.
-    effective_nm : (band,) mean wavelength of each band's signal. camera : for its principal point and size.
-    moved : change (band, y, x) of the signal when another camera takes the place of this one. beyond_pixels : the
-    change that Gaussian blurs (band,), px, make of the light less what they make of pixels. None where the scene
-    behind the picture is not known.
-    """
-
-    signal: NDArray[np.float64]
-    effective_nm: NDArray[np.float64]
-    camera: Camera
-    moved: Callable[[Camera], NDArray[np.float64]] | None = None
-    beyond_pixels: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
-
-    def with_signal(self, signal: NDArray[np.float64]) -> Light:
-        """The same with another signal."""
-        return replace(self, signal=signal)
-
-    def scaled(self, factor: NDArray[np.float64]) -> Light:
-        """The same with ``factor``, (band, 1, 1) or a number, times the light."""
-        moved, beyond = self.moved, self.beyond_pixels
-        return replace(
-            self,
-            signal=factor * self.signal,
-            moved=None if moved is None else lambda camera: factor * moved(camera),
-            beyond_pixels=None if beyond is None else lambda sigma_px: factor * beyond(sigma_px),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Counts:
-    """What the counts stage changes: the expected raw frames, and what is known of their taking.
-
-    scene, flat, reference : (band, y, x) DN, dark and flat field included, not clipped.
-    dark_scene, dark_flat, dark_reference : (band,) DN, the dark frames' level at these exposures.
-    exposure_scene, exposure_flat, exposure_reference : (band,) s. minutes : (band,) from the first frame's
-    beginning to the middle of the band's frames. full_scale : DN.
-    """
-
-    bands: tuple[str, ...]
-    scene: NDArray[np.float64]
-    flat: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    dark_scene: NDArray[np.float64]
-    dark_flat: NDArray[np.float64]
-    dark_reference: NDArray[np.float64]
-    exposure_scene: NDArray[np.float64]
-    exposure_flat: NDArray[np.float64]
-    exposure_reference: NDArray[np.float64]
-    minutes: NDArray[np.float64]
-    full_scale: float

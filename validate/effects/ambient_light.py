@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.perturbation import PatchLight
 from cboxlab.scenes.spectra import planck
 
 from ._effect import Effect, Parameter
@@ -32,6 +32,7 @@ def _apply(light: PatchLight, radiance: float, spectrum: str) -> PatchLight:
 EFFECT = Effect(
     id="ambient-light",
     stage="transport",
+    title="light of the room enters through the open front",
     summary="A uniform surround of the given spectral radiance at 550 nm, seen through the open front and past "
     "the box's front edges.",
     parameters=(
@@ -40,6 +41,7 @@ EFFECT = Effect(
     ),
     apply=_apply,
     confirm="Take one more frame of every band with the lamp off: what it shows above dark is ambient light.",
+    spectral_step_nm=5,
     sources=(
         "Planck's law at 6500 K and 2900 K",
         "Gaussian lines of a triphosphor lamp at 436, 488, 545, 611 nm",

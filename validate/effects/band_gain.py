@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Counts
 
-from ._effect import Counts, Effect, Parameter, index_of
+from ._effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
+
+_BANDS = ("f400", "f450", "f500", "f550", "f600", "f650", "f700")
 
 
 def _apply(counts: Counts, band: str, scale: float) -> Counts:
@@ -22,10 +25,11 @@ def _apply(counts: Counts, band: str, scale: float) -> Counts:
 EFFECT = Effect(
     id="band-gain",
     stage="counts",
+    title="one band's throughput differs from its tables",
     summary="One band's throughput (filter, lens or quantum efficiency) differs from its tables in frames of "
     "the scene: its signal above dark times scale.",
     parameters=(
-        Parameter("band", choices=("f400", "f450", "f500", "f550", "f600", "f650", "f700"), open=True),
+        Parameter("band", choices=_BANDS, kind="band", example="f550"),
         Parameter("scale", "1", null=1.0, low=0.1, high=10.0, step=1e-2),
     ),
     apply=_apply,

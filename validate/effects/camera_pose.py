@@ -24,6 +24,7 @@ def _apply(
 EFFECT = Effect(
     id="camera-pose",
     stage="camera",
+    title="the camera moved after its calibration",
     summary="The camera moved after its calibration: R_new = Rod(r) R with R world to camera (r along right, "
     "down, forward), its centre shifted by t in the scene's axes.",
     parameters=(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.render.chain import Light
 
 from ._blur import blurred
-from ._effect import Effect, Light, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -22,9 +23,20 @@ def _apply(light: Light, sigma_px_per_100nm: float) -> Light:
 EFFECT = Effect(
     id="chromatic-focus",
     stage="optics",
+    title="blur that grows away from 550 nm",
     summary="Blur by a Gaussian whose standard deviation grows linearly away from 550 nm; each band takes "
     "that of its mean wavelength.",
-    parameters=(Parameter("sigma_px_per_100nm", "px per 100 nm", null=0.0, low=0.0, high=5.0, step=0.15),),
+    parameters=(
+        Parameter(
+            "sigma_px_per_100nm",
+            "px per 100 nm",
+            null=0.0,
+            high=5.0,
+            low=0.0,
+            step=0.15,
+            grows_with_aperture=True,
+        ),
+    ),
     apply=_apply,
     confirm="Photograph a slanted edge in every band: the edge spread grows towards both ends of the "
     "spectrum. Refocusing one of the outer bands sharpens it.",

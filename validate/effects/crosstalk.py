@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Counts
 from numpy.typing import NDArray
 from scipy.ndimage import correlate
 
-from ._effect import Counts, Effect, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -35,6 +36,7 @@ def _apply(counts: Counts, fraction: float) -> Counts:
 EFFECT = Effect(
     id="crosstalk",
     stage="counts",
+    title="pixels share charge with their neighbours",
     summary="Each pixel gives a fraction of its charge to its four neighbours, a quarter each, before counts "
     "are cut off; in flats and reference too. No charge leaves by the border.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=2e-3),),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ._effect import Counts, Effect, Parameter
+from cboxlab.render.chain import Counts
+
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -16,10 +18,12 @@ def _apply(counts: Counts, dn: float) -> Counts:
 EFFECT = Effect(
     id="dark-offset",
     stage="counts",
+    title="counts carry an offset that the darks lack",
     summary="An offset in all frames but the darks: a warmer sensor, a drifting bias, a light leak in the "
     "camera.",
     parameters=(Parameter("dn", "DN", null=0.0, low=-200.0, high=200.0, step=1.0),),
     apply=_apply,
+    acts_on_charge=False,
     confirm="Take dark frames between the scene's frames, with the lamp on and the lens covered; or a second "
     "exposure of one band: the offset stays, glare grows.",
 )

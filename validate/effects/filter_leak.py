@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ._effect import BandCurves, Effect, Parameter
+from cboxlab.render.chain import BandCurves
+
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -18,6 +20,7 @@ def _apply(curves: BandCurves, fraction: float) -> BandCurves:
 EFFECT = Effect(
     id="filter-leak",
     stage="filter",
+    title="filters pass light out of their band",
     summary="Filters pass some light out of their band: T + f Tmax (1 - T / Tmax), flats and reference "
     "included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ._effect import Effect, Light, Parameter
+from cboxlab.render.chain import Light
+
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -14,6 +16,7 @@ def _apply(light: Light, fraction: float) -> Light:
 EFFECT = Effect(
     id="ghost",
     stage="optics",
+    title="a faint copy of the image, turned by 180 degrees",
     summary="A reflection between lens surfaces: (1 - f) L + f times L turned by 180 degrees about the "
     "image's centre, the lamp included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),

@@ -1,12 +1,10 @@
-"""Gloss: one paint has a specular coat above its diffuse base."""
+"""Gloss: one material has a specular coat above its diffuse base."""
 
 from __future__ import annotations
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-from cboxlab.render.brdf_change import Coat, changed_reflection, fresnel
-from cboxlab.render.patch_light import PatchLight, with_albedo
+from cboxlab.render.device import dr, mi
+from cboxlab.render.perturbation import Coat, PatchLight, changed_reflection, fresnel, with_albedo
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -16,7 +14,7 @@ __all__ = ["EFFECT"]
 #: Fresnel's reflectance of index 1.5 for diffuse light from outside: 2 Int F(c) c dc over cosines 0 to 1.
 _DIFFUSE_FRESNEL = 0.0918
 
-#: Lobes narrower than this alpha take more samples: they bundle light.
+#: Lobes narrower than this alpha take more samples: their reflections vary more.
 _BROAD = 0.15
 
 
@@ -24,8 +22,8 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     if specular == 0:
         return light
     transport = light.transport
-    paint = index_of(material, light.scene.materials, "gloss: material")
-    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in light.scene.materials.values()])
+    own = index_of(material, light.scene.materials, "gloss: material")
+    rho = light.scene.reflectances(light.wavelength_nm)
     coat = Coat(specular, roughness)
     cosine = np.linspace(0.02, 1.0, 50)
     reflected = coat.albedo(cosine)
@@ -37,7 +35,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 
     changed = with_albedo(
         light,
-        paint,
+        own,
         lambda rho: albedo(rho, through, 2 * float(np.trapezoid(reflected * cosine, cosine))),
         lambda rho, c: albedo(rho, np.interp(c, cosine, passed), np.interp(c, cosine, reflected)),
     )
@@ -51,7 +49,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 
     def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
         place = dr.clip((cosine_in - cosine[0]) / (cosine[1] - cosine[0]), 0, len(cosine) - 1.001)
-        index = mi.UInt32(place)
+        index = dr.minimum(mi.UInt32(place), len(cosine) - 2)
         part = place - mi.Float(index)
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
         return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
@@ -61,10 +59,10 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         transport.camera,
         changed.patch_radiance(),
         rho,
-        paint,
-        base,
-        coat,
-        2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
+        material=own,
+        base=base,
+        coat=coat,
+        samples=2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
         albedo=means,
     )
     return changed.change(added=changed.added + added)
@@ -73,12 +71,13 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 EFFECT = Effect(
     id="gloss",
     stage="transport",
+    title="a paint has a specular coat",
     summary="A coat reflects specular times Fresnel's part (index 1.5) with a GGX lobe of alpha = roughness above "
     "the diffuse base, which gets what the coat lets through on the way in and out.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green"), open=True),
+        Parameter("material", choices=("white", "red", "green"), kind="material"),
         Parameter("specular", "1", null=0.0, low=0.0, high=1.0, step=0.05),
-        Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25),
+        Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25, starts=(0.08, 0.2, 0.45)),
     ),
     apply=_apply,
     confirm="Look at the paint near grazing incidence, or photograph it through a polariser turned by 90 degrees: "

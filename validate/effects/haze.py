@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.haze import STEPS, AirTransport, air_transport
-from cboxlab.render.patch_light import PatchLight
-from cboxlab.render.patch_transport import PatchTransport
+from cboxlab.render.perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
@@ -15,15 +13,15 @@ from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
-#: Between patches, what the air sends onto a surface is interpolated from so many of the nearest.
+#: Light from the air onto a surface is interpolated from so many of the nearest patches.
 _NEIGHBOURS = 4
 
-#: Exchanges between air and surfaces; each adds a part extinction times way of the one before.
+#: Rounds of exchange between air and surfaces; each adds about extinction times path length of the one before.
 _ROUNDS = 6
 
 
 def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLight:
-    """Attenuation on every way; all orders of scattering between cells of air, patches and lamp."""
+    """Attenuation along every path; all orders of scattering between cells of air, patches and lamp."""
     if extinction_per_m == 0:
         return light
     sigma = extinction_per_m * 1e-3
@@ -35,7 +33,7 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
 
     passed = np.exp(-sigma * _distances(air.centres, patches.centre))
     seen = air.seen * passed
-    # reciprocity: what a cell sends to a patch is what it sees of it
+    # by reciprocity, from how much of each patch a cell of air sees
     onto_patches = 4 * (air.volume[:, None] * seen).T / patches.area[:, None]
     lamp = air.lamp * np.exp(-sigma * np.linalg.norm(air.centres - air.lamp_centre, axis=1))
     surround = np.outer(air.escape, light.surround)
@@ -102,7 +100,7 @@ def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.f
 
 
 def _towards_camera(eye: NDArray, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
-    """(y, x, w) mean radiance in the air times mm of way, as it arrives at the camera.
+    """(y, x, w) mean radiance in the air times path length, mm, attenuated on its path to the camera.
 
     smooth : (v, w) of it all that is not the lamp's own.
     """
@@ -120,7 +118,8 @@ def _towards_camera(eye: NDArray, air: AirTransport, smooth: NDArray, sigma: flo
 EFFECT = Effect(
     id="haze",
     stage="transport",
-    summary="The air scatters, isotropically, everywhere between camera and back wall: extinction per metre of way, "
+    title="the air scatters light",
+    summary="The air scatters, isotropically, everywhere between camera and back wall: extinction per metre, "
     "albedo of single scattering.",
     parameters=(
         Parameter("extinction_per_m", "m^-1", null=0.0, low=0.0, high=2.0, step=0.01),

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from cboxlab.render.chain import RenderSettings
 
 from ._effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from ..model import RenderSettings
 
 __all__ = ["EFFECT"]
 
@@ -23,9 +20,10 @@ def _apply(settings: RenderSettings, max_bounces: float) -> RenderSettings:
 EFFECT = Effect(
     id="interreflection",
     stage="settings",
+    title="light bounces on where the model stops",
     summary="Light bounces on where the model stopped: max_bounces reflections between lamp and camera, "
     "infinite in a real box. It does nothing at the model's own number.",
-    parameters=(Parameter("max_bounces", "1", low=0.0, high=np.inf, step=1.0, default=np.inf),),
+    parameters=(Parameter("max_bounces", "1", low=0.0, high=np.inf, step=1.0, default=np.inf, example=2.0),),
     apply=_apply,
     confirm="Line one wall with black velvet: what it sent to the others disappears from the picture, and "
     "with it this difference.",

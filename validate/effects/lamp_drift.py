@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ._effect import Counts, Effect, Parameter
+from cboxlab.render.chain import Counts
+
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -19,6 +21,7 @@ def _apply(counts: Counts, per_minute: float) -> Counts:
 EFFECT = Effect(
     id="lamp-drift",
     stage="counts",
+    title="the lamp's power drifts over the sequence",
     summary="The lamp's power drifts: 1 + per_minute times the minutes since the first frame began, at the "
     "middle of each band's frames.",
     parameters=(Parameter("per_minute", "min^-1", null=0.0, low=-0.1, high=0.1, step=1e-3),),

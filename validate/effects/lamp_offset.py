@@ -1,4 +1,4 @@
-"""Lamp offset: the lamp sits elsewhere in the ceiling, and so does the hole around it."""
+"""Lamp offset: the lamp and the hole around it sit elsewhere in the ceiling."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _area_vectors(surface: Surface, vertices_mm: NDArray[np.float64]) -> NDArray
 
 
 def _with_moved_hole(surface: Surface, corners: NDArray[np.float64], shift: NDArray[np.float64]) -> Surface:
-    """The edges keep their directions, so the triangles around the hole stay right while it stays inside."""
+    """The hole's edges keep their directions, so the triangles around it stay valid while it stays inside."""
     distance = np.linalg.norm(surface.vertices_mm[:, None] - corners, axis=-1)
     hole = distance.min(axis=1) < TOUCHING_MM
     if not hole.any():
@@ -52,6 +52,7 @@ def _apply(scene: Scene, dx_mm: float, dz_mm: float) -> Scene:
 EFFECT = Effect(
     id="lamp-offset",
     stage="scene",
+    title="the lamp sits elsewhere in the ceiling",
     summary="The lamp sits elsewhere in the ceiling's plane, its hole with it: shifted by dx along x and dz "
     "along z.",
     parameters=(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.calibration.sensor_equation import WAVELENGTH_NM, trapezoidal_weights
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 
 from ._effect import Effect, Parameter
 
@@ -23,7 +23,7 @@ def _apply(scene: Scene, mired_shift: float) -> Scene:
     # Relative to 550 nm, which the norm takes out again, so that no exponential overflows.
     tilt = np.exp(-C2_M_K * (1e9 / grid - 1e9 / 550.0) * mired_shift * 1e-6)
     tilted = Spectrum(grid, table.at(grid) * tilt, table.outside)
-    weights = trapezoidal_weights(WAVELENGTH_NM)
+    weights = INTEGRAL_GRID.weights
     before, after = (float(weights @ spectrum.at(WAVELENGTH_NM)) for spectrum in (table, tilted))
     return scene.with_lamp(tilted.scaled(before / after if after else 1.0))
 
@@ -31,6 +31,7 @@ def _apply(scene: Scene, mired_shift: float) -> Scene:
 EFFECT = Effect(
     id="lamp-spectrum",
     stage="scene",
+    title="the lamp is redder or bluer than its table",
     summary="The lamp's colour temperature differs: radiance times exp(-(c2 / lambda) mired_shift 1e-6), "
     "mean over 400 to 700 nm kept; positive is redder.",
     parameters=(Parameter("mired_shift", "MK^-1", null=0.0, low=-150.0, high=150.0, step=1.0),),

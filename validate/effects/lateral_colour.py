@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Light
 from numpy.typing import NDArray
 
-from ._effect import Effect, Light, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -44,7 +45,7 @@ def _apply(light: Light, ppm_per_nm: float) -> Light:
     for side in (-1.0, 1.0):
         here = side * beside > 0
         if here.any():
-            # in between the change is in proportion: a corner moves by less than a pixel
+            # proportional in between: no corner moves by more than a pixel
             most = float(np.abs(beside[here]).max())
             zoomed = replace(light.camera, focal_length_px=light.camera.focal_length_px * (1 + side * most))
             result[here] += (np.abs(beside[here]) / most)[:, None, None] * light.moved(zoomed)[here]
@@ -52,7 +53,7 @@ def _apply(light: Light, ppm_per_nm: float) -> Light:
 
 
 def _resampled(light: Light, beside: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(band, y, x) magnified from pixels alone. What would ring below nothing at a dark border is cut off."""
+    """(band, y, x) magnified from pixels alone. Negative ringing at dark borders is cut off."""
     u, v = light.camera.principal_point_px
     height, width = light.signal.shape[1:]
     magnified = []
@@ -65,6 +66,7 @@ def _resampled(light: Light, beside: NDArray[np.float64]) -> NDArray[np.float64]
 EFFECT = Effect(
     id="lateral-colour",
     stage="optics",
+    title="magnification changes with wavelength",
     summary="Magnification 1 + ppm (lambda - 550 nm) 1e-6 about the principal point, lambda the mean "
     "wavelength of each band: as if each had a focal length of its own. Where the scene behind a picture is not "
     "known it is resampled by cubic convolution.",

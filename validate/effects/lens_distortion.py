@@ -18,6 +18,7 @@ def _apply(camera: Camera, k1: float) -> Camera:
 EFFECT = Effect(
     id="lens-distortion",
     stage="camera",
+    title="distortion beyond the calibrated camera's",
     summary="Radial distortion beyond the calibrated model: added to the camera's k1, the points having been "
     "surveyed before.",
     parameters=(Parameter("k1", "1", null=0.0, low=-0.3, high=0.3, step=1e-3),),

@@ -1,13 +1,14 @@
-"""Nonlinearity: counts bend."""
+"""Nonlinearity: counts are no linear function of light."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Counts
 from numpy.typing import NDArray
 
-from ._effect import Counts, Effect, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -36,9 +37,11 @@ def _apply(counts: Counts, b: float) -> Counts:
 EFFECT = Effect(
     id="nonlinearity",
     stage="counts",
+    title="counts bend towards full scale",
     summary="Counts bend: DN' = DN (1 + b DN / DN_max) on the whole count, bias included, in all frames.",
     parameters=(Parameter("b", "1", null=0.0, low=-0.3, high=0.3, step=2e-3),),
     apply=_apply,
+    acts_on_charge=False,
     confirm="Take a bracket of exposures of one band (a further exposure at half the time is enough): counts "
     "over time bend.",
     sources=("EMVA 1288, linearity",),

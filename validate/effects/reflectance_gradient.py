@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.patch_light import PatchLight
+from cboxlab.render.perturbation import PatchLight
 
 from ._effect import Effect, Parameter, index_of
 
@@ -34,10 +34,11 @@ def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> Patc
 EFFECT = Effect(
     id="reflectance-gradient",
     stage="transport",
+    title="a surface is darker at one end",
     summary="The table's reflectance times 1 - amplitude s, s from 0 to 1 along the positive axis over the "
     "surface's extent.",
     parameters=(
-        Parameter("surface", choices=_SURFACES, open=True),
+        Parameter("surface", choices=_SURFACES, kind="surface"),
         Parameter("axis", choices=("x", "y", "z")),
         Parameter("amplitude", "1", null=0.0, low=-0.3, high=0.9, step=0.02),
     ),

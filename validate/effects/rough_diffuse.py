@@ -1,14 +1,12 @@
-"""Rough-diffuse: one paint is rough, Oren and Nayar's reflection instead of Lambert's."""
+"""Rough-diffuse: one material is rough, Oren and Nayar's reflection instead of Lambert's."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-from cboxlab.render.brdf_change import changed_reflection
-from cboxlab.render.patch_light import PatchLight, with_albedo
+from cboxlab.render.device import dr, mi
+from cboxlab.render.perturbation import PatchLight, changed_reflection, with_albedo
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -34,20 +32,20 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         return light
     transport = light.transport
     materials = light.scene.materials
-    paint = index_of(material, materials, "rough-diffuse: material")
+    own = index_of(material, materials, "rough-diffuse: material")
     square = sigma_rad**2
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
     lobe = _lobe_albedo()
     mean = 2 * float(np.trapezoid(lobe * _COSINES, _COSINES))
     changed = with_albedo(
         light,
-        paint,
+        own,
         lambda rho: rho * (a + b * mean),
         lambda rho, cosine: rho * (a + b * np.interp(cosine, _COSINES, lobe)),
     )
 
     # opaque numbers are no part of a kernel's code, which is thus compiled once
-    own, back = dr.opaque(mi.Float, a), dr.opaque(mi.Float, b)
+    constant, back = dr.opaque(mi.Float, a), dr.opaque(mi.Float, b)
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
         sine_in, sine_out = (
@@ -57,9 +55,9 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         across = incoming.x * outgoing.x + incoming.y * outgoing.y
         # sin sin cos(phi) = across; sin(larger) tan(smaller) = sin sin / cos(smaller angle)
         backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
-        return own + back * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
+        return constant + back * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
-    rho = np.array([m.reflectance.at(light.wavelength_nm) for m in materials.values()])
+    rho = light.scene.reflectances(light.wavelength_nm)
     table = mi.Float(lobe.astype(np.float32))
 
     def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
@@ -67,17 +65,17 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         index = mi.UInt32(place)
         part = place - mi.Float(index)
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
-        return own + back * (low + part * (high - low)), mi.Float(0)
+        return constant + back * (low + part * (high - low)), mi.Float(0)
 
     added = changed_reflection(
         transport.light,
         transport.camera,
         changed.patch_radiance(),
         rho,
-        paint,
-        base,
-        None,
-        light.samples,
+        material=own,
+        base=base,
+        coat=None,
+        samples=light.samples,
         albedo=means,
     )
     return changed.change(added=changed.added + added)
@@ -86,9 +84,10 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
 EFFECT = Effect(
     id="rough-diffuse",
     stage="transport",
+    title="a paint is rough, not Lambertian",
     summary="Oren and Nayar's qualitative model (A, B from sigma in radians), without the interreflection term.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green"), open=True),
+        Parameter("material", choices=("white", "red", "green"), kind="material"),
         Parameter("sigma_rad", "rad", null=0.0, low=0.0, high=1.2, step=0.1),
     ),
     apply=_apply,

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Counts
 from numpy.typing import NDArray
 
-from ._effect import Counts, Effect, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -32,6 +33,7 @@ def _apply(counts: Counts, seconds: float) -> Counts:
 EFFECT = Effect(
     id="shutter-offset",
     stage="counts",
+    title="every exposure is longer than commanded",
     summary="Every exposure, of darks too, is longer than commanded by the same time: signals times 1 + "
     "seconds / exposure.",
     parameters=(Parameter("seconds", "s", null=0.0, low=-0.2, high=1.0, step=1e-3),),

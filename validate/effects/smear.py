@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.render.chain import Counts
 from numpy.typing import NDArray
 
-from ._effect import Counts, Effect, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -28,6 +29,7 @@ def _apply(counts: Counts, fraction: float) -> Counts:
 EFFECT = Effect(
     id="smear",
     stage="counts",
+    title="columns carry a part of their own mean",
     summary="Light that falls in while charge is shifted along the columns: plus the fraction times the "
     "column's mean signal, before counts are cut off; in flats and reference too.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ._effect import Effect, Light, Parameter
+from cboxlab.render.chain import Light
+
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -15,6 +17,7 @@ def _apply(light: Light, fraction: float) -> Light:
 EFFECT = Effect(
     id="veiling-glare",
     stage="optics",
+    title="a part of all light spreads over the image",
     summary="Light scattered in the lens and on the sensor: (1 - f) L + f times the image's mean, the lamp included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
     apply=_apply,

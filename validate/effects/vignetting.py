@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.render.chain import Light
 
-from ._effect import Effect, Light, Parameter
+from ._effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -20,6 +21,7 @@ def _apply(light: Light, edge_loss: float) -> Light:
 EFFECT = Effect(
     id="vignetting",
     stage="optics",
+    title="a fall-off that the flat field did not see",
     summary="A fall-off by 1 - edge_loss r^2, r = 1 in the image's corner, in frames of the scene only: the "
     "flat field was taken at another aperture, focus or without the hood.",
     parameters=(Parameter("edge_loss", "1", null=0.0, low=-0.5, high=0.9, step=5e-3),),

@@ -1,4 +1,4 @@
-"""Wall reflectance: one paint reflects more or less than its table."""
+"""Wall reflectance: one material reflects more or less than its table."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ __all__ = ["EFFECT"]
 
 
 def _apply(scene: Scene, material: str, scale: float) -> Scene:
-    """No paint returns more light than it gets: 1 is the limit. Raises InputError for an unknown paint."""
+    """Reflectances stay below or at 1. Raises InputError for an unknown material."""
     index_of(material, scene.materials, "wall-reflectance: material")
-    paint = scene.materials[material]
-    table = paint.reflectance
+    before = scene.materials[material]
+    table = before.reflectance
     scaled = Spectrum(table.wavelength_nm, np.minimum(table.values * scale, 1.0), table.outside)
-    return replace(scene, materials={**scene.materials, material: replace(paint, reflectance=scaled)})
+    return replace(scene, materials={**scene.materials, material: replace(before, reflectance=scaled)})
 
 
 EFFECT = Effect(
     id="wall-reflectance",
     stage="scene",
+    title="a paint reflects more or less than its table",
     summary="One paint reflects more or less than its table: the table times scale, at most 1.",
     parameters=(
-        Parameter("material", choices=("white", "red", "green"), open=True),
+        Parameter("material", choices=("white", "red", "green"), kind="material"),
         Parameter("scale", "1", null=1.0, low=0.5, high=1.5, step=1e-2),
     ),
     apply=_apply,

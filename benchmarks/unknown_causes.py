@@ -1,0 +1,149 @@
+"""Causes that no catalogue holds, explained: family, surface, place, bands and share, scored as by a stranger.
+
+The causes are those of ``made_causes``; laboratories take turns. Finished captures are kept in --results (JSON lines),
+so that an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from cboxlab.render.image import RenderedImage
+from cboxlab.render.integrators import render_to_precision
+from cboxlab.render.laboratory import CaptureSettings, write_photographs
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare import validate
+from cboxlab.validate.diagnose import diagnose
+from cboxlab.validate.model import Model
+from cboxlab.validate.synthetic.model_capture import perturbed_camera, photographed_light, photographed_scene
+from cboxlab.validate.synthetic.varied import settled, varied_settings
+from made_causes import CAUSES, SIZE_PX, Made, Stack, Truth
+
+_PICTURE_ERROR = 0.002
+_LABORATORIES = 2
+
+#: A place is right within this part of the picture's width.
+_PLACE = 0.1
+
+
+@cache
+def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
+    """A camera, the rest of a laboratory, and its box."""
+    return perturbed_camera(SIZE_PX, seed), varied_settings(seed), settled(photographed_scene(Model()), seed)
+
+
+def _image(scene: Scene, camera: Camera, seed: int) -> RenderedImage:
+    return render_to_precision(scene, camera, WAVELENGTH_NM, _PICTURE_ERROR, max_bounces=None, seed=seed)
+
+
+@cache
+def _sound(seed: int) -> RenderedImage:
+    camera, _, box = laboratory(seed)
+    return _image(box, camera, seed)
+
+
+def write_capture(folder: Path, name: str, seed: int) -> Truth:
+    """One capture with a cause; ``none`` leaves the box sound."""
+    place = 9000 + seed % _LABORATORIES
+    camera, settings, box = laboratory(place)
+    draw = np.random.default_rng([seed, len(name)])
+    made = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
+    pictures = [(_image(s, c, seed + i), c, w) for i, (s, c, w) in enumerate(made.pictures)]
+    total: Stack | None = None
+    for image, seen, weight in pictures or [(_sound(place), camera, 1.0)]:
+        signals, uniform, _ = photographed_light(image, (), None, seen, settings)
+        total = weight * signals if total is None else total + weight * signals
+    assert total is not None
+    sees_lamp = _sound(place).sees_lamp
+    scene = photographed_scene(Model())
+    write_photographs(
+        folder, made.light(total), uniform, sees_lamp, camera=camera, scene=scene, settings=settings, seed=seed,
+        hooks=made.hooks,
+    )  # fmt: skip
+    return made.truth
+
+
+def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
+    """Make one capture, diagnose it, and score the explanation."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (keep or Path(temporary)) / f"{name}-{seed}"
+        truth = write_capture(folder, name, seed)
+        start = time.perf_counter()
+        diagnosis = diagnose(validate(folder, Model()))
+        seconds = time.perf_counter() - start
+    found = diagnosis.explanation
+    place = None if found is None or found.centre_px is None else list(found.centre_px)
+    row = {
+        "key": f"{name}:{seed}", "cause": name, "truth": truth.family, "true_surface": truth.surface,
+        "true_centre": truth.centre_px, "true_band": truth.band, "selected": list(diagnosis.selected),
+        "family": None if found is None else found.family, "surface": None if found is None else found.surface,
+        "centre": place, "bands": [] if found is None else list(found.bands),
+        "share": 0.0 if found is None else found.share, "runner_up": None if found is None else found.runner_up,
+        "told_apart": found is not None and found.told_apart, "chi2": diagnosis.chi2_per_dof, "seconds": seconds,
+    }  # fmt: skip
+    return {**row, **_score(row)}
+
+
+def _score(row: Mapping[str, Any]) -> dict[str, bool]:
+    if row["truth"] == "none":
+        return {"right": not row["selected"], "place": True}
+    true, found = row["true_centre"], row["centre"]
+    if true is None:
+        placed = row["true_surface"] is None or row["surface"] == row["true_surface"]
+    else:
+        placed = found is not None and bool(
+            np.hypot(found[0] - true[0], found[1] - true[1]) < _PLACE * SIZE_PX
+        )
+    return {"right": row["family"] == row["truth"] and row["selected"] == ["unknown"], "place": placed}
+
+
+def main() -> None:
+    """Run what is not in the results yet, and print the table and the rates."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--causes", default=",".join([*CAUSES, "none"]))
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("--results", type=Path, default=Path("unknown_causes.jsonl"))
+    parser.add_argument("--keep", type=Path, help="folder in which the captures stay")
+    options = parser.parse_args()
+    lines = options.results.read_text().splitlines() if options.results.exists() else []
+    rows = {row["key"]: row for row in map(json.loads, lines)}
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        for name in options.causes.split(","):
+            if f"{name}:{seed}" in rows:
+                continue
+            row = run(name, seed, options.keep)
+            rows[row["key"]] = row
+            with options.results.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(
+                f"{row['key']:18} {row['truth']:16} -> {row['family']} {row['surface']} {row['selected']} "
+                f"right {row['right']} place {row['place']} share {row['share']:.2f} {row['seconds']:.0f} s",
+                flush=True,
+            )
+    hidden = [row for row in rows.values() if row["truth"] != "none"]
+    sound = [row for row in rows.values() if row["truth"] == "none"]
+    rates = {
+        "family": float(np.mean([r["right"] for r in hidden])) if hidden else None,
+        "place": float(np.mean([r["place"] for r in hidden])) if hidden else None,
+        "sound": float(np.mean([r["right"] for r in sound])) if sound else None,
+        "captures": len(rows),
+    }
+    print(json.dumps(rates))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,26 @@
+"""A capture on disk: its manifest, frames and labels, and their checks."""
+
+from .capture import Capture, FrameTable, load_capture
+from .first_manifest import FirstManifest, write_first_manifest
+from .labels import Label
+from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
+from .manifest_faults import nearest
+from .mosaic import band_channels, brighter_channel_notes, channel_mask
+
+__all__ = [
+    "BandTable",
+    "BracketTable",
+    "Capture",
+    "DarkTable",
+    "FirstManifest",
+    "FlatTable",
+    "FrameTable",
+    "Label",
+    "ReferenceTable",
+    "band_channels",
+    "brighter_channel_notes",
+    "channel_mask",
+    "load_capture",
+    "nearest",
+    "write_first_manifest",
+]

@@ -1,0 +1,201 @@
+"""Checks of a capture beyond its keys: cross-references within the manifest and the files it names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum, read_spectra
+from PIL import Image, UnidentifiedImageError
+
+from .frames import check_frame
+from .labels import read_labels
+from .manifest import Manifest
+from .manifest_faults import nearest
+
+__all__ = ["capture_faults"]
+
+
+def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
+    for key in ("band", "darks", "flats", "reference", "bracket", "target"):
+        for index, table in enumerate(getattr(manifest, key)):
+            yield f"{key.removesuffix('s')}[{index}].frames", table.frames
+
+
+def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
+    efficiency = manifest.camera.quantum_efficiency
+    for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
+        if column is not None:
+            yield "camera.quantum_efficiency", column
+    if manifest.lens.transmittance is not None:
+        yield "lens.transmittance", manifest.lens.transmittance
+    if manifest.lamp is not None:
+        yield "lamp.radiance", manifest.lamp.radiance
+    for index, band in enumerate(manifest.band):
+        if band.transmittance is not None:
+            yield f"band[{index}] ({band.id}).transmittance", band.transmittance
+    for index, flat in enumerate(manifest.flats):
+        if flat.radiance is not None:
+            yield f"flat[{index}] ({flat.band}).radiance", flat.radiance
+    for index, reference in enumerate(manifest.reference):
+        yield f"reference[{index}] ({reference.band}).radiance", reference.radiance
+
+
+def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    known = [band.id for band in manifest.band]
+    for index, identifier in enumerate(known):
+        if identifier in known[:index]:
+            yield InputError(
+                f"{path}: band[{index}].id",
+                f"'{identifier}' a second time",
+                "a different id for each band",
+                "Further exposures of a band are [[bracket]] tables.",
+            )
+    for key in ("flats", "reference", "bracket"):
+        for index, table in enumerate(getattr(manifest, key)):
+            if table.band not in known:
+                yield InputError(
+                    f"{path}: {key.removesuffix('s')}[{index}].band",
+                    f"'{table.band}'",
+                    f"one of {', '.join(known)}",
+                    nearest(table.band, known),
+                )
+    exposures = [dark.exposure_s for dark in manifest.darks]
+    for index, exposure in enumerate(exposures):
+        if exposure in exposures[:index]:
+            yield InputError(
+                f"{path}: dark[{index}].exposure_s",
+                f"{exposure:g} s a second time",
+                "one [[dark]] per exposure",
+                "List all its frames in one table.",
+            )
+    camera = manifest.camera
+    if manifest.mosaic is None and isinstance(camera.quantum_efficiency, tuple):
+        yield InputError(
+            f"{path}: camera.quantum_efficiency", "a list", "one column", "A list needs [mosaic]."
+        )
+    if manifest.mosaic is not None and isinstance(camera.quantum_efficiency, str):
+        yield InputError(
+            f"{path}: camera.quantum_efficiency",
+            "one column",
+            "a list of three, R, G, B, since the sensor has a [mosaic]",
+        )
+    crop = manifest.crop
+    if crop is not None:
+        for axis, start, size, full in (
+            ("width", crop.u0_px, camera.width_px, crop.full_width_px),
+            ("height", crop.v0_px, camera.height_px, crop.full_height_px),
+        ):
+            if start + size > full:
+                yield InputError(
+                    f"{path}: crop",
+                    f"a window that ends at {start + size} px",
+                    f"an end within full_{axis}_px = {full}",
+                )
+
+
+def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
+    try:
+        inside = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # link loops, null bytes, names that are too long
+        raise InputError(f"{path}: {key}", f"{name!r} ({error})", "a file inside the folder") from None
+    if not inside:
+        raise InputError(
+            f"{path}: {key}",
+            f"'{name}', which leaves the folder",
+            "a file inside the folder",
+            "Copy the file into the folder instead of linking to it.",
+        )
+    if not (folder / name).is_file():
+        raise InputError(f"{path}: {key}", f"'{name}', which does not exist", "a file of the capture")
+
+
+def _there(path: Path) -> bool:
+    """Whether a file can be looked into; ``_check_file`` says why not."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _check_labels_image(path: Path, height: int, width: int) -> None:
+    try:
+        with Image.open(path) as image:
+            image.load()
+            found = f"{image.format} of mode {image.mode}, {image.width} x {image.height} px"
+            good = image.mode in ("L", "P") and (image.height, image.width) == (height, width)
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
+        found, good = "a file that is not an image", False
+    if not good:
+        raise InputError(path, found, f"an 8-bit one-channel PNG of {width} x {height} px")
+
+
+def _check_spectrum(
+    folder: Path, path: Path, key: str, reference: str, tables: dict[str, dict[str, Spectrum] | None]
+) -> None:
+    name, _, column = reference.rpartition(":")
+    if name not in tables:
+        tables[name] = None  # so that a faulty file is named once
+        _check_file(folder, path, key, name)
+        tables[name] = read_spectra(folder / name)
+    spectra = tables[name]
+    if spectra is not None and column not in spectra:
+        raise InputError(
+            f"{path}: {key}",
+            f"no column '{column}' in {name}",
+            f"one of {', '.join(spectra)}",
+            nearest(column, spectra),
+        )
+
+
+def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Callable[[], None]]:
+    camera, labels = manifest.camera, manifest.labels
+    for key, names in _frame_lists(manifest):
+        for name in names:
+            yield partial(_check_file, folder, path, key, name)
+            if _there(folder / name):
+                yield partial(check_frame, folder / name, camera.height_px, camera.width_px)
+    tables: dict[str, dict[str, Spectrum] | None] = {}
+    for key, reference in _references(manifest):
+        yield partial(_check_spectrum, folder, path, key, reference, tables)
+    if manifest.geometry is not None:
+        yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
+    if labels is not None:
+        yield partial(_check_file, folder, path, "labels.image", labels.image)
+        if _there(folder / labels.image):
+            yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
+        yield partial(_check_file, folder, path, "labels.names", labels.names)
+        if _there(folder / labels.names):
+            yield partial(_check_label_table, folder / labels.names)
+        if labels.reflectance is not None:
+            yield partial(_check_file, folder, path, "labels.reflectance", labels.reflectance)
+            if _there(folder / labels.reflectance):
+                yield partial(_check_reflectances, folder / labels.reflectance)
+
+
+def _check_label_table(path: Path) -> None:
+    read_labels(path)
+
+
+def _check_reflectances(path: Path) -> None:
+    for name, spectrum in read_spectra(path).items():
+        if np.any(spectrum.values < 0):
+            raise InputError(f"{path}: {name}", "a reflectance below 0", "0 or more")
+
+
+def capture_faults(folder: Path, manifest: Manifest) -> list[InputError]:
+    """All contradictions within the manifest and between it and the files of its folder.
+
+    Of frames only the headers are checked; spectra and label tables are checked completely.
+    """
+    path = folder / "capture.toml"
+    faults = list(_consistency_faults(path, manifest))
+    for check in _file_checks(folder, path, manifest):
+        try:
+            check()
+        except InputError as fault:
+            faults.append(fault)
+    return faults

@@ -1,0 +1,305 @@
+"""The tables and keys of capture.toml (capture format, version 1) and their ranges.
+
+Units are in the names of the keys. Unknown keys are errors.
+"""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+)
+
+__all__ = [
+    "BandTable",
+    "BracketTable",
+    "CameraTable",
+    "CropTable",
+    "DarkTable",
+    "FlatTable",
+    "GeometryTable",
+    "LabelsTable",
+    "LampTable",
+    "LensTable",
+    "Manifest",
+    "MosaicTable",
+    "ReferenceTable",
+    "TargetTable",
+    "example_of",
+]
+
+
+def _inside(path: str) -> str:
+    parts = PurePosixPath(path).parts
+    if not path or "\\" in path or path.startswith("/") or ".." in parts or PureWindowsPath(path).drive:
+        raise ValueError("a relative path with forward slashes that stays in the folder")
+    return path
+
+
+def _column(reference: str) -> str:
+    name, _, column = reference.rpartition(":")
+    if not name or not column:
+        raise ValueError("a column of a file, 'file.csv:column'")
+    return f"{_inside(name)}:{column}"
+
+
+def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(paths)) != len(paths):
+        raise ValueError("different files, each frame listed once")
+    return paths
+
+
+def _pattern(pattern: str) -> str:
+    if len(pattern) != 4 or set(pattern) != {"R", "G", "B"}:
+        raise ValueError("four letters of R, G and B, each at least once, such as 'GBRG'")
+    return pattern
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+# Angle brackets distinguish these tags from keys in the location of a validation error.
+def _kind(value: Any) -> str:
+    return "<text>" if isinstance(value, str) else "<list>"
+
+
+RelativePath = Annotated[str, AfterValidator(_inside)]
+ColumnReference = Annotated[str, AfterValidator(_column)]
+Frames = Annotated[
+    tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)
+]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(gt=0)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+QuantumEfficiency = Annotated[
+    Annotated[ColumnReference, Tag("<text>")]
+    | Annotated[
+        tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")
+    ],
+    Discriminator(_kind),
+]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def _key(description: str, example: str, default: Any = ...) -> Any:
+    """A key of a table: what it is, and its value in TOML by way of example. Required without a default."""
+    return Field(default, description=description, examples=[example])
+
+
+_FRAMES = "repeats of one exposure, averaged: 16-bit unsigned TIFF, one channel, linear counts"
+_EXPOSURE = "exposure time, s"
+_F_NUMBER = "f-number of the lens"
+_DISTANCE = "distance from the lens to the image, mm; the focal length for an object far away"
+_START = "when the first repeat began, s since the capture's first frame; for drifts and their order"
+_BAND = "id of the band"
+
+
+class CameraTable(_Table):
+    """The sensor."""
+
+    width_px: Count = _key("columns of every frame", "256")
+    height_px: Count = _key("rows of every frame", "256")
+    bit_depth: Annotated[int, Field(ge=1, le=16)] = _key(
+        "bits of a count, which runs from 0 to 2^bit_depth - 1; the largest one means saturated", "12"
+    )
+    model: str | None = _key("the camera's name", '"PXL 1300L"', None)
+    pixel_pitch_um: Positive | None = _key(
+        "distance of neighbouring pixels, um, square pixels; for the absolute scale and the first guess of the camera",
+        "9.0", None,
+    )  # fmt: skip
+    gain_e_per_dn: Positive | None = _key(
+        "electrons per count; measured from repeats where there are any", "12.0", None
+    )
+    read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
+    readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
+    quantum_efficiency: QuantumEfficiency | None = _key(
+        "electrons per photon, 0 to 1; with a [mosaic] a list of three columns, R, G, B",
+        '"spectra/camera.csv:quantum_efficiency"', None,
+    )  # fmt: skip
+
+
+class LensTable(_Table):
+    """The lens."""
+
+    focal_length_mm: Positive | None = _key(
+        "nominal focal length, mm; for the absolute scale and the first guess of the camera", "35.0", None
+    )
+    transmittance: ColumnReference | None = _key("of the lens, 0 to 1", '"spectra/camera.csv:lens"', None)
+
+
+class DarkTable(_Table):
+    """Frames with the shutter closed; one table per exposure time in use."""
+
+    frames: Frames = _key(_FRAMES, '["frames/dark-4s-0.tif", "frames/dark-4s-1.tif"]')
+    exposure_s: Positive = _key(_EXPOSURE, "4.0")
+    start_s: float | None = _key(_START, "120.0", None)
+
+
+class BandTable(_Table):
+    """The scene through one filter; one table per filter, in the order taken. A capture has one at least."""
+
+    id: Name = _key("a name of your choice, by which other tables speak of the band", '"f550"')
+    frames: Frames = _key(_FRAMES, '["frames/f550-0.tif", "frames/f550-1.tif"]')
+    exposure_s: Positive = _key(_EXPOSURE, "4.0")
+    transmittance: ColumnReference | None = _key("of the filter, 0 to 1", '"spectra/filters.csv:f550"', None)
+    f_number: Positive | None = _key(_F_NUMBER, "8.0", None)
+    image_distance_mm: Positive | None = _key(_DISTANCE, "36.6", None)
+    start_s: float | None = _key(_START, "0.0", None)
+
+
+class BracketTable(_Table):
+    """A further exposure of a band, for linearity and the exposure offset."""
+
+    band: Name = _key(_BAND, '"f550"')
+    frames: Frames = _key(_FRAMES, '["frames/f550-1s-0.tif"]')
+    exposure_s: Positive = _key(_EXPOSURE, "1.0")
+    f_number: Positive | None = _key(f"{_F_NUMBER}; the band's where left out", "8.0", None)
+    image_distance_mm: Positive | None = _key(f"{_DISTANCE}; the band's where left out", "36.6", None)
+    start_s: float | None = _key(_START, "60.0", None)
+
+
+class FlatTable(BracketTable):
+    """A uniform field through the same lens and filter, for vignetting and the pixels' sensitivities."""
+
+    radiance: ColumnReference | None = _key(
+        "of the field, W m^-2 sr^-1 nm^-1; that of the reference source where left out",
+        '"spectra/flat.csv:radiance"', None,
+    )  # fmt: skip
+
+
+class ReferenceTable(BracketTable):
+    """A source of known spectral radiance that fills the field, for the absolute scale."""
+
+    radiance: ColumnReference = _key("of the source, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"')
+
+
+class LampTable(_Table):
+    """The light of the scene."""
+
+    radiance: ColumnReference = _key(
+        "of the lamp's surface, by spectroradiometer, W m^-2 sr^-1 nm^-1", '"spectra/lamp.csv:radiance"'
+    )
+    relative_uncertainty: NotNegative | None = _key(
+        "relative standard deviation of its scale, common to all wavelengths", "0.02", None
+    )
+    spectral_uncertainty: NotNegative | None = _key(
+        "relative standard deviation of its spectrum, beyond the scale; its spectrum is taken as exact where left out",
+        "0.01", None,
+    )  # fmt: skip
+
+
+class GeometryTable(_Table):
+    """Surveyed points of the box and where the image shows them."""
+
+    points: RelativePath = _key("CSV with the columns id, x_mm, y_mm, z_mm, u_px, v_px", '"points.csv"')
+    point_sigma_px: Positive | None = _key(
+        "standard deviation of u and v each, px; estimated from the scatter where left out", "0.15", None
+    )
+
+
+class TargetTable(_Table):
+    """A flat calibration target, photographed in several positions."""
+
+    kind: Literal["chessboard", "circles", "charuco"] = _key("what is printed on it", '"chessboard"')
+    rows: Count = _key("rows of circles, or of inner corners between squares", "6")
+    columns: Count = _key("the same for columns", "9")
+    pitch_mm: Positive = _key(
+        "distance of neighbouring corners or circles, mm; measure it on the print", "25.0"
+    )
+    frames: Frames = _key(
+        "one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]'
+    )
+    start_s: float | None = _key(_START, "0.0", None)
+
+
+class MosaicTable(_Table):
+    """A colour filter array on the sensor."""
+
+    pattern: Annotated[str, AfterValidator(_pattern)] = _key(
+        "letters of the upper left 2 x 2 pixels, row by row", '"RGGB"'
+    )
+
+
+class LabelsTable(_Table):
+    """Patches of a chart, by a label per pixel."""
+
+    image: RelativePath = _key("8-bit PNG of one channel, a label per pixel, 0 for none", '"labels.png"')
+    names: RelativePath = _key(
+        "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
+    )
+    reflectance: RelativePath | None = _key(
+        "CSV of known reflectances; a label without a column there has none", '"reflectance.csv"', None
+    )
+
+
+class CropTable(_Table):
+    """The frames are a window of a larger one."""
+
+    u0_px: Annotated[int, Field(ge=0)] = _key("first column of the window", "128")
+    v0_px: Annotated[int, Field(ge=0)] = _key("first row of the window", "64")
+    full_width_px: Count = _key("columns of the whole frame", "1280")
+    full_height_px: Count = _key("rows of the whole frame", "1024")
+
+
+DarkState = Annotated[
+    Annotated[Literal["subtracted"], Tag("<text>")]
+    | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
+    Discriminator(_kind),
+]
+FlatState = Annotated[
+    Annotated[Literal["divided"], Tag("<text>")]
+    | Annotated[tuple[FlatTable, ...], BeforeValidator(_tuple), Tag("<list>")],
+    Discriminator(_kind),
+]
+
+
+class Manifest(_Table):
+    """The content of capture.toml. Absent tables are None or empty."""
+
+    format: Literal["capture/1"] = _key("the format and its version", '"capture/1"')
+    camera: CameraTable
+    band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
+    name: str = _key("a title, for reports", '"white box, second lamp"', "")
+    scene: str | None = _key("scene file or packaged scene that is photographed", '"cornell-box"', None)
+    lens: LensTable = LensTable()
+    dark: DarkState = ()
+    flat: FlatState = ()
+    reference: Annotated[tuple[ReferenceTable, ...], BeforeValidator(_tuple)] = ()
+    bracket: Annotated[tuple[BracketTable, ...], BeforeValidator(_tuple)] = ()
+    lamp: LampTable | None = None
+    geometry: GeometryTable | None = None
+    target: Annotated[tuple[TargetTable, ...], BeforeValidator(_tuple)] = ()
+    mosaic: MosaicTable | None = None
+    labels: LabelsTable | None = None
+    crop: CropTable | None = None
+
+    @property
+    def darks(self) -> tuple[DarkTable, ...]:
+        """The dark tables; empty if the dark was subtracted before the frames were stored."""
+        return self.dark if isinstance(self.dark, tuple) else ()
+
+    @property
+    def flats(self) -> tuple[FlatTable, ...]:
+        """The flat tables; empty if the frames were divided by their flat before they were stored."""
+        return self.flat if isinstance(self.flat, tuple) else ()
+
+
+def example_of(table: type[BaseModel], key: str) -> str:
+    """A key of a table by way of example, as a line of TOML: ``exposure_s = 4.0``; empty where there is none."""
+    field = table.model_fields.get(key)
+    return f"{key} = {field.examples[0]}" if field is not None and field.examples else ""

@@ -1,0 +1,24 @@
+"""From band signals to CIE XYZ: filter weights, their colour errors, chart patches."""
+
+from .colorimetry import LUMINOUS_EFFICACY, FilterWeights, colour_matching_functions, xyz_image
+from .colour_error import ColourError
+from .colour_study import ColourStudy, study_colour
+from .patch_colour import ILLUMINANT, PatchErrors, patch_errors, patch_xyz, patches_csv
+from .patches import PatchTable, measure_patches
+
+__all__ = [
+    "ILLUMINANT",
+    "LUMINOUS_EFFICACY",
+    "ColourError",
+    "ColourStudy",
+    "FilterWeights",
+    "PatchErrors",
+    "PatchTable",
+    "colour_matching_functions",
+    "measure_patches",
+    "patch_errors",
+    "patch_xyz",
+    "patches_csv",
+    "study_colour",
+    "xyz_image",
+]

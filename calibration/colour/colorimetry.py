@@ -1,0 +1,196 @@
+"""XYZ from band signals: filter weights b_i and the tristimulus values computed with them (Pattanaik et al. 1997).
+
+The colour-matching functions are approximated by sums of the bands' responses F_i = F Q T_lens T_i,
+
+    xbar(l) ~ Sum_i b_i F_i(l)    (eq. 5),    X = 683 lm/W Sum_i b_i S_i / K_i    (eq. 4),
+
+so X, Y, Z are absolute (Y is luminance in cd m^-2) if the calibration factor C is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import ArrayLike, NDArray
+
+from ..radiometry import BandResponse, Uncertainty, xyz_parts
+
+__all__ = [
+    "LUMINOUS_EFFICACY", "FilterWeights", "colour_matching_functions", "fit_filter_weights",
+    "train_filter_weights", "xyz_covariance", "xyz_image",
+]  # fmt: skip
+
+#: Luminous efficacy of monochromatic light at 555 nm, lm/W.
+LUMINOUS_EFFICACY = 683.0
+
+
+def colour_matching_functions() -> NDArray[np.float64]:
+    """(3, 301) CIE 1931 2-degree xbar, ybar, zbar on WAVELENGTH_NM (tables of colour-science)."""
+    from colour import MSDS_CMFS  # slow to import, and only needed here
+
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    table = np.asarray(observer.values, float).T
+    return np.stack([np.interp(WAVELENGTH_NM, observer.wavelengths, row) for row in table])
+
+
+@dataclass(frozen=True, eq=False)
+class FilterWeights:
+    """The filter weights b_i and their quality.
+
+    weights : (3, band), J per quantum, rows X, Y, Z. reconstructed : (3, wavelength), Sum_i b_i F_i.
+    target : (3, wavelength), the colour-matching functions. residual_rms : (3,) of reconstructed - target.
+    noise_gain : (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, divided by the
+        relative standard deviation of every band's signal; the lowest possible value is 1 / sqrt(bands).
+    method : "least squares", "regularised" or "trained". relative_noise : (band,) the noise assumed.
+    """
+
+    bands: tuple[str, ...]
+    wavelength_nm: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    reconstructed: NDArray[np.float64]
+    target: NDArray[np.float64]
+    residual_rms: NDArray[np.float64]
+    noise_gain: NDArray[np.float64]
+    method: str
+    relative_noise: NDArray[np.float64]
+
+
+def fit_filter_weights(
+    responses: Sequence[BandResponse],
+    relative_noise: ArrayLike = 0.0,
+    target: NDArray[np.float64] | None = None,
+) -> FilterWeights:
+    """Filter weights by least squares with Tikhonov regularisation; the noise sets its strength.
+
+    relative_noise : standard deviation over signal of a band (one number, or one per band), for light of
+        equal energy per nm. 0 gives plain least squares. target : (3, wavelength), default CIE 1931.
+
+    The error of X has two parts: the misfit e(l) = xbar - Sum b_i F_i integrated over the light's spectrum,
+    and the noise Sum b_i n_i. The spectrum is modelled as L0 times random values of unit variance, constant
+    within intervals of length D and independent between them, D = range / number of bands (the spectral
+    resolution of the bands). The expected square of the misfit part is then L0^2 D Int e^2 dl, that of the
+    noise part L0^2 Sum b_i^2 (relative_noise_i Int F_i dl)^2. Their sum is minimised.
+    """
+    wavelength = responses[0].wavelength_nm
+    goal = colour_matching_functions() if target is None else target
+    curves = np.stack([response.response for response in responses])
+    noise = np.broadcast_to(np.asarray(relative_noise, float), (len(responses),))
+    step = responses[0].grid.weights
+    areas = curves @ step
+    interval = (wavelength[-1] - wavelength[0]) / len(responses)
+    # Responses of unit area: in quanta per joule (1e17) the equations would be badly conditioned.
+    unit = curves / areas[:, None]
+    rows = np.concatenate([(unit * np.sqrt(interval * step)).T, np.diag(noise)])
+    right = np.concatenate([(goal * np.sqrt(interval * step)).T, np.zeros((len(responses), len(goal)))])
+    scaled = np.linalg.lstsq(rows, right, rcond=None)[0].T
+    method = "regularised" if np.any(noise > 0) else "least squares"
+    return _described(responses, scaled / areas, goal, method, noise)
+
+
+def train_filter_weights(
+    responses: Sequence[BandResponse], radiances: NDArray[np.float64], relative_noise: ArrayLike
+) -> FilterWeights:
+    """Filter weights that minimise the mean square relative error of X, Y, Z over an ensemble of radiances.
+
+    radiances : (n, wavelength), see ``radiance_ensemble``. relative_noise : standard deviation of a band's
+    signal over its rms in the ensemble (one number or (band,)).
+
+    With s the signals of a radiance and t its exact X (or Y, or Z), both divided by t,
+    b = E[t s^T] (E[s s^T] + noise covariance)^-1: the linear minimum mean square error estimate without a
+    constant term, so that XYZ is proportional to the light (Pratt and Mancill, Applied Optics 15, 1976, for spectra).
+    """
+    step, goal = responses[0].grid.weights, colour_matching_functions()
+    noise = np.broadcast_to(np.asarray(relative_noise, float), (len(responses),))
+    signal = radiances @ (step * np.stack([response.response for response in responses])).T
+    exact = radiances @ (step * goal).T
+    weights = np.empty((3, len(responses)))
+    for axis in range(3):
+        relative = signal / exact[:, axis : axis + 1]
+        scale = np.sqrt(np.mean(relative**2, axis=0))
+        # A ridge far below any noise bounds the weights of bands that are collinear over the ensemble.
+        loading = np.sqrt(len(signal)) * np.maximum(noise, 1e-6)
+        rows = np.concatenate([relative / scale, np.diag(loading)])
+        right = np.concatenate([np.ones(len(signal)), np.zeros(len(responses))])
+        weights[axis] = np.linalg.lstsq(rows, right, rcond=None)[0] / scale
+    return _described(responses, weights, goal, "trained", noise)
+
+
+def _described(
+    responses: Sequence[BandResponse], weights: NDArray[np.float64], goal: NDArray[np.float64],
+    method: str, noise: NDArray[np.float64],
+) -> FilterWeights:  # fmt: skip
+    curves = np.stack([response.response for response in responses])
+    reconstructed = weights @ curves
+    scaled = weights * (curves @ responses[0].grid.weights)
+    return FilterWeights(
+        bands=tuple(response.band for response in responses),
+        wavelength_nm=responses[0].wavelength_nm,
+        weights=weights,
+        reconstructed=reconstructed,
+        target=goal,
+        residual_rms=np.sqrt(np.mean((reconstructed - goal) ** 2, axis=1)),
+        noise_gain=np.sqrt(np.sum(scaled**2, axis=1)) / np.abs(scaled.sum(axis=1)),
+        method=method,
+        relative_noise=noise.copy(),
+    )
+
+
+def _signal_to_xyz(weights: FilterWeights, responses: Sequence[BandResponse]) -> NDArray[np.float64]:
+    return LUMINOUS_EFFICACY * weights.weights / np.array([response.factor for response in responses])
+
+
+def xyz_image(
+    images: xr.Dataset,
+    weights: FilterWeights,
+    responses: Sequence[BandResponse],
+    uncertainty: Uncertainty | None = None,
+    relative_error: NDArray[np.float64] | None = None,
+) -> xr.Dataset:
+    """Tristimulus images of BandImages (band, y, x).
+
+    Returns ``xyz`` (component, y, x), Y in cd m^-2, its ``variance`` of the same shape from the images'
+    independent noise only, and ``mask`` (y, x), the union of the bands' flags. With an uncertainty also
+    ``covariance_pixel`` and ``covariance_shared`` (y, x, component, component_2): of the noise, and of the errors
+    common to all pixels of a band or of all bands. With the relative errors (n, 3) of the weights over plausible
+    spectra also ``covariance_weights``: of the approximation of the colour-matching functions, which is the same
+    in pixels of the same spectrum.
+    """
+    matrix = _signal_to_xyz(weights, responses)
+    flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
+    signal, variance = images["signal"].values, images["variance"].values
+    dims, units = ("component", "y", "x"), {"units": "cd^2 m^-4"}
+    found = xr.Dataset(
+        {
+            "xyz": (dims, np.tensordot(matrix, signal, 1), {"units": "cd m^-2 (Y)"}),
+            "variance": (dims, np.tensordot(matrix**2, variance, 1), units),
+            "mask": (("y", "x"), flags, dict(images["mask"].attrs)),
+        },
+        coords={"component": ["X", "Y", "Z"]},
+    )
+    if uncertainty is None:
+        return found
+    parts = xyz_parts(signal, variance, matrix, uncertainty)
+    both = ("y", "x", "component", "component_2")
+    found = found.assign(
+        covariance_pixel=(both, parts.pixel, units),
+        covariance_shared=(both, parts.band + parts.common, units),
+    ).assign_coords(component_2=["X", "Y", "Z"])
+    if relative_error is None:
+        return found
+    value = np.moveaxis(found["xyz"].values, 0, -1)
+    approximation = (
+        value[..., :, None] * value[..., None, :] * (relative_error.T @ relative_error / len(relative_error))
+    )
+    return found.assign(covariance_weights=(both, approximation, units))
+
+
+def xyz_covariance(
+    variance: ArrayLike, weights: FilterWeights, responses: Sequence[BandResponse]
+) -> NDArray[np.float64]:
+    """Covariance (..., 3, 3) of X, Y, Z for independent band variances (band, ...) in DN^2."""
+    matrix = _signal_to_xyz(weights, responses)
+    return np.einsum("ib,b...,jb->...ij", matrix, np.asarray(variance, float), matrix, optimize=True)

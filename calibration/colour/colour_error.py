@@ -1,0 +1,147 @@
+"""Colour errors of filter weights, and the choice of the best filters for each number of filters."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
+from numpy.typing import NDArray
+
+from ..radiometry import BandResponse
+from .colorimetry import FilterWeights, colour_matching_functions, train_filter_weights
+from .radiance_ensemble import Radiances
+
+__all__ = ["ColourError", "FilterChoice", "choose_filters", "colour_error", "lab_differences"]
+
+# With more subsets of one size than this, a local search by exchange replaces the exhaustive search.
+_MOST_SUBSETS = 500
+
+
+@dataclass(frozen=True, eq=False)
+class ColourError:
+    """Errors of noiseless X, Y, Z over n spectra.
+
+    relative : (n, 3) (found - exact) / exact. delta_e_ab, delta_e_2000 : (n,) with the white of each spectrum.
+    worst : name of the spectrum with the largest CIEDE2000.
+    """
+
+    relative: NDArray[np.float64]
+    delta_e_ab: NDArray[np.float64]
+    delta_e_2000: NDArray[np.float64]
+    worst: str
+
+    @property
+    def rms(self) -> NDArray[np.float64]:
+        """(3,) root mean square relative error of X, Y, Z."""
+        return np.sqrt(np.mean(self.relative**2, axis=0))
+
+    @property
+    def largest(self) -> NDArray[np.float64]:
+        """(3,) largest absolute relative error of X, Y, Z."""
+        return np.abs(self.relative).max(axis=0)
+
+
+def lab_differences(
+    found: NDArray[np.float64], exact: NDArray[np.float64], white: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Delta E*ab (1976) and CIEDE2000 (n,) between XYZ (n, 3), each against its white (n, 3) at L* = 100."""
+    from colour import XYZ_to_Lab  # slow to import, and only needed here
+    from colour.difference import delta_E_CIE1976, delta_E_CIE2000
+
+    chromaticity = white[:, :2] / white.sum(axis=1, keepdims=True)
+    first, second = (XYZ_to_Lab(xyz / white[:, 1:2], chromaticity) for xyz in (found, exact))
+    return np.asarray(delta_E_CIE1976(first, second)), np.asarray(delta_E_CIE2000(first, second))
+
+
+def colour_error(
+    weights: FilterWeights, responses: Sequence[BandResponse], radiances: Radiances
+) -> ColourError:
+    """Errors over the radiances. Raises ValueError if X, Y or Z of a radiance is not above 0."""
+    step = INTEGRAL_GRID.weights
+    target = colour_matching_functions()
+    curves = np.stack([response.response for response in responses])
+    exact = radiances.values @ (step * target).T
+    if np.any(exact <= 0):
+        raise ValueError("X, Y and Z of every radiance must be above 0: the relative error is undefined")
+    found = radiances.values @ (step * curves).T @ weights.weights.T
+    first, second = lab_differences(found, exact, radiances.white @ (step * target).T)
+    return ColourError(found / exact - 1, first, second, radiances.names[int(np.argmax(second))])
+
+
+@dataclass(frozen=True, eq=False)
+class FilterChoice:
+    """The best set of one number of filters.
+
+    training_rms : rms relative error of X, Y, Z in training. error : over the evaluation spectra.
+    """
+
+    bands: tuple[str, ...]
+    training_rms: float
+    error: ColourError
+
+
+def choose_filters(
+    candidates: Sequence[BandResponse],
+    training: NDArray[np.float64],
+    evaluation: Radiances,
+    counts: Sequence[int],
+    relative_noise: float = 0.003,
+) -> tuple[FilterChoice, ...]:
+    """For each number in ``counts`` the candidates with the smallest colour error, evaluated over separate spectra.
+
+    Minimises the sum over X, Y, Z of the mean square relative error, noise included. All subsets are tried if
+    there are few. Otherwise the best set of the previous size is extended by the best addition, then filters are
+    exchanged one by one until no exchange helps (a local optimum).
+
+    training : (n, wavelength) radiances. evaluation : radiances for the error.
+    relative_noise : standard deviation over signal of every band.
+    """
+    step, goal = INTEGRAL_GRID.weights, colour_matching_functions()
+    signal = training @ (step * np.stack([c.response for c in candidates])).T
+    exact = training @ (step * goal).T
+    own, cross = [], []
+    for axis in range(3):
+        relative = signal / exact[:, axis : axis + 1]
+        relative = relative / np.sqrt(np.mean(relative**2, axis=0))
+        own.append(
+            relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates))
+        )
+        cross.append(relative.mean(axis=0))
+
+    def loss(chosen: tuple[int, ...]) -> float:
+        index = np.array(chosen)
+        return sum(
+            float(1 - c[index] @ np.linalg.solve(o[np.ix_(index, index)], c[index]))
+            for o, c in zip(own, cross, strict=True)
+        )
+
+    choices: list[FilterChoice] = []
+    best: tuple[int, ...] = ()
+    everything = range(len(candidates))
+    for count in range(1, max(counts) + 1):
+        if comb(len(candidates), count) <= _MOST_SUBSETS:
+            best = min(itertools.combinations(everything, count), key=loss)
+        else:
+            best = min(((*best, new) for new in everything if new not in best), key=loss)
+            while True:
+                swaps = [
+                    (*best[:place], new, *best[place + 1 :])
+                    for place in range(count)
+                    for new in everything
+                    if new not in best
+                ]
+                better = min(swaps, key=loss, default=best)
+                if loss(better) >= loss(best) * (1 - 1e-9):
+                    break
+                best = better
+        if count in counts:
+            chosen = [candidates[i] for i in sorted(best)]
+            weights = train_filter_weights(chosen, training, relative_noise)
+            error = colour_error(weights, chosen, evaluation)
+            rms = float(np.sqrt(max(loss(best), 0.0) / 3))
+            choices.append(FilterChoice(tuple(c.band for c in chosen), rms, error))
+    return tuple(choices)

@@ -1,0 +1,90 @@
+"""Filter weights by three methods with their colour errors, and the choice among them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes import Scene
+from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import ArrayLike, NDArray
+
+from ..capture import Capture
+from ..radiometry import BandResponse
+from .colorimetry import FilterWeights, fit_filter_weights, train_filter_weights
+from .colour_error import ColourError, FilterChoice, choose_filters, colour_error
+from .radiance_ensemble import evaluation_radiances, general_lamps, training_radiances
+
+__all__ = ["ColourStudy", "study_colour"]
+
+
+@dataclass(frozen=True, eq=False)
+class ColourStudy(OwnMappings):
+    """weights, errors : by method. choices : the best subsets of the capture's bands, by size.
+
+    ensemble : description of the training spectra. spectra : description of the evaluation spectra.
+    """
+
+    weights: Mapping[str, FilterWeights]
+    errors: Mapping[str, ColourError]
+    choices: tuple[FilterChoice, ...]
+    ensemble: str
+    spectra: str
+
+    @property
+    def recommended(self) -> str:
+        """The method with the smallest mean CIEDE2000 over the evaluation spectra."""
+        return min(self.errors, key=lambda method: float(self.errors[method].delta_e_2000.mean()))
+
+    @property
+    def reason(self) -> str:
+        """One sentence: which weights are used and why."""
+        best = self.recommended
+        shown = ", ".join(
+            f"{method} {float(error.delta_e_2000.mean()):.2f} (Z rms {100 * float(error.rms[2]):.0f}%)"
+            for method, error in self.errors.items()
+        )
+        return (
+            f"XYZ uses {best} filter weights: the smallest mean CIEDE2000 over {self.spectra} ({shown}); "
+            f"training on {self.ensemble}"
+        )
+
+
+def _reflectances(scene: Scene | None) -> NDArray[np.float64] | None:
+    """(n, wavelength) reflectances of the scene's materials; None without a scene."""
+    if scene is None:
+        return None
+    return np.stack([material.reflectance.at(WAVELENGTH_NM) for material in scene.materials.values()])
+
+
+def study_colour(
+    capture: Capture, responses: Sequence[BandResponse], relative_noise: ArrayLike
+) -> ColourStudy:
+    """Least squares, regularised and trained weights of a capture's bands.
+
+    relative_noise : (band,) standard deviation over signal of a single pixel. The training spectra use the lamp
+    and the materials that the capture states, else common lamps and objects.
+    """
+    lamp = capture.manifest.lamp
+    own = None if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
+    lamps = general_lamps() if own is None or own.min() < 0 or own.mean() <= 0 else {"lamp": own}
+    reflectances = _reflectances(capture.known_scene())
+    training, evaluation = training_radiances(lamps, reflectances), evaluation_radiances(lamps)
+    weights = {
+        found.method: found
+        for found in (
+            fit_filter_weights(responses),
+            fit_filter_weights(responses, relative_noise),
+            train_filter_weights(responses, training, relative_noise),
+        )
+    }
+    light = "the capture's lamp" if "lamp" in lamps else f"{len(lamps)} common lamps"
+    return ColourStudy(
+        weights,
+        {method: colour_error(found, responses, evaluation) for method, found in weights.items()},
+        choose_filters(responses, training, evaluation, range(1, len(responses) + 1)),
+        f"{light} times {'objects' if reflectances is None else 'objects and the materials of the scene'}",
+        f"{len(evaluation.names)} spectra ({light}, reflected once or twice by ColorChecker patches and box materials)",
+    )

@@ -1,0 +1,227 @@
+"""Reflectances of labelled patches, measured relative to the white patch.
+
+For each band: take the pixels of the filter's channel; add the black level measured from the brackets to the
+corrected frames; divide by the illumination (see ``shading``); average over each patch without its rim; scale to
+the tabulated band reflectance of the white patch. Stray light adds nearly the same signal to all patches and
+matters most in the darkest. The darkest patch is therefore assumed to be spectrally neutral (as the black patch of
+a chart is designed to be) with its median reflectance over the bands, and the difference in each band is subtracted
+as an offset. No other known reflectance is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM, WavelengthGrid
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from ..capture import Capture, Label, channel_mask
+from ..correction import CorrectedBands, Mask, NoiseModel
+from ..detector import Linearity
+from ..radiometry import response_curve
+from .shading import PatchPixels, Shading, fit_shading
+
+__all__ = ["PatchTable", "band_filter", "measure_patches"]
+
+#: Wavelength range in which reflectances of charts are tabulated.
+_GRID = FILTER_GRID.between(380.0, 730.0)
+_RIM_PX = 4
+_HALF_WIDTH_NM = 15.0
+# Number of the white patch of a ColorChecker.
+_WHITE_LABEL = 19
+# In frames reduced in size, counts above this share of the largest may be means that include clipped pixels.
+_HIGHEST_SHARE = 0.98
+_FEWEST_PIXELS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class PatchTable(OwnMappings):
+    """Measured patches.
+
+    labels : n patches. bands : m identifiers. reflectance, sigma : (n, m); sigma includes noise, shading and the
+    offset, but not the error of the white patch's table. offset : (m,) reflectance that was subtracted.
+    shading : by band. filters : (m, wavelength) of unit sum on ``grid``: filter times sensor, lens and lamp if the
+    capture states all of them, else the filter within 15 nm of its peak.
+    """
+
+    labels: tuple[Label, ...]
+    bands: tuple[str, ...]
+    reflectance: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    shading: Mapping[str, Shading]
+    grid: WavelengthGrid
+    filters: NDArray[np.float64]
+    white: Label
+    notes: tuple[str, ...]
+
+
+def band_filter(transmittance: Spectrum, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) transmittance within 15 nm of its highest peak, 0 elsewhere, scaled to unit sum."""
+    values = transmittance.at(wavelength_nm)
+    peak = wavelength_nm[np.argmax(values)]
+    values = np.where(np.abs(wavelength_nm - peak) <= _HALF_WIDTH_NM, values, 0.0)
+    return values / values.sum()
+
+
+def _spectral_weights(
+    capture: Capture, bands: CorrectedBands, index: int, wavelength_nm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,) spectral weights of a band's reflectance, of unit sum.
+
+    Filter times sensor, lens and lamp if the capture states them all, else ``band_filter``.
+    """
+    band, lamp = capture.manifest.band[index], capture.manifest.lamp
+    channel = None if capture.manifest.mosaic is None else str(bands.images["channel"].values[index])
+    curve = response_curve(capture, band, channel)
+    if curve is None or lamp is None:
+        return band_filter(capture.light(str(band.transmittance)), wavelength_nm)
+    product = Spectrum(WAVELENGTH_NM, curve * capture.light(lamp.radiance).at(WAVELENGTH_NM), "zero")
+    values = product.at(wavelength_nm)
+    return values / values.sum()
+
+
+def _white(capture: Capture, labels: Sequence[Label]) -> Label | None:
+    known = capture.label_reflectances()
+    usable = [label for label in labels if label.column in known]
+    named = [label for label in usable if "white" in label.name.lower()]
+    return next((label for label in (*usable,) if label.label == _WHITE_LABEL), named[0] if named else None)
+
+
+def _patch_pixels(
+    capture: Capture,
+    bands: CorrectedBands,
+    noise: NoiseModel,
+    index: int,
+    black_dn: float,
+    labels: Sequence[Label],
+) -> list[PatchPixels | None]:
+    image, manifest = capture.labels(), capture.manifest
+    band = manifest.band[index]
+    usable = bands.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) == 0
+    usable &= capture.frames(band).max(axis=0) < _HIGHEST_SHARE * capture.saturation_dn
+    if manifest.mosaic is not None:
+        channel = str(bands.images["channel"].values[index])
+        usable &= channel_mask(manifest.mosaic.pattern, capture.shape, channel)
+    signal = bands.images["signal"].values[index] + black_dn / bands.flats[band.id].response
+    patches: list[PatchPixels | None] = []
+    for label in labels:
+        v, u = np.nonzero(binary_erosion(image == label.label, iterations=_RIM_PX) & usable)
+        if u.size < _FEWEST_PIXELS:
+            patches.append(None)
+            continue
+        values = signal[v, u]
+        response = float(bands.flats[band.id].response[v, u].mean())
+        variance = float(noise.variance(values.mean() * response)) / len(band.frames) / response**2
+        patches.append(PatchPixels(u.astype(float), v.astype(float), values, float(np.sqrt(variance))))
+    return patches
+
+
+def _relative_signals(
+    patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) signals relative to the white patch, corrected for illumination, and their standard deviations."""
+    level, sigma = np.full(len(patches), np.nan), np.full(len(patches), np.nan)
+    reference = patches[white]
+    if reference is None:
+        return level, sigma
+    place = (float(reference.u_px.mean()), float(reference.v_px.mean()))
+    for index, patch in enumerate(patches):
+        if patch is None:
+            continue
+        light = np.ones(patch.signal.size) if shading is None else shading.at(patch.u_px, patch.v_px)
+        # A ratio of sums is weighted by the light and avoids the bias of a mean of noisy ratios.
+        level[index] = patch.signal.sum() / light.sum()
+        uneven = 0.0
+        if shading is not None:
+            uneven = float(shading.relative_sigma(patch.u_px.mean(), patch.v_px.mean(), place))
+        noise = patch.sigma * np.sqrt(patch.signal.size) / light.sum()
+        sigma[index] = np.hypot(noise, level[index] * uneven)
+    relative_white = sigma[white] / level[white]
+    ratio = level / level[white]
+    spread = np.hypot(sigma / level[white], ratio * relative_white)
+    spread[white] = relative_white
+    return ratio, spread
+
+
+def _subtract_offsets(
+    reflectance: NDArray[np.float64], sigma: NDArray[np.float64], white: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
+    """Two-point scale: the white patch as tabulated (m,), the darkest patch neutral.
+
+    Returns the corrected reflectances and sigmas (n, m), the offsets (m,) and the index of the darkest patch.
+    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o). The variance of
+    an offset is that of the darkest patch plus the excess scatter over its bands, since the patch may not be
+    neutral.
+    """
+    darkest = int(np.nanargmin(np.median(reflectance, axis=1)))
+    dark = reflectance[darkest]
+    neutral = float(np.median(dark))
+    offset = white * (dark - neutral) / (white - dark)
+    corrected = reflectance * (white + offset) / white - offset
+    own = sigma[darkest]
+    beyond = max(float(np.sum((dark - dark.mean()) ** 2) / (dark.size - 1) - np.mean(own**2)), 0.0)
+    # The variance of the median of n normal values is pi / 2 times that of their mean.
+    level = 1.5708 / dark.size * (np.mean(own**2) + beyond)
+    spread = np.sqrt(own**2 + beyond + level) * np.abs(1 - reflectance / white)
+    corrected_sigma = np.hypot(sigma, spread)
+    # The darkest patch is set to the same value in all bands.
+    corrected_sigma[darkest] = np.sqrt(level + beyond)
+    return corrected, corrected_sigma, offset, darkest
+
+
+def measure_patches(
+    capture: Capture, bands: CorrectedBands, noise: NoiseModel, linearity: Linearity | None
+) -> PatchTable | None:
+    """Band reflectances of all labelled patches; None without labels, filter transmittances or a white patch.
+
+    Raises InputError for faulty files.
+    """
+    if capture.manifest.labels is None:
+        return None
+    labels = capture.label_names()
+    white = _white(capture, labels)
+    if white is None or any(band.transmittance is None for band in capture.manifest.band):
+        return None
+    count = len(capture.band_ids)
+    filters = np.stack([_spectral_weights(capture, bands, index, _GRID.nm) for index in range(count)])
+    white_reflectance = filters @ capture.label_reflectances()[str(white.column)].at(_GRID.nm)
+    black = 0.0 if linearity is None else linearity.black_level_dn
+    position = labels.index(white)
+    columns, spreads, shadings, notes = [], [], {}, []
+    for index, identifier in enumerate(capture.band_ids):
+        patches = _patch_pixels(capture, bands, noise, index, black, labels)
+        shading = fit_shading([patch for patch in patches if patch is not None])
+        if shading is None:
+            notes.append(f"{identifier}: too few bright patches; uniform illumination was assumed")
+        else:
+            shadings[identifier] = shading
+        ratio, spread = _relative_signals(patches, shading, position)
+        columns.append(ratio * white_reflectance[index])
+        spreads.append(spread * white_reflectance[index])
+    reflectance, sigma = np.stack(columns, axis=1), np.stack(spreads, axis=1)
+    offset = np.zeros(len(capture.band_ids))
+    if len(capture.band_ids) >= 3 and np.all(np.isfinite(reflectance)):
+        reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
+        shown = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
+        notes.append(
+            f"patches: '{labels[darkest].name}' was assumed spectrally neutral; offsets subtracted "
+            f"(above 0: stray light; below 0: unexplained): {shown}"
+        )
+    return PatchTable(
+        labels,
+        capture.band_ids,
+        reflectance,
+        sigma,
+        offset,
+        shadings,
+        _GRID,
+        filters,
+        white,
+        tuple(notes),
+    )

@@ -1,0 +1,53 @@
+"""BandImages: one image per filter with its variance and a mask of the reasons for excluding pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntFlag
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+__all__ = ["Mask", "band_images"]
+
+
+class Mask(IntFlag):
+    """Why a pixel is excluded; 0 means it is used."""
+
+    SATURATED = 1
+    LAMP = 2
+    DEAD = 4
+    HOT = 8
+    VIGNETTED = 16
+
+
+def band_images(
+    bands: Sequence[str], signal: ArrayLike, variance: ArrayLike, mask: ArrayLike | None = None
+) -> xr.Dataset:
+    """Dataset with dimensions (band, y, x).
+
+    signal : DN after dark and flat correction, at the band's exposure.
+    variance : DN^2, of the independent per-pixel noise. mask : Mask flags, uint8; default 0.
+    Raises ValueError if the shapes differ or do not fit the number of bands.
+    """
+    signal = np.asarray(signal, np.float64)
+    variance = np.asarray(variance, np.float64)
+    flags = np.zeros(signal.shape, np.uint8) if mask is None else np.asarray(mask, np.uint8)
+    if (
+        not (signal.shape == variance.shape == flags.shape)
+        or signal.ndim != 3
+        or len(bands) != signal.shape[0]
+    ):
+        raise ValueError(
+            f"band images need equal (band, y, x) shapes, got {signal.shape}, {variance.shape}, {flags.shape}"
+        )
+    dims = ("band", "y", "x")
+    return xr.Dataset(
+        {
+            "signal": (dims, signal, {"units": "DN"}),
+            "variance": (dims, variance, {"units": "DN^2"}),
+            "mask": (dims, flags, {"flags": ", ".join(f"{m.name}={m.value}" for m in Mask)}),
+        },
+        coords={"band": list(bands)},
+    )

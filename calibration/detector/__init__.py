@@ -1,0 +1,18 @@
+"""Properties of the detector measured from the frames: photon transfer, dark current, linearity, response."""
+
+from .dark_fit import dark_level_sigma
+from .linearity import Linearity, measure_linearity
+from .response import LAWS
+from .response_points import ResponseSeries, light_series
+from .sensor_study import SensorStudy, study_sensor
+
+__all__ = [
+    "LAWS",
+    "Linearity",
+    "ResponseSeries",
+    "SensorStudy",
+    "dark_level_sigma",
+    "light_series",
+    "measure_linearity",
+    "study_sensor",
+]

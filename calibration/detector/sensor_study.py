@@ -1,0 +1,60 @@
+"""Study of the sensor, beyond what the correction needs: photon transfer, dark level, response, curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..capture import Capture
+from ..correction import CorrectedBands, DarkLibrary, NoiseModel
+from .dark_fit import DarkFit, measure_dark_fit
+from .nonlinearity import CalibrationCurve, fit_curve
+from .photon_transfer import PhotonTransfer, measure_photon_transfer
+from .response_points import ResponsePoint, ResponseSeries, light_series, measure_responses, response_points
+
+__all__ = ["SensorStudy", "study_sensor"]
+
+# Series that span less than this factor of light are left out of the curve.
+_SPAN = 3.0
+_FEWEST_POINTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class SensorStudy:
+    """Results of the study; None or empty where the capture lacks the frames."""
+
+    transfer: PhotonTransfer | None
+    dark_fit: DarkFit | None
+    points: tuple[ResponsePoint, ...]
+    responses: tuple[ResponseSeries, ...]
+    curve: CalibrationCurve | None
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """One sentence for the dark level and for every response series."""
+        dark = [] if self.dark_fit is None else [f"dark level: {self.dark_fit.verdict}"]
+        return (*dark, *(f"{s.band} {s.source}: {s.fit.verdict}" for s in self.responses))
+
+
+def study_sensor(
+    capture: Capture,
+    bands: CorrectedBands,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: dict[str, str] | None,
+) -> SensorStudy:
+    """All parts of the study for which the capture has frames. Raises InputError for a faulty frame."""
+    points = response_points(capture, bands, dark, noise, channels)
+    series = [s for s in light_series(points) if s.light.max() > _SPAN * s.light.min()]
+    curve = None
+    if sum(s.light.size for s in series) >= _FEWEST_POINTS:
+        level = float(np.median(dark.level[0])) if dark.exposure_s.size else 0.0
+        curve = fit_curve(series, level)
+    return SensorStudy(
+        measure_photon_transfer(capture, dark, channels),
+        measure_dark_fit(dark, noise),
+        points,
+        measure_responses(points, float(capture.saturation_dn)),
+        curve,
+    )

@@ -1,0 +1,316 @@
+"""Camera geometry from one view of surveyed, non-coplanar points (Tsai 1987), with its covariance.
+
+Ten parameters are fitted: pose, focal length, principal point and one radial term; pixels are square.
+The nominal focal length is only the initial value, not a prior; the fit keeps it for comparison.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import least_squares
+
+from .camera_jacobian import inverse_information, parameter_jacobian
+from .surveyed_points import FEWEST_POINTS, SURVEY_HINT, SurveyedPoints, read_points, require_determined
+
+__all__ = ["FALSE_ALARM", "CameraFit", "SurveyedPoints", "fit_camera", "read_points"]
+
+#: Probability that a point of a survey without outliers is rejected.
+FALSE_ALARM = 1e-3
+
+#: Largest relative standard deviation of focal length or distance at which a linearised covariance is valid.
+LARGEST_UNCERTAINTY = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFit:
+    """The result of ``fit_camera``.
+
+    camera : with its (10, 10) covariance in the order of PARAMETER_NAMES.
+    residuals_px : (n, 2) measured minus projected, of all points. kept : (n,) True for the points used.
+    outliers : ids of the rejected points.
+    reprojection_rms_px : root mean square of the kept residuals, per coordinate.
+    point_sigma_px : standard deviation of a measured coordinate, stated or (``sigma_estimated``) estimated.
+    chi2, p_value : of the kept points with the stated sigma; None if the sigma was estimated. A very small
+        p_value means that the stated sigma, or the camera model, is wrong.
+    degrees_of_freedom : 2 n_kept - 10.
+    nominal_focal_length_px : as given, for comparison with ``camera.focal_length_px``.
+    """
+
+    camera: Camera
+    residuals_px: NDArray[np.float64]
+    kept: NDArray[np.bool_]
+    outliers: tuple[str, ...]
+    reprojection_rms_px: float
+    point_sigma_px: float
+    sigma_estimated: bool
+    chi2: float | None
+    p_value: float | None
+    degrees_of_freedom: int
+    nominal_focal_length_px: float | None
+
+
+def fit_camera(
+    points: SurveyedPoints,
+    *,
+    width_px: int,
+    height_px: int,
+    point_sigma_px: float | None = None,
+    focal_length_px: float | None = None,
+) -> CameraFit:
+    """The camera that fits surveyed points to their image positions.
+
+    point_sigma_px : standard deviation of each measured image coordinate; None: estimated from the residuals.
+    focal_length_px : nominal, as initial value; several focal lengths are tried if None.
+
+    The initial pose comes from OpenCV (perspective-n-point with RANSAC), the initial intrinsics from
+    ``cv2.calibrateCamera``; then least squares on ``Camera.project``. Points whose deleted residual would occur by
+    noise in a fraction FALSE_ALARM of all surveys are rejected as outliers. If the majority of the points scatter
+    more than the stated sigma, the observed scatter sets the threshold and p_value is small. With a dozen points
+    or fewer an outlier may not be detected; then, too, only p_value shows it.
+    The covariance is sigma^2 (J^T J)^-1 at the solution.
+
+    Raises InputError if the points cannot determine the ten parameters: fewer than six, in one plane, all in a
+    small part of the image, in a critical configuration, or inconsistent.
+    """
+    if point_sigma_px is not None and not point_sigma_px > 0:
+        raise InputError("geometry.point_sigma_px", f"{point_sigma_px:g}", "a number above 0")
+    require_determined(points, np.ones(len(points.ids), bool), width_px, height_px)
+    start = _starting_camera(points, width_px, height_px, focal_length_px, point_sigma_px)
+    camera, kept, scale = _robust_fit(start, points, point_sigma_px)
+    for attempt in range(2 * len(points.ids)):
+        require_determined(points, kept, width_px, height_px)
+        camera = _least_squares(camera, points, kept)
+        accepted = _consistent(camera, points, kept, scale, estimated=point_sigma_px is None)
+        if np.array_equal(accepted, kept):
+            break
+        # After ten iterations points may only be removed, so that the loop ends.
+        kept = accepted if attempt < 10 else accepted & kept
+    residuals = points.image_px - camera.project(points.points_mm)
+    sum_of_squares = float(np.sum(residuals[kept] ** 2))
+    freedom = 2 * int(kept.sum()) - len(PARAMETER_NAMES)
+    sigma = point_sigma_px or float(np.sqrt(sum_of_squares / freedom))
+    camera = replace(camera, covariance=_covariance(camera, points, kept, sigma))
+    chi2 = sum_of_squares / point_sigma_px**2 if point_sigma_px else None
+    return CameraFit(
+        camera=camera,
+        residuals_px=residuals,
+        kept=kept,
+        outliers=tuple(name for name, use in zip(points.ids, kept, strict=True) if not use),
+        reprojection_rms_px=float(np.sqrt(np.mean(residuals[kept] ** 2))),
+        point_sigma_px=sigma,
+        sigma_estimated=point_sigma_px is None,
+        chi2=chi2,
+        p_value=None if chi2 is None else float(stats.chi2.sf(chi2, freedom)),
+        degrees_of_freedom=freedom,
+        nominal_focal_length_px=focal_length_px,
+    )
+
+
+def camera_from_opencv(
+    width_px: int, height_px: int, matrix: NDArray, k1: float, turn: NDArray, shift: NDArray
+) -> Camera:
+    rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
+    return Camera(
+        width_px,
+        height_px,
+        float(matrix[0, 0]),
+        matrix[:2, 2].copy(),
+        float(k1),
+        rotation,
+        -rotation.T @ shift.ravel(),
+    )
+
+
+def _starting_camera(
+    points: SurveyedPoints, width_px: int, height_px: int, focal_length_px: float | None, sigma: float | None
+) -> Camera:
+    """Pose by RANSAC at the first of several focal lengths that fits well, else at the one that fits best."""
+    diagonal = float(np.hypot(width_px, height_px))
+    middle = focal_length_px or diagonal
+    # Allows for a few percent of error in the nominal focal length and a few percent of distortion.
+    tolerance = max(10 * (sigma or 0.0), 0.02 * diagonal)
+    best: tuple[float, Camera, NDArray] | None = None
+    for focal in middle * np.array([1.0, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0]):
+        matrix = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
+        try:
+            found, turn, shift, inliers = cv2.solvePnPRansac(
+                points.points_mm,
+                points.image_px,
+                matrix,
+                None,
+                iterationsCount=500,
+                reprojectionError=tolerance,
+                confidence=0.9999,
+                flags=cv2.SOLVEPNP_SQPNP,
+            )
+        except cv2.error:
+            continue
+        if not found or inliers is None or len(inliers) < FEWEST_POINTS:
+            continue
+        camera = camera_from_opencv(width_px, height_px, matrix, 0.0, turn, shift)
+        errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
+        median = float(np.median(np.nan_to_num(errors, nan=diagonal)))
+        if best is None or median < best[0]:
+            best = median, camera, inliers.ravel()
+        if median < tolerance / 2:
+            break
+    if best is None:
+        raise InputError(
+            points.source,
+            "no pose that agrees with most of the points",
+            "points seen by one camera",
+            "Are u and v, or the axes of the box, exchanged?",
+        )
+    return _opencv_calibration(best[1], points, best[2])
+
+
+def _opencv_calibration(camera: Camera, points: SurveyedPoints, chosen: NDArray[np.int_]) -> Camera:
+    """All ten parameters by OpenCV on the chosen points; the given camera if OpenCV does not improve it."""
+    matrix = np.array(
+        [
+            [camera.focal_length_px, 0, camera.principal_point_px[0]],
+            [0, camera.focal_length_px, camera.principal_point_px[1]],
+            [0, 0, 1],
+        ]
+    )
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS
+        | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_ZERO_TANGENT_DIST
+        | cv2.CALIB_FIX_K2
+        | cv2.CALIB_FIX_K3
+    )
+    try:
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            [points.points_mm[chosen].astype(np.float32)],
+            [points.image_px[chosen].astype(np.float32)],
+            (camera.width_px, camera.height_px),
+            matrix,
+            np.zeros(5),
+            flags=flags,
+        )
+    except cv2.error:
+        return camera
+    refined = camera_from_opencv(
+        camera.width_px, camera.height_px, matrix, distortion.ravel()[0], turns[0], shifts[0]
+    )
+    errors = [c.project(points.points_mm[chosen]) - points.image_px[chosen] for c in (camera, refined)]
+    return refined if np.sum(errors[1] ** 2) < np.sum(errors[0] ** 2) else camera
+
+
+def _robust_fit(
+    start: Camera, points: SurveyedPoints, sigma: float | None
+) -> tuple[Camera, NDArray[np.bool_], float]:
+    """A fit robust against outliers, the points consistent with it (n,), and the scatter of the majority, px.
+
+    The Cauchy loss grows like a logarithm, so the influence of an outlier decreases with its size. The scale of
+    the loss follows the decreasing scatter of the residuals.
+    """
+    camera, count = start, len(points.ids)
+    # Residuals of n points on 10 fitted parameters are smaller than the noise by this factor.
+    shrinkage = np.sqrt(2 * count / (2 * count - len(PARAMETER_NAMES)))
+    scale = np.inf
+    for loss in ("soft_l1", "cauchy", "cauchy", "cauchy"):
+        errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
+        # The length of a 2-D Gaussian error has the median sigma sqrt(2 ln 2).
+        scale = shrinkage * float(np.median(np.nan_to_num(errors, nan=1e6))) / np.sqrt(2 * np.log(2))
+        # The lower bound avoids a scale of zero for points without noise.
+        camera = _least_squares(
+            camera, points, np.ones(count, bool), loss, 2 * max(scale, sigma or 0.0, 1e-6)
+        )
+    errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
+    scale = shrinkage * float(np.median(errors)) / np.sqrt(2 * np.log(2))
+    scale = max(scale, sigma or 0.0, 1e-6)
+    kept = errors < scale * np.sqrt(stats.chi2.isf(FALSE_ALARM / count, 2))
+    return camera, kept, scale
+
+
+def _least_squares(
+    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], loss: str = "linear", scale: float = 1.0
+) -> Camera:
+    world, image = points.points_mm[kept], points.image_px[kept]
+
+    def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        # Points behind the camera get a large residual, so that the step is rejected.
+        return np.nan_to_num((camera.with_parameters(values).project(world) - image).ravel(), nan=1e6)
+
+    def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return parameter_jacobian(camera, world, values)
+
+    solution = least_squares(
+        residuals,
+        camera.parameters,
+        jac=jacobian,
+        x_scale="jac",
+        loss=loss,
+        f_scale=scale,
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+        max_nfev=200,
+    )
+    return camera.with_parameters(solution.x)
+
+
+def _consistent(
+    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], scale: float, *, estimated: bool
+) -> NDArray[np.bool_]:
+    """(n,) True for points consistent with the camera fitted to the other kept points.
+
+    The deleted residual of point i has the squared Mahalanobis length r^T (I - H_i)^-1 r / sigma^2 if i was in the
+    fit, and r^T (I + H_i)^-1 r / sigma^2 if it was not, H_i = J_i (J^T J)^-1 J_i^T. It follows chi2(2), or
+    2 F(2, m) with sigma^2 from the m remaining degrees of freedom (Cook & Weisberg 1982).
+    """
+    residuals = points.image_px - camera.project(points.points_mm)
+    jacobian = parameter_jacobian(camera, points.points_mm).reshape(-1, 2, len(PARAMETER_NAMES))
+    fitted = jacobian[kept].reshape(-1, len(PARAMETER_NAMES))
+    inverse = inverse_information(fitted, points.source, SURVEY_HINT)
+    influence = jacobian @ inverse @ jacobian.transpose(0, 2, 1)
+    spread = np.eye(2) + np.where(kept, -1.0, 1.0)[:, None, None] * influence
+    # A point without which a parameter is undetermined cannot be checked: it is kept.
+    checkable = np.linalg.eigvalsh(spread)[:, 0] > 1e-6
+    squares = np.zeros(len(kept))
+    squares[checkable] = np.einsum(
+        "ni,nij,nj->n", residuals[checkable], np.linalg.inv(spread[checkable]), residuals[checkable]
+    )
+    level = FALSE_ALARM / len(kept)
+    if not estimated:
+        return ~(squares / scale**2 > stats.chi2.isf(level, 2))
+    rest = np.sum(residuals[kept] ** 2) - np.where(kept, squares, 0.0)
+    freedom = 2 * (int(kept.sum()) - kept) - len(PARAMETER_NAMES)
+    # Six points without a stated sigma leave no degrees of freedom for a test.
+    testable = freedom > 0
+    ratio = squares[testable] / 2 / np.maximum(rest[testable] / freedom[testable], 1e-16)
+    accepted = np.ones(len(kept), bool)
+    accepted[testable] = ~(ratio > stats.f.isf(level, 2, freedom[testable]))
+    return accepted
+
+
+def _covariance(
+    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], sigma: float
+) -> NDArray[np.float64]:
+    covariance = sigma**2 * inverse_information(
+        parameter_jacobian(camera, points.points_mm[kept]), points.source, SURVEY_HINT
+    )
+    distance = float(np.median(np.linalg.norm(points.points_mm[kept] - camera.position_mm, axis=1)))
+    deviations = np.sqrt(np.diag(covariance))
+    share = {
+        "focal length": deviations[6] / camera.focal_length_px,
+        "distance": max(deviations[:3]) / distance,
+    }
+    for name, value in share.items():
+        if value > LARGEST_UNCERTAINTY:
+            raise InputError(
+                points.source,
+                f"a relative uncertainty of the {name} of {value:.0%}",
+                f"at most {LARGEST_UNCERTAINTY:.0%}",
+                SURVEY_HINT,
+            )
+    return covariance

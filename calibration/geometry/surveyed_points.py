@@ -1,0 +1,116 @@
+"""Surveyed points: reading them, and checking whether their arrangement can determine a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.input_files import read_rows
+from numpy.typing import NDArray
+
+__all__ = ["FEWEST_POINTS", "SURVEY_HINT", "SurveyedPoints", "read_points", "require_determined"]
+
+COLUMNS = ("id", "x_mm", "y_mm", "z_mm", "u_px", "v_px")
+
+#: Ten parameters, two coordinates per point: five points would leave no degrees of freedom.
+FEWEST_POINTS = 6
+
+#: Smallest thickness of a non-coplanar set of points, relative to its size.
+FLATTEST = 2e-3
+
+#: Smallest extent of the points in the image, relative to its diagonal.
+SMALLEST_EXTENT = 0.1
+
+SURVEY_HINT = "Survey more points, at several depths and spread over the whole image"
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyedPoints:
+    """Points with known positions in the box and in the image.
+
+    ids : n unique names. points_mm : (n, 3) world. image_px : (n, 2) pixel (u, v).
+    source : the file read, for messages.
+    """
+
+    ids: tuple[str, ...]
+    points_mm: NDArray[np.float64]
+    image_px: NDArray[np.float64]
+    source: str = "surveyed points"
+
+
+def read_points(path: Path) -> SurveyedPoints:
+    """Read points.csv: header ``id,x_mm,y_mm,z_mm,u_px,v_px`` in any order, one row per point.
+
+    Raises InputError for an unreadable file, a missing or unknown column, a cell that is not a finite
+    number, a duplicate id, or fewer than six points.
+    """
+    lines = read_rows(path, "a CSV file of surveyed points")
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    if sorted(header) != sorted(COLUMNS):
+        missing = [name for name in COLUMNS if name not in header]
+        found = f"no column {', '.join(missing)}" if missing else f"the columns {', '.join(header)}"
+        raise InputError(path, found, f"the columns {','.join(COLUMNS)}, each once")
+    ids: dict[str, None] = {}
+    table = np.empty((len(lines) - 1, 5))
+    for index, (number, row) in enumerate(lines[1:]):
+        if len(row) != len(header):
+            raise InputError(f"{path}: line {number}", f"{len(row)} cells", f"{len(header)} as in the header")
+        cells = dict(zip(header, (cell.strip() for cell in row), strict=True))
+        if not cells["id"] or cells["id"] in ids:
+            raise InputError(
+                f"{path}: line {number}, id",
+                f"'{cells['id']}'" + (" again" if cells["id"] else ""),
+                "a unique name",
+            )
+        ids[cells["id"]] = None
+        for column, name in enumerate(COLUMNS[1:]):
+            try:
+                table[index, column] = float(cells[name])
+            except ValueError:
+                table[index, column] = np.nan
+            if not np.isfinite(table[index, column]):
+                raise InputError(f"{path}: line {number}, {name}", f"'{cells[name]}'", "a finite number")
+    points = SurveyedPoints(tuple(ids), table[:, :3], table[:, 3:], str(path))
+    _require_enough(points, len(ids))
+    return points
+
+
+def _require_enough(points: SurveyedPoints, count: int) -> None:
+    if count < FEWEST_POINTS:
+        raise InputError(
+            points.source, f"{count} usable points", f"at least {FEWEST_POINTS} points", SURVEY_HINT
+        )
+
+
+def require_determined(
+    points: SurveyedPoints, kept: NDArray[np.bool_], width_px: int, height_px: int
+) -> None:
+    """Raise InputError if the arrangement of the kept points cannot determine a camera."""
+    count = int(kept.sum())
+    _require_enough(points, count)
+    if count < len(kept) / 2:
+        raise InputError(
+            points.source,
+            f"{len(kept) - count} of {len(kept)} points inconsistent with any camera",
+            "a few outliers at most",
+            "Are u and v, or the axes of the box, exchanged?",
+        )
+    singular = np.linalg.svd(points.points_mm[kept] - points.points_mm[kept].mean(0), compute_uv=False)
+    if singular[2] < FLATTEST * singular[0]:
+        raise InputError(
+            points.source,
+            f"{count} points in one plane",
+            "points at several depths",
+            "One view of a plane does not separate focal length from distance. " + SURVEY_HINT,
+        )
+    extent = float(np.linalg.norm(np.ptp(points.image_px[kept], axis=0)))
+    diagonal = float(np.hypot(width_px, height_px))
+    if extent < SMALLEST_EXTENT * diagonal:
+        raise InputError(
+            points.source,
+            f"points within {extent:.1f} px of an image of {diagonal:.0f} px diagonal",
+            f"points over at least {SMALLEST_EXTENT:.0%} of the diagonal",
+            SURVEY_HINT,
+        )

@@ -1,0 +1,210 @@
+"""Absolute radiometry: the constant C of the sensor equation from frames of a source of known radiance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ..capture import Capture, ReferenceTable, channel_mask
+from ..correction import (
+    CorrectedBands,
+    DarkLibrary,
+    Mask,
+    NoiseModel,
+    correct,
+    evaluate_variance,
+    uniform_flat,
+)
+from .sensor_equation import nominal_constant, optical_factor, response_curve
+
+__all__ = ["BandConstant", "Radiometry", "band_scatter", "join_constants", "measure_constant"]
+
+# Normal noise exceeds this many standard deviations once in 2.6e7 pixels.
+_OUTLIER_SIGMAS = 5.5
+# Chi-square per pixel above which a reference is reported as not uniform; noise gives 1.00 +- 0.02 for 5000 pixels.
+_NOT_UNIFORM = 1.1
+_IMPROBABLE = 1e-3
+
+
+@dataclass(frozen=True)
+class BandConstant:
+    """C from the reference tables of a band: its value, one standard deviation by noise, the number of pixels."""
+
+    band: str
+    constant: float
+    sigma: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class Radiometry:
+    """C in mm^2 m^2 / (e-/DN), one for all bands.
+
+    constant, sigma : weighted mean of ``by_band``; without references the nominal value and None.
+    weights : (len(by_band),) of the bands in the mean, of unit sum.
+    scatter : relative standard deviation between bands in excess of noise. degrees : degrees of freedom of sigma,
+        for Student's t: infinite without excess scatter, else the number of bands minus one.
+    nominal : from focal length, pixel area and stated gain; None if one of them is not stated.
+    chi2, chi2_degrees : of the bands about their weighted mean.
+    """
+
+    constant: float | None
+    sigma: float | None
+    nominal: float | None
+    by_band: tuple[BandConstant, ...]
+    weights: NDArray[np.float64]
+    scatter: float
+    degrees: float
+    chi2: float
+    chi2_degrees: int
+    notes: tuple[str, ...]
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi2 at least this large by noise if all bands have one C; 1 for a single band."""
+        return float(chi2.sf(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
+
+
+def _reference_constant(
+    capture: Capture,
+    table: ReferenceTable,
+    bands: CorrectedBands,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channel: str | None,
+) -> tuple[BandConstant, float] | None:
+    """C from one table and the chi-square per pixel of its uniformity; None if it cannot be computed."""
+    band = capture.band(table.band)
+    curve, factor = response_curve(capture, band, channel), optical_factor(capture, table)
+    if curve is None or factor is None:
+        return None
+    flat = bands.flats[band.id]
+    net = correct(capture, table, uniform_flat(capture.shape, dark), dark, noise)
+    unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
+    good = (
+        ~net.saturated & ~flat.saturated & ((bands.images["mask"].sel(band=band.id).values & unusable) == 0)
+    )
+    if channel is not None and capture.manifest.mosaic is not None:
+        good &= channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
+    radiance = capture.light(table.radiance).at(WAVELENGTH_NM)
+    unit = factor * float(np.sum(INTEGRAL_GRID.weights * curve * radiance))
+    if not unit > 0:
+        return None
+    variance = evaluate_variance(net.coefficients, net.signal)
+    for _ in range(2):
+        if not np.any(good):
+            return None
+        # A ratio of sums: a mean of ratios would be biased by the noise of the flat in the denominator.
+        level = net.signal[good].sum() / flat.response[good].sum()
+        residual = (net.signal - level * flat.response) ** 2 / (variance + level**2 * flat.relative_variance)
+        spread = float(residual[good].mean())
+        good &= residual < _OUTLIER_SIGMAS**2 * max(spread, 1.0)
+    # The mean of the flat over the field is 1 by definition, so its noise is not included.
+    sigma = float(np.sqrt(variance[good].sum())) / flat.response[good].sum()
+    return BandConstant(band.id, level / unit, sigma / unit, int(good.sum())), spread
+
+
+def measure_constant(
+    capture: Capture,
+    bands: CorrectedBands,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: Mapping[str, str] | None = None,
+) -> Radiometry:
+    """C from all reference tables: net counts over flat, divided by t f^-2 d^-2 Int F Q T L dl.
+
+    One constant is fitted to all bands, see ``join_constants``. If the bands differ significantly (probability below
+    0.001), a note names the worst one. sigma does not include the uncertainty of the reference's spectrum, which the
+    capture format does not state.
+
+    Raises InputError for a faulty frame.
+    """
+    notes, constants = [], []
+    for table in capture.manifest.reference:
+        channel = None if channels is None else channels[table.band]
+        found = _reference_constant(capture, table, bands, dark, noise, channel)
+        if found is None:
+            notes.append(f"{table.band}: reference not used: incomplete tables or no usable pixel")
+            continue
+        constants.append(found[0])
+        if found[1] > _NOT_UNIFORM:
+            notes.append(
+                f"{table.band}: the reference is not uniform: its variance over the flat is {found[1]:.2f} times "
+                "that of noise"
+            )
+    nominal = nominal_constant(capture)
+    if not constants:
+        why = "no reference frames" if not capture.manifest.reference else "no usable reference frame"
+        notes.append(f"{why}: C is {'unknown' if nominal is None else 'the nominal value of the lens'}")
+        return Radiometry(nominal, None, nominal, (), np.zeros(0), 0.0, np.inf, 0.0, 0, tuple(notes))
+    return join_constants(constants, nominal, notes)
+
+
+def band_scatter(constants: Sequence[BandConstant]) -> float:
+    """Relative standard deviation between the bands' constants C in excess of noise.
+
+    C is the same for all bands; errors of flats, filter curves, lamp and shutter cause the excess. Moment estimator
+    of DerSimonian and Laird (1986); 0 if noise explains the scatter and for a single band.
+    """
+    if len(constants) < 2:
+        return 0.0
+    value = np.array([c.constant for c in constants])
+    weight = 1 / np.array([c.sigma for c in constants]) ** 2
+    mean = np.average(value, weights=weight)
+    excess = np.sum(weight * (value - mean) ** 2) - (value.size - 1)
+    spread = excess / (weight.sum() - np.sum(weight**2) / weight.sum())
+    return float(np.sqrt(max(spread, 0.0)) / mean)
+
+
+def _one_per_band(constants: Sequence[BandConstant]) -> tuple[BandConstant, ...]:
+    """The weighted mean of each band's constants: several references of one band are not independent bands."""
+    joined = []
+    for band in dict.fromkeys(c.band for c in constants):
+        own = [c for c in constants if c.band == band]
+        weight = np.array([c.sigma for c in own]) ** -2.0
+        value = float(np.average([c.constant for c in own], weights=weight))
+        joined.append(BandConstant(band, value, float(weight.sum() ** -0.5), sum(c.pixels for c in own)))
+    return tuple(joined)
+
+
+def join_constants(
+    constants: Sequence[BandConstant], nominal: float | None, notes: Sequence[str] = ()
+) -> Radiometry:
+    """One C from those of at least one reference table.
+
+    Bands are weighted by 1 / (noise^2 + scatter^2), see ``band_scatter``.
+    """
+    by_band, notes = _one_per_band(constants), list(notes)
+    values, noise = (np.array([getattr(c, name) for c in by_band]) for name in ("constant", "sigma"))
+    weights = 1 / noise**2
+    mean = float(np.average(values, weights=weights))
+    misfit, degrees = float(np.sum(weights * (values - mean) ** 2)), values.size - 1
+    if degrees and chi2.sf(misfit, degrees) < _IMPROBABLE:
+        worst = by_band[int(np.argmax(weights * (values - mean) ** 2))]
+        notes.append(
+            f"C differs between bands by more than noise (chi2 {misfit:.1f}, {degrees} degrees of freedom), most in "
+            f"{worst.band}: {worst.constant / mean - 1:+.2%}"
+        )
+    scatter = band_scatter(by_band)
+    shares = 1 / (noise**2 + (scatter * mean) ** 2)
+    shares /= shares.sum()
+    mean = float(np.sum(shares * values))
+    variance = float(np.sum(shares**2 * (noise**2 + (scatter * mean) ** 2)))
+    freedom = degrees if scatter else np.inf
+    return Radiometry(
+        mean,
+        float(np.sqrt(variance)),
+        nominal,
+        by_band,
+        shares,
+        scatter,
+        freedom,
+        misfit,
+        degrees,
+        tuple(notes),
+    )

@@ -1,0 +1,124 @@
+"""The sensor equation of a capture: counts as a function of spectral radiance.
+
+For a band, before noise and rounding (capture format, version 1; Pattanaik et al. 1997, eqs. 2 and 3),
+
+    DN = K flat(u, v) Int F(l) Q(l) T_lens(l) T_i(l) L(l) dl + dark(t),   K = C t / (f_number^2 d^2),
+
+with F(l) = l / (h c) in quanta per joule (l in m), L in W m^-2 sr^-1 nm^-1, dl in nm, t in s, d in the
+unit of the focal length (mm here) and C = (pi / 4) focal_length^2 pixel_area / gain for the nominal lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
+from numpy.typing import NDArray
+
+from ..capture import BandTable, BracketTable, Capture
+from .band_response import BandResponse, ResponseFactors, response_factors, rest_curve
+
+__all__ = [
+    "band_responses",
+    "capture_factors",
+    "lens_constant",
+    "missing_keys",
+    "nominal_constant",
+    "optical_factor",
+    "response_curve",
+]
+
+
+def lens_constant(focal_length_mm: float, pixel_pitch_um: float, gain_e_per_dn: float) -> float:
+    """C of a lens without losses, mm^2 m^2 / (e-/DN)."""
+    return float(np.pi / 4 * focal_length_mm**2 * (pixel_pitch_um * 1e-6) ** 2 / gain_e_per_dn)
+
+
+def nominal_constant(capture: Capture) -> float | None:
+    """C of the nominal lens, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain."""
+    camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
+    if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
+        return None
+    return lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
+
+
+def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float | None:
+    """t / (f_number^2 d^2) in s mm^-2; None if f-number or image distance is not stated."""
+    f_number, distance = capture.f_number(table), capture.image_distance_mm(table)
+    if f_number is None or distance is None:
+        return None
+    return table.exposure_s / (f_number**2 * distance**2)
+
+
+def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
+    """(w,) F Q T_lens; None where the capture states no lens or no quantum efficiency."""
+    lens, efficiency = capture.manifest.lens.transmittance, capture.quantum_efficiency(channel)
+    if lens is None or efficiency is None:
+        return None
+    return rest_curve(efficiency, capture.light(lens), grid)
+
+
+def response_curve(
+    capture: Capture, band: BandTable, channel: str | None = None
+) -> NDArray[np.float64] | None:
+    """(301,) F Q T_lens T_i on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
+
+    channel : "R", "G" or "B" of a sensor with a mosaic.
+    """
+    rest = _rest_curve(capture, channel, INTEGRAL_GRID)
+    if rest is None or band.transmittance is None:
+        return None
+    return rest * capture.light(band.transmittance).at(WAVELENGTH_NM)
+
+
+def missing_keys(capture: Capture) -> tuple[str, ...]:
+    """The keys that ``band_responses`` needs and that the manifest lacks."""
+    manifest, missing = capture.manifest, []
+    if manifest.camera.quantum_efficiency is None:
+        missing.append("camera.quantum_efficiency")
+    if manifest.lens.transmittance is None:
+        missing.append("lens.transmittance")
+    for index, band in enumerate(manifest.band):
+        for key in ("transmittance", "f_number", "image_distance_mm"):
+            if getattr(band, key) is None:
+                missing.append(f"band[{index}] ({band.id}).{key}")
+    return tuple(missing)
+
+
+def capture_factors(
+    capture: Capture,
+    constant: float,
+    channels: Mapping[str, str] | None = None,
+    grid: WavelengthGrid = INTEGRAL_GRID,
+) -> ResponseFactors:
+    """The responses of all bands on ``grid``, in factors, in the manifest's order, for C = ``constant``.
+
+    constant : mm^2 m^2 / (e-/DN), one for all bands.
+
+    channels : by band, the channel of a sensor with a mosaic.
+
+    Raises InputError naming the keys that are missing (see ``missing_keys``).
+    """
+    filters, rests, factors = {}, [], []
+    for band in capture.manifest.band:
+        rest = _rest_curve(capture, None if channels is None else channels[band.id], grid)
+        factor = optical_factor(capture, band)
+        if rest is None or band.transmittance is None or factor is None:
+            raise InputError(
+                capture.folder / "capture.toml",
+                f"no {', '.join(missing_keys(capture))}",
+                "these keys, which an absolute scale needs",
+            )
+        filters[band.id] = capture.light(band.transmittance)
+        rests.append(rest)
+        factors.append(constant * factor)
+    return response_factors(filters, rests, factors, grid)
+
+
+def band_responses(
+    capture: Capture, constant: float, channels: Mapping[str, str] | None = None
+) -> tuple[BandResponse, ...]:
+    """The responses of all bands: those of ``capture_factors``, multiplied."""
+    return capture_factors(capture, constant, channels).responses()

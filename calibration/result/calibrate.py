@@ -1,0 +1,181 @@
+"""The complete calibration of a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.frozen import OwnMappings
+from numpy.typing import ArrayLike, NDArray
+
+from ..capture import Capture, band_channels, brighter_channel_notes
+from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
+from ..correction import CorrectedBands, DarkLibrary, NoiseModel, correct_bands, measure_noise, read_darks
+from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
+from ..geometry import CameraFit, TargetFit, calibrate_camera
+from ..radiometry import (
+    BandResponse,
+    Radiometry,
+    Uncertainty,
+    band_responses,
+    measure_constant,
+    measure_uncertainty,
+    missing_keys,
+)
+from ..suspicions import Suspicion, explain_points, find_suspicions
+
+__all__ = ["Calibration", "calibrate"]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(OwnMappings):
+    """The result of ``calibrate``. A part is None if the capture lacks the data; ``notes`` then name what is missing.
+
+    channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
+    colour : filter weights by three methods with their errors. camera_fit : from the surveyed points.
+    target_fit : from flat targets, jointly with the survey if there is one. sensor : photon transfer, dark
+    level, response, calibration curve. uncertainty : the band and common components. suspicions : mistakes that the
+    capture seems to hold, apart from ``notes``.
+    """
+
+    capture: Capture
+    dark: DarkLibrary
+    noise: NoiseModel
+    channels: Mapping[str, str] | None
+    bands: CorrectedBands
+    radiometry: Radiometry
+    responses: tuple[BandResponse, ...] | None
+    colour: ColourStudy | None
+    camera_fit: CameraFit | None
+    target_fit: TargetFit | None
+    linearity: Linearity | None
+    sensor: SensorStudy
+    uncertainty: Uncertainty
+    patches: PatchTable | None
+    notes: tuple[str, ...]
+    suspicions: tuple[Suspicion, ...] = ()
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera with its covariance: from the joint fit with flat targets, else from the survey; or None."""
+        if self.target_fit is not None and self.target_fit.survey_camera is not None:
+            return self.target_fit.survey_camera
+        return None if self.camera_fit is None else self.camera_fit.camera
+
+    @property
+    def images(self) -> xr.Dataset:
+        """The measured BandImages (band, y, x), bands in the manifest's order."""
+        return self.bands.images
+
+    @property
+    def photograph(self) -> NDArray[np.float64]:
+        """(y, x) mean of the bands, each divided by its 99th percentile, for display and edge detection."""
+        signal = self.images["signal"].values
+        return np.asarray(
+            np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64
+        )
+
+    def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
+        """Variance (band, y, x) in DN^2 of the corrected signals, given their expectation (band, y, x) in DN."""
+        return self.bands.predicted_variance(expected_signal)
+
+    @property
+    def weights(self) -> FilterWeights | None:
+        """The filter weights in use: those with the smallest colour error of the three methods."""
+        return None if self.colour is None else self.colour.weights[self.colour.recommended]
+
+    def xyz(self) -> xr.Dataset:
+        """Measured tristimulus images, see ``xyz_image``. Raises ValueError if the capture lacks the data."""
+        if self.weights is None or self.responses is None:
+            raise ValueError("the capture lacks the data for XYZ: see notes")
+        relative = None if self.colour is None else self.colour.errors[self.colour.recommended].relative
+        return xyz_image(self.images, self.weights, self.responses, self.uncertainty, relative)
+
+
+def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
+    """(band,) median relative standard deviation over the unmasked, lit pixels of each band."""
+    noise = []
+    for band in range(images.sizes["band"]):
+        signal, variance = images["signal"].values[band], images["variance"].values[band]
+        lit = (images["mask"].values[band] == 0) & (signal > 3 * np.sqrt(variance))
+        noise.append(float(np.median(np.sqrt(variance[lit]) / signal[lit])) if np.any(lit) else 1.0)
+    return np.array(noise)
+
+
+def _camera(
+    capture: Capture,
+) -> tuple[CameraFit | None, TargetFit | None, list[str], tuple[Suspicion, ...]]:
+    """As ``calibrate_camera``, but no camera where it is known what was done to the points."""
+    try:
+        return *calibrate_camera(capture), ()
+    except InputError as fault:
+        explained = explain_points(capture, fault)
+        if explained is None:
+            raise
+        return None, None, [f"no camera: {explained.what}"], (explained,)
+
+
+def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
+    """The calibration of a capture, as far as its data allow.
+
+    reference_relative_sigma : scale uncertainty of the reference source's radiance, which the format does not state.
+
+    Missing data are not an error: the part is None and a note names what is missing. Raises InputError for faulty
+    frames and for surveyed points that cannot determine a camera.
+    """
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    channels = band_channels(capture)
+    bands = correct_bands(capture, dark, noise, channels)
+    radiometry = measure_constant(capture, bands, dark, noise, channels)
+    camera_fit, target_fit, camera_notes, explained = _camera(capture)
+    notes = [
+        *noise.notes,
+        *bands.notes,
+        *brighter_channel_notes(capture, channels),
+        *radiometry.notes,
+        *camera_notes,
+    ]
+    responses = colour = None
+    linearity = measure_linearity(capture, dark, noise, channels)
+    if linearity is None:
+        notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
+    sensor = study_sensor(capture, bands, dark, noise, channels)
+    notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
+    patches = measure_patches(capture, bands, noise, linearity)
+    if patches is not None:
+        notes += patches.notes
+    elif capture.manifest.labels is not None:
+        notes.append("[labels] without a known white patch or without filters: no patch reflectances")
+    missing = missing_keys(capture)
+    if missing:
+        notes.append(f"no absolute signals and no XYZ: missing {', '.join(missing)}")
+    elif radiometry.constant is not None:
+        responses = band_responses(capture, radiometry.constant, channels)
+    if responses is not None:
+        colour = study_colour(capture, responses, _typical_noise(bands.images))
+        notes.append(colour.reason)
+    return Calibration(
+        capture,
+        dark,
+        noise,
+        channels,
+        bands,
+        radiometry,
+        responses,
+        colour,
+        camera_fit,
+        target_fit,
+        linearity,
+        sensor,
+        measure_uncertainty(radiometry, capture.band_ids, reference_relative_sigma),
+        patches,
+        tuple(dict.fromkeys(notes)),
+        find_suspicions(
+            capture, bands, dark, noise, radiometry, camera_fit, channels=channels, already=explained
+        ),
+    )

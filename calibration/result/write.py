@@ -1,0 +1,230 @@
+"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv, XYZ maps and plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.files import replacing
+
+from ..colour import ILLUMINANT, patch_errors, patches_csv
+from ..detector import dark_level_sigma
+from ..geometry import CameraFit, read_points
+from .calibrate import Calibration
+from .edge_alignment import ObjectError
+from .geometry_plot import plot_geometry
+from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
+
+__all__ = ["calibration_record", "camera_record", "write_calibration", "write_geometry"]
+
+
+def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
+    """The "camera" object of metrics.json and calibration.json.
+
+    position_mm, position_sigma_mm : 3 each. rotation_deg : Rodrigues vector of R R0^T. covariance : 10 x 10,
+    of position_mm, rotation_deg, focal_length_px, principal_point_px, k1.
+    """
+    found = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
+    return found | {"outliers": list(fit.outliers)}
+
+
+def _parameters_record(camera: Camera) -> dict[str, Any]:
+    covariance = np.full((10, 10), np.nan) if camera.covariance is None else camera.covariance
+    return {
+        "position_mm": camera.position_mm.tolist(),
+        "position_sigma_mm": np.sqrt(np.diag(covariance)[:3]).tolist(),
+        "rotation_deg": camera.parameters[3:6].tolist(),
+        "focal_length_px": camera.focal_length_px,
+        "principal_point_px": np.asarray(camera.principal_point_px).tolist(),
+        "k1": camera.k1,
+        "covariance": covariance.tolist(),
+    }
+
+
+def write_geometry(camera: Camera, errors: Sequence[ObjectError], folder: Path) -> Path:
+    """Write geometry.json: the refined camera and the errors of the objects, with covariances."""
+    record = {
+        "camera": _parameters_record(camera),
+        "objects": [
+            {
+                "name": error.name,
+                "shift_mm": error.shift_mm.tolist(),
+                "covariance": error.covariance.tolist(),
+                "samples": error.samples,
+                "rms_before_px": error.rms_before_px,
+                "rms_after_px": error.rms_after_px,
+            }
+            for error in errors
+        ],
+    }
+    path = folder / "geometry.json"
+    text = json.dumps(_finite(record), indent=1, allow_nan=False) + "\n"
+    _write(path, lambda temporary: temporary.write_text(text))
+    return path
+
+
+def _value(value: float | None, sigma: float | None) -> dict[str, Any] | None:
+    return None if value is None else {"value": value, "sigma": sigma}
+
+
+def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
+    dark = calibration.dark
+    levels = []
+    sigmas = dark_level_sigma(dark, calibration.noise)
+    for exposure, repeats, level, sigma in zip(
+        dark.exposure_s, dark.repeats, dark.level, sigmas, strict=True
+    ):
+        levels.append(
+            {
+                "exposure_s": float(exposure),
+                "median_dn": float(np.median(level)),
+                "mean_dn": float(level.mean()),
+                "sigma_dn": float(sigma),
+                "pixel_spread_dn": float(level.std(ddof=1)),
+                "frames": int(repeats),
+            }
+        )
+    return levels
+
+
+def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
+    patches = calibration.patches
+    known = calibration.capture.label_reflectances()
+    errors = None if patches is None else patch_errors(patches, known)
+    if patches is None or errors is None:
+        return None
+    size = np.abs(errors.reflectance)
+    return {
+        "patches": list(errors.labels),
+        "reflectance": {
+            band: {"mean": float(size[:, i].mean()), "max": float(size[:, i].max())}
+            for i, band in enumerate(patches.bands)
+        },
+        "reflectance_mean": float(size.mean()),
+        "delta_e_ab": {"mean": float(errors.delta_e_ab.mean()), "max": float(errors.delta_e_ab.max())},
+        "delta_e_2000": {"mean": float(errors.delta_e_2000.mean()), "max": float(errors.delta_e_2000.max())},
+    }
+
+
+def calibration_record(calibration: Calibration) -> dict[str, Any]:
+    """The content of calibration.json; None where the capture lacks the data (see its ``notes``)."""
+    return _finite(_record(calibration))
+
+
+def _record(calibration: Calibration) -> dict[str, Any]:
+    noise, radiometry, linearity = calibration.noise, calibration.radiometry, calibration.linearity
+    camera, fit = calibration.camera, calibration.camera_fit
+    images, patches = calibration.images, calibration.patches
+    flags = {name.split("=")[0].lower(): int(name.split("=")[1]) for name in images["mask"].flags.split(", ")}
+    return {
+        "capture": calibration.capture.manifest.name,
+        "bands": list(calibration.capture.band_ids),
+        "channels": calibration.channels,
+        "camera": None if fit is None or camera is None else camera_record(camera, fit),
+        "target_intrinsics": None
+        if calibration.target_fit is None
+        else {
+            "focal_length_px_principal_point_px_k1": calibration.target_fit.intrinsics.tolist(),
+            "covariance": calibration.target_fit.intrinsics_covariance.tolist(),
+            "reprojection_rms_px": calibration.target_fit.reprojection_rms_px,
+        },
+        "gain_e_per_dn": _value(noise.gain_e_per_dn, noise.gain_sigma),
+        "read_noise_e": _value(noise.read_noise_e, noise.read_noise_sigma),
+        "dark_level": _dark_levels(calibration),
+        "linearity": None
+        if linearity is None
+        else {
+            "black_level_dn": _value(linearity.black_level_dn, linearity.black_level_sigma),
+            "exposure_offset_s": _value(linearity.exposure_offset_s, linearity.exposure_offset_sigma),
+            "rms_deviation": dict(linearity.rms_deviation),
+            "rms_deviation_corrected": dict(linearity.rms_corrected),
+        },
+        "C": None
+        if radiometry.constant is None
+        else {
+            "value": radiometry.constant,
+            "sigma": radiometry.sigma,
+            "sigma_degrees_of_freedom": radiometry.degrees,
+            "nominal": radiometry.nominal,
+            "bands": {c.band: {"value": c.constant, "sigma": c.sigma} for c in radiometry.by_band},
+            "chi2": radiometry.chi2,
+            "degrees_of_freedom": radiometry.chi2_degrees,
+            "probability": radiometry.probability,
+        },
+        "K": None if calibration.responses is None else {r.band: r.factor for r in calibration.responses},
+        "filter_weights": None if calibration.weights is None else weights_record(calibration.weights),
+        "colour": None if calibration.colour is None else colour_record(calibration.colour),
+        "uncertainty": uncertainty_record(calibration.uncertainty),
+        "sensor": sensor_record(calibration.sensor),
+        "masked": {
+            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
+            for name, value in flags.items()
+        },
+        "patches": None
+        if patches is None
+        else {
+            "file": "patches.csv",
+            "illuminant": ILLUMINANT,
+            "white": patches.white.name,
+            "offset": dict(zip(patches.bands, patches.offset.tolist(), strict=True)),
+            "shading_order": {band: shading.order for band, shading in patches.shading.items()},
+            "error": _patch_errors(calibration),
+        },
+        "notes": list(calibration.notes),
+        "suspicions": [suspicion.record for suspicion in calibration.suspicions],
+    }
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no NaN or infinity: what is not known becomes null."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _write(path: Path, write: Callable[[Path], object]) -> None:
+    with replacing(path) as temporary:
+        write(temporary)
+
+
+def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...]:
+    """Write calibration.json, patches.csv (with patches), xyz.nc and the plots; returns the files written.
+
+    Every file is written under a temporary name and renamed when complete.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(calibration_record(calibration), indent=1, allow_nan=False) + "\n"
+    jobs: dict[str, Callable[[Path], object]] = {"calibration.json": lambda path: path.write_text(text)}
+    if calibration.patches is not None:
+        table = patches_csv(calibration.patches)
+        jobs["patches.csv"] = lambda path: path.write_text(table)
+    if calibration.weights is not None:
+        xyz = calibration.xyz()
+        maps = {n: {"dtype": "float32", "zlib": True} for n in xyz.data_vars if n != "mask"}
+        jobs["xyz.nc"] = lambda path: xyz.to_netcdf(path, engine="h5netcdf", encoding=maps)
+    jobs["noise.png"] = lambda path: plot_noise(calibration, path)
+    if calibration.dark.exposure_s.size:
+        jobs["dark.png"] = lambda path: plot_dark(calibration, path)
+    if calibration.weights is not None:
+        jobs["filters.png"] = lambda path: plot_filters(calibration, path)
+    if calibration.sensor.responses:
+        jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
+    if calibration.sensor.curve is not None:
+        jobs["curve.png"] = lambda path: plot_curve(calibration, path)
+    survey = calibration.capture.manifest.geometry
+    camera, fit = calibration.camera, calibration.camera_fit
+    if survey is not None and camera is not None and fit is not None:
+        points = read_points(calibration.capture.folder / survey.points)
+        scene = calibration.capture.known_scene()
+        photograph = calibration.photograph
+        jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
+    for name, job in jobs.items():
+        _write(folder / name, job)
+    return tuple(folder / name for name in jobs)

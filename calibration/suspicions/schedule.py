@@ -1,0 +1,88 @@
+"""Checks of start times and exposures against each other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from .stacks import Stack
+from .suspicion import Suspicion
+
+__all__ = ["check_exposures", "check_schedule"]
+
+#: Clocks are read to a second, and the readout may be a little shorter than stated.
+_CLOCK_S = 2.0
+_LONGEST_CAPTURE_S = 2 * 86400.0
+_LONGEST_EXPOSURE_S = 7200.0
+
+
+def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Checks that bands are in the order taken and that exposures do not overlap."""
+    timed = [stack for stack in stacks if stack.start_s is not None]
+    starts = [s.start_s for s in timed if s.kind == "band" and s.start_s is not None]
+    if len(starts) > 1 and np.any(np.diff(starts) < 0):
+        late = [s for s in timed if s.kind == "band"][1 + int(np.argmax(np.diff(starts) < 0))]
+        yield Suspicion(
+            "the start times are out of order",
+            f"{late.key}.start_s",
+            f"Bands must be in the order taken, but this one started at {late.start_s:g} s, before the previous one.",
+        )
+    order = sorted(timed, key=lambda s: s.start_s or 0.0)
+    for before, after in itertools.pairwise(order):
+        if before.start_s is None or after.start_s is None:
+            continue
+        # Exposures alone: a camera may read one frame out while it exposes the next.
+        end = before.start_s + len(before.paths) * before.exposure_s
+        if after.start_s < end - _CLOCK_S - 0.02 * (end - before.start_s):
+            yield Suspicion(
+                "start times and exposures contradict each other (an exposure or a start time in another unit, or "
+                "wrong)",
+                f"{after.key}.start_s",
+                f"It starts at {after.start_s:g} s, but {before.key} (start {before.start_s:g} s, "
+                f"{len(before.paths)} x {before.exposure_s:g} s) is exposed until {end:g} s.",
+            )
+            break
+    for before, after in itertools.pairwise(order):
+        if before.kind == after.kind == "band" and before.start_s == after.start_s:
+            yield Suspicion(
+                "two bands begin at the same time",
+                f"{after.key}.start_s",
+                f"{before.key} begins then as well.",
+            )
+    if order and abs(order[0].start_s or 0.0) > _LONGEST_CAPTURE_S:
+        yield Suspicion(
+            "start times do not count from the first frame",
+            f"{order[0].key}.start_s",
+            f"The first begins at {order[0].start_s:g} s.",
+        )
+    elif order and (order[-1].start_s or 0.0) > _LONGEST_CAPTURE_S:
+        yield Suspicion(
+            "the start times are in another unit than seconds",
+            f"{order[-1].key}.start_s",
+            f"The last begins at {order[-1].start_s:g} s, {(order[-1].start_s or 0) / 86400:.1f} days after the first.",
+        )
+
+
+def check_exposures(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Detects exposures too long for a camera, and an exposure that does not match the exposures of the darks."""
+    longest = max(stacks, key=lambda s: s.exposure_s)
+    if longest.exposure_s > _LONGEST_EXPOSURE_S:
+        yield Suspicion(
+            "exposures are in another unit than seconds (milliseconds)",
+            f"{longest.key}.exposure_s",
+            f"The longest is {longest.exposure_s:g} s, {longest.exposure_s / 3600:.1f} hours.",
+        )
+    darks = {s.exposure_s for s in stacks if s.kind == "dark"}
+    lit = [s for s in stacks if s.kind != "dark"]
+    used = {s.exposure_s for s in lit}
+    missing = [s for s in lit if not any(np.isclose(s.exposure_s, d, rtol=1e-6) for d in darks)]
+    unused = [d for d in darks if not any(np.isclose(d, e, rtol=1e-6) for e in used)]
+    if len(darks) > 2 and len({s.exposure_s for s in missing}) == 1 and len(unused) == 1:
+        yield Suspicion(
+            "an exposure is wrong: of the frames or of their dark frames",
+            f"{missing[0].key}.exposure_s",
+            f"There are no dark frames at its {missing[0].exposure_s:g} s, and those at {unused[0]:g} s match no "
+            "exposure; all others match.",
+        )

@@ -1,0 +1,117 @@
+"""A rough picture of a known scene: the surface seen by each pixel and the lamp's direct light on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes import Scene
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+
+__all__ = ["Sight", "distance_to_surfaces", "see"]
+
+_LAMP_SAMPLES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """By pixel (y, x) of every ``step``-th row and column.
+
+    surface : index into the scene's surfaces, their number for the lamp, -1 for nothing. place_mm : (y, x, 3).
+    direct : irradiance by a lamp of radiance 1, shadows left out, sr.
+    """
+
+    step: int
+    surface: NDArray[np.int64]
+    place_mm: NDArray[np.float64]
+    direct: NDArray[np.float64]
+
+
+def _hits(
+    origin: NDArray[np.float64], direction: NDArray[np.float64], triangle: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,) distance along rays (n, 3) to a triangle (3, 3), inf where they miss (Moeller and Trumbore 1997)."""
+    a, b, c = triangle
+    p = np.cross(direction, c - a)
+    determinant = p @ (b - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = p @ (origin - a) / determinant
+        q = np.cross(origin - a, b - a)
+        v = direction @ q / determinant
+        t = float((c - a) @ q) / determinant
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-6) & np.isfinite(t)
+    return np.where(hit, t, np.inf)
+
+
+def _rays(camera: Camera, step: int) -> tuple[NDArray[np.float64], tuple[int, int]]:
+    """(n, 3) directions of every step-th pixel."""
+    v, u = np.mgrid[0 : camera.height_px : step, 0 : camera.width_px : step]
+    return np.nan_to_num(camera.directions(u.ravel(), v.ravel())), (u.shape[0], u.shape[1])
+
+
+def see(scene: Scene, camera: Camera, most_px: int = 128) -> Sight:
+    """The sight of a scene on a grid of at most ``most_px`` rows and columns."""
+    step = max(1, -(-max(camera.height_px, camera.width_px) // most_px))
+    direction, shape = _rays(camera, step)
+    origin = np.asarray(camera.position_mm, float)
+    nearest = np.full(len(direction), np.inf)
+    surface = np.full(len(direction), -1)
+    normal = np.zeros_like(direction)
+    for index, part in enumerate((*scene.surfaces, scene.lamp.surface)):
+        for face in part.faces:
+            triangle = part.vertices_mm[face]
+            distance = _hits(origin, direction, triangle)
+            closer = distance < nearest
+            nearest[closer], surface[closer] = distance[closer], index
+            across = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
+            normal[closer] = across / np.linalg.norm(across)
+    place = origin + np.where(np.isfinite(nearest), nearest, 0.0)[:, None] * direction
+    normal *= -np.sign(np.sum(normal * direction, axis=1, keepdims=True))
+    direct = _direct(scene, place, normal)
+    return Sight(step, surface.reshape(shape), place.reshape(*shape, 3), direct.reshape(shape))
+
+
+def _direct(scene: Scene, place: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    lamp = scene.lamp.surface
+    total = np.zeros(len(place))
+    inner = (np.arange(_LAMP_SAMPLES) + 0.5) / _LAMP_SAMPLES
+    for face in lamp.faces:
+        a, b, c = lamp.vertices_mm[face]
+        across = np.cross(b - a, c - a)
+        area = 0.5 * float(np.linalg.norm(across))
+        facing = across / (2 * area)
+        for s in inner:
+            for t in inner:
+                root = np.sqrt(s)
+                source = (1 - root) * a + root * (1 - t) * b + root * t * c
+                way = source - place
+                square = np.maximum(np.sum(way**2, axis=1), 1e-6)
+                cosines = np.maximum(np.sum(way * normal, axis=1), 0) * np.abs(way @ facing)
+                total += area / _LAMP_SAMPLES**2 * cosines / square**2
+    return total
+
+
+def distance_to_surfaces(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) mm from points (n, 3) to the nearest triangle of scene or lamp."""
+    nearest = np.full(len(points), np.inf)
+    for part in (*scene.surfaces, scene.lamp.surface):
+        for face in part.faces:
+            nearest = np.minimum(nearest, _to_triangle(points, part.vertices_mm[face]))
+    return nearest
+
+
+def _to_triangle(points: NDArray[np.float64], triangle: NDArray[np.float64]) -> NDArray[np.float64]:
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
+    height = (points - a) @ normal
+    foot = points - height[:, None] * normal
+    inside = np.ones(len(points), bool)
+    rim = np.full(len(points), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        edge = end - start
+        inside &= np.cross(edge, foot - start) @ normal >= -1e-9
+        share = np.clip((points - start) @ edge / max(float(edge @ edge), 1e-12), 0, 1)
+        rim = np.minimum(rim, np.linalg.norm(points - start - share[:, None] * edge, axis=1))
+    return np.where(inside, np.abs(height), rim)

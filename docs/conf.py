@@ -1,0 +1,24 @@
+"""The manual: python -m sphinx -W docs build/manual (pip install 'cboxlab[docs]')."""
+
+import importlib.metadata
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import generated_pages
+
+project = "cboxlab"
+author = "the authors of cboxlab"
+release = importlib.metadata.version("cboxlab")
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+suppress_warnings = ["myst.xref_missing_file"]
+html_theme = "furo"
+html_title = f"cboxlab {release}"
+autodoc_typehints = "none"
+
+
+def setup(app):
+    """Text that the program itself knows stands in the pages as <!-- generated: NAME -->."""
+    app.connect("source-read", generated_pages.fill_in)

@@ -1,0 +1,97 @@
+"""Makes the manual's pictures anew: python docs/pictures.py [effects] [readme]
+
+effects : the signature of every effect, docs/figures/effects/ID.png (about ten minutes).
+readme : photograph, render and difference of the bundled capture, docs/figures/readme-comparison.png.
+"""
+
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from PIL import Image
+
+FIGURES = Path(__file__).parent / "figures"
+#: Dots per inch and colours of the signatures, so that all of them take about a megabyte.
+DPI, COLOURS = 64, 128
+
+
+def small_png(path: Path) -> None:
+    """The picture with few colours, written over itself."""
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(COLOURS)
+    buffer = BytesIO()
+    few.save(buffer, format="PNG", optimize=True)
+    path.write_bytes(buffer.getvalue())
+
+
+def effect_pictures() -> None:
+    """Every effect of the catalogue at the example values of its parameters."""
+    from cboxlab.validate.commands.effect_picture import pictured_light, write_effect_picture
+    from cboxlab.validate.effects import catalogue
+
+    light = pictured_light()
+    for effect in catalogue().values():
+        path = FIGURES / "effects" / f"{effect.id}.png"
+        told = write_effect_picture(path, effect, light, DPI)
+        small_png(path)
+        print(f"{path.name}: {told}", flush=True)
+
+
+def readme_pictures() -> None:
+    """The bundled capture against the published box, and against that with the hidden effect fitted to it."""
+    import cboxlab
+    from cboxlab.validate.commands.demo import DEMO_CAPTURE
+    from cboxlab.validate.diagnose import fit_effect
+    from cboxlab.validate.model import Model
+    from cboxlab.validate.predict import default_cache
+    from cboxlab.validate.synthetic import open_seal
+
+    kept = default_cache()
+    before = cboxlab.validate(DEMO_CAPTURE, cache=kept)
+    effect, *_ = fit_effect(DEMO_CAPTURE, Model(), open_seal(DEMO_CAPTURE).effects[0][0], {}, cache=kept)
+    after = cboxlab.validate(DEMO_CAPTURE, model=Model().with_effect(effect), cache=kept)
+    print(before, effect.values, after, sep="\n")
+    draw(FIGURES / "readme-comparison.png", before.validation, after.validation)
+
+
+def draw(path: Path, before, after) -> None:
+    """Photograph, render, and residual over noise before and after."""
+    from matplotlib.figure import Figure
+
+    maps = before.comparison.maps
+    white = float(np.nanpercentile(maps.xyz_rendered.values[:, 1], 99))
+    panels = [
+        ("photograph", shown(maps.xyz_measured.values, white), {}),
+        ("render of the model", shown(maps.xyz_rendered.values, white), {}),
+        ("difference, in σ", middle(before), {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}),
+        ("after the effect is added", middle(after), {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}),
+    ]
+    with matplotlib.rc_context({"font.size": 9}):
+        figure = Figure(figsize=(9.6, 2.6), layout="constrained")
+        for axis, (title, picture, style) in zip(figure.subplots(1, 4), panels, strict=True):
+            image = axis.imshow(picture, **style)
+            axis.set_title(title)
+            axis.set(xticks=[], yticks=[])
+        figure.colorbar(image, ax=axis, shrink=0.8)
+        figure.savefig(path, dpi=110)
+    small_png(path)
+
+
+def middle(validation) -> np.ndarray:
+    """Residual over noise in the band in the middle (y, x)."""
+    return validation.comparison.maps.residual_over_sigma.values[len(validation.comparison.bands) // 2]
+
+
+def shown(xyz: np.ndarray, white: float) -> np.ndarray:
+    """(y, x, 3) sRGB of XYZ maps (y, x, 3)."""
+    matrix = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+    linear = np.clip(np.nan_to_num(xyz) / white @ matrix.T, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+if __name__ == "__main__":
+    wanted = sys.argv[1:] or ["effects", "readme"]
+    for name in wanted:
+        {"effects": effect_pictures, "readme": readme_pictures}[name]()

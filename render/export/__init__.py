@@ -1,0 +1,16 @@
+"""A box for other renderers, and the way back from what they wrote."""
+
+from .camera_file import read_camera, write_camera
+from .exported import Exported, ExportSettings, exported_scene
+from .formats import FORMATS, read_rendered, write_export
+
+__all__ = [
+    "FORMATS",
+    "ExportSettings",
+    "Exported",
+    "exported_scene",
+    "read_camera",
+    "read_rendered",
+    "write_camera",
+    "write_export",
+]

@@ -1,0 +1,119 @@
+"""Mitsuba 3: XML, three wavelengths a scene as red, green and blue of an RGB variant, which never mix."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .exported import Exported, Layout, groups_of
+from .neutral import mesh_path
+from .raw_pixels import exr_pixels
+
+__all__ = ["read", "write"]
+
+_RUN = """#!/usr/bin/env python3
+\"\"\"Renders all batches: python run.py [VARIANT]. Needs the package mitsuba.\"\"\"
+
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+
+BATCHES, GROUPS = {batches}, {groups}
+mi.set_variant(*(sys.argv[1:2] or ["llvm_ad_rgb", "scalar_rgb"]))
+folder = Path(__file__).resolve().parent
+(folder / "out").mkdir(exist_ok=True)
+for group in range(GROUPS):
+    scene = mi.load_file(str(folder / f"group-{{group}}.xml"))
+    for batch in range(BATCHES):
+        picture = mi.render(scene, seed=1 + batch + BATCHES * group)
+        out = folder / "out" / f"batch-{{batch}}-group-{{group}}.exr"
+        unfinished = out.with_suffix(".part.exr")
+        mi.Bitmap(picture, pixel_format=mi.Bitmap.PixelFormat.RGB).write(str(unfinished))
+        unfinished.replace(out)
+"""
+
+
+def write(folder: Path, exported: Exported) -> None:
+    """One XML scene for each three wavelengths, and run.py."""
+    groups = groups_of(exported.settings.wavelength_nm.size, 3)
+    for number, group in enumerate(groups):
+        (folder / f"group-{number}.xml").write_text(_scene(exported, np.resize(group, 3)), encoding="ascii")
+    script = _RUN.format(batches=exported.settings.batches, groups=len(groups))
+    (folder / "run.py").write_text(script, encoding="ascii")
+
+
+def read(folder: Path, layout: Layout) -> NDArray[np.float32]:
+    """(batch, film y, film x, w)."""
+    shape = layout.film_height_px, layout.film_width_px
+    found = np.empty((layout.settings.batches, *shape, layout.channels), np.float32)
+    for number, group in enumerate(groups_of(layout.channels, 3)):
+        for batch, picture in enumerate(found):
+            path = folder / "out" / f"batch-{batch}-group-{number}.exr"
+            picture[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[..., : len(group)]
+    return found
+
+
+def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
+    bounces, samples = exported.max_bounces, exported.film_samples
+    names = ", ".join(f"{w:g}" for w in exported.settings.wavelength_nm[group])
+    lines = [
+        '<scene version="3.0.0">',
+        f"  <!-- red, green and blue stand for {names} nm -->",
+        f'  <default name="spp" value="{samples}"/>',
+        '  <integrator type="path">',
+        f'    <integer name="max_depth" value="{-1 if bounces is None else bounces + 1}"/>',
+        "  </integrator>",
+        *_sensor(exported),
+    ]
+    for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
+        lines += [
+            f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"
+        ]  # fmt: skip
+    lines += ['  <bsdf type="diffuse" id="lamp-black">', _rgb("reflectance", np.zeros(3), 4), "  </bsdf>"]
+    for surface in exported.surfaces:
+        lamp = surface is exported.scene.lamp.surface
+        emitter = [
+            '    <emitter type="area">', _rgb("radiance", exported.lamp[group], 6), "    </emitter>"
+        ]  # fmt: skip
+        lines += [
+            f'  <shape type="ply" id="shape-{surface.name}">',
+            f'    <string name="filename" value="../{mesh_path(surface)}"/>',
+            '    <boolean name="face_normals" value="true"/>',
+            f'    <ref id="{"lamp-black" if lamp else f"material-{surface.material}"}"/>',
+            *(emitter if lamp else []),
+            "  </shape>",
+        ]
+    return "\n".join([*lines, "</scene>"]) + "\n"
+
+
+def _rgb(name: str, values: NDArray[np.float64], indent: int) -> str:
+    return f'{" " * indent}<rgb name="{name}" value="{", ".join(f"{v:.9g}" for v in values)}"/>'
+
+
+def _sensor(exported: Exported) -> list[str]:
+    film = exported.film
+    centre = (film.low + film.size / (2 * film.scale)) * film.scale / film.size
+    matrix = " ".join(repr(float(x)) for x in exported.axes.ravel())
+    field = float(np.degrees(2 * np.arctan(film.size[0] / (2 * film.scale))))
+    return [
+        '  <sensor type="perspective">',
+        f'    <transform name="to_world"><matrix value="{matrix}"/></transform>',
+        '    <string name="fov_axis" value="x"/>',
+        f'    <float name="fov" value="{field!r}"/>',
+        f'    <float name="principal_point_offset_x" value="{float(centre[0])!r}"/>',
+        f'    <float name="principal_point_offset_y" value="{float(centre[1])!r}"/>',
+        '    <float name="near_clip" value="0.1"/>',
+        '    <float name="far_clip" value="1e7"/>',
+        '    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>',
+        '    <film type="hdrfilm">',
+        f'      <integer name="width" value="{int(film.size[0])}"/>',
+        f'      <integer name="height" value="{int(film.size[1])}"/>',
+        '      <string name="pixel_format" value="rgb"/>',
+        '      <string name="component_format" value="float32"/>',
+        '      <rfilter type="box"/>',
+        "    </film>",
+        "  </sensor>",
+    ]

@@ -1,0 +1,188 @@
+"""The renderer-neutral part of an export: scene.json, camera.json, meshes, spectra, rays, surface map."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.input_files import read_json
+from cboxlab.scenes.scene import Surface
+from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..image import LAMP, NOTHING
+from ..visibility import build_tracer, facet_coverage
+from .camera_file import camera_entry
+from .exported import Exported, ExportSettings, Layout, pixel_means, subpixel_rays
+
+__all__ = ["mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
+
+#: Values of the surface map: the lamp, no surface.
+_LAMP, _NOTHING = 254, 255
+
+_CONVENTIONS = {
+    "lengths": "mm; right-handed axes",
+    "spectra": "linear between samples; a reflectance keeps its end values beyond its table, the lamp is zero there",
+    "radiance": "W m^-2 sr^-1 nm^-1",
+    "surfaces": "Lambertian on the side from which corners run counter-clockwise, black on the other",
+    "lamp": "emits the same radiance in all directions of its counter-clockwise side, reflects nothing",
+    "pixels": "a pixel's value is the mean over its square (box filter); rows from the top",
+    "film": "a pinhole at the camera's position without distortion: film pixel (column, row) is centred on the "
+    "direction x = low_x + (column + 0.5) / scale, y = low_y + (row + 0.5) / scale, 1 in camera axes (x right, y down, "
+    "z forward); where the camera has distortion, warp.npz takes film pixels to camera pixels",
+    "rays": "little-endian float32, origin then unit direction, (row, column) of subpixels, one file for each batch; "
+    "a pixel is the mean of its subpixels x subpixels rays",
+    "surface_map": "index into surfaces; 254 the lamp, 255 nothing",
+}
+
+
+def mesh_path(surface: Surface) -> str:
+    """Of a surface's mesh, relative to the export."""
+    return f"meshes/{surface.name}.ply"
+
+
+def rays_path(batch: int) -> str:
+    """Of a batch's rays, relative to the export."""
+    return f"rays-{batch}.f32"
+
+
+def write_neutral(folder: Path, exported: Exported) -> None:
+    """Fill a folder. Raises InputError for more surfaces than a map can hold."""
+    scene, settings = exported.scene, exported.settings
+    if len(scene.surfaces) >= _LAMP:
+        raise InputError(f"scene {scene.name}", f"{len(scene.surfaces)} surfaces", f"fewer than {_LAMP}")
+    for name in ("meshes", "spectra"):
+        (folder / name).mkdir()
+    for surface in exported.surfaces:
+        (folder / mesh_path(surface)).write_text(_ply(surface), encoding="ascii")
+    for name, material in scene.materials.items():
+        _write_spectrum(folder / "spectra" / f"material-{name}.csv", material.reflectance, "reflectance")
+    _write_spectrum(folder / "spectra" / "lamp.csv", scene.lamp.radiance, "radiance")
+    _write_channels(folder / "spectra" / "channels.csv", exported)
+    for batch in range(settings.batches):
+        (folder / rays_path(batch)).write_bytes(subpixel_rays(exported, batch).tobytes())
+    means = pixel_means(exported)
+    if means is not None:
+        np.savez_compressed(folder / "warp.npz", row=means[0], column=means[1], weight=means[2])
+    Image.fromarray(_surface_map(exported)).save(folder / "surfaces.png")
+    (folder / "camera.json").write_text(
+        json.dumps(camera_entry(exported.camera), indent=1) + "\n", encoding="utf-8"
+    )
+    (folder / "scene.json").write_text(json.dumps(_entry(exported), indent=1) + "\n", encoding="utf-8")
+
+
+def _entry(exported: Exported) -> dict[str, Any]:
+    scene, settings, film = exported.scene, exported.settings, exported.film
+    return {
+        "format": "cboxlab-export/1",
+        "name": scene.name,
+        "conventions": _CONVENTIONS,
+        "surfaces": [{"name": s.name, "material": s.material, "mesh": mesh_path(s)} for s in scene.surfaces],
+        "materials": {name: f"spectra/material-{name}.csv" for name in scene.materials},
+        "lamp": {
+            "name": scene.lamp.surface.name,
+            "mesh": mesh_path(scene.lamp.surface),
+            "radiance": "spectra/lamp.csv",
+        },
+        "max_bounces": exported.max_bounces,
+        "camera": "camera.json",
+        "further_distortion": exported.camera.further_distortion is not None,
+        "film": {
+            "width_px": int(film.size[0]),
+            "height_px": int(film.size[1]),
+            "scale_px": float(film.scale),
+            "low": film.low.tolist(),
+            "warp": None if exported.camera.is_pinhole else "warp.npz",
+        },
+        "rays": [rays_path(batch) for batch in range(settings.batches)],
+        "surface_map": "surfaces.png",
+        "channels": "spectra/channels.csv",
+        "wavelength_nm": settings.wavelength_nm.tolist(),
+        "width_px": exported.camera.width_px,
+        "height_px": exported.camera.height_px,
+        "samples": settings.samples,
+        "batches": settings.batches,
+        "subpixels": settings.subpixels,
+    }
+
+
+def _ply(surface: Surface) -> str:
+    """ASCII, double precision, vertices and triangles as they are."""
+    head = [
+        "ply", "format ascii 1.0", f"element vertex {len(surface.vertices_mm)}",
+        *(f"property double {axis}" for axis in "xyz"), f"element face {len(surface.faces)}",
+        "property list uchar int vertex_indices", "end_header",
+    ]  # fmt: skip
+    rows = [" ".join(repr(float(x)) for x in vertex) for vertex in surface.vertices_mm]
+    rows += [" ".join(["3", *(str(int(i)) for i in face)]) for face in surface.faces]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def _write_spectrum(path: Path, spectrum: Spectrum, name: str) -> None:
+    with path.open("w", newline="", encoding="ascii") as stream:
+        table = csv.writer(stream)
+        table.writerow(["wavelength_nm", name])
+        table.writerows(zip(spectrum.wavelength_nm.tolist(), spectrum.values.tolist(), strict=True))
+
+
+def _write_channels(path: Path, exported: Exported) -> None:
+    """All spectra at the wavelengths of the export."""
+    with path.open("w", newline="", encoding="ascii") as stream:
+        table = csv.writer(stream)
+        table.writerow(["wavelength_nm", "lamp", *(f"material-{name}" for name in exported.scene.materials)])
+        columns = np.vstack([exported.settings.wavelength_nm, exported.lamp, exported.reflectances])
+        table.writerows(columns.T.tolist())
+
+
+def _surface_map(exported: Exported) -> NDArray[np.uint8]:
+    coverage = facet_coverage(tracer := build_tracer(exported.scene), exported.camera)
+    count = len(exported.scene.surfaces)
+    each = [coverage[..., tracer.facet_surface == s].sum(axis=-1) for s in range(count + 1)]
+    most = np.argmax(np.stack(each, axis=-1), axis=-1)
+    most[most == count] = _LAMP
+    most[coverage.sum(axis=-1) < 0.5] = _NOTHING
+    return most.astype(np.uint8)
+
+
+def read_layout(folder: Path) -> Layout:
+    """The arrangement of an export's results. Raises InputError where ``folder`` is no export."""
+    path = folder / "scene.json"
+    entry = read_json(path, "an export's scene.json")
+    try:
+        if entry["format"] != "cboxlab-export/1":
+            raise InputError(f"{path}: format", repr(entry["format"]), "'cboxlab-export/1'")
+        settings = ExportSettings(
+            np.asarray(entry["wavelength_nm"], float), int(entry["samples"]), int(entry["batches"]),
+            int(entry["subpixels"]),
+        )  # fmt: skip
+        film = entry["film"]
+        return Layout(
+            int(entry["width_px"]), int(entry["height_px"]), int(film["width_px"]), int(film["height_px"]), settings
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            path, f"{type(error).__name__}: {error}", "a scene.json as an export writes it"
+        ) from None
+
+
+def read_surfaces(folder: Path) -> tuple[NDArray[np.int16], tuple[str, ...]]:
+    """(y, x) index into the surfaces' names, LAMP or NOTHING as ``RenderedImage.surface``, and the names."""
+    names = tuple(surface["name"] for surface in read_json(folder / "scene.json", "a scene.json")["surfaces"])
+    with Image.open(folder / "surfaces.png") as picture:
+        index = np.asarray(picture).astype(np.int16)
+    index[index == _LAMP], index[index == _NOTHING] = LAMP, NOTHING
+    return index, names
+
+
+def read_warp(folder: Path) -> tuple[NDArray, NDArray, NDArray] | None:
+    """Rows, columns and weights of ``pixel_means``; None for a camera without distortion."""
+    path = folder / "warp.npz"
+    if not path.exists():
+        return None
+    with np.load(path) as stored:
+        return stored["row"], stored["column"], stored["weight"]

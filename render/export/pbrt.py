@@ -1,0 +1,139 @@
+"""pbrt-v4: a scene with the spectral film, whose buckets are the export's channels.
+
+Each channel is a range of whole nanometres within 400 to 700 nm, whatever wavelength it stands for, in which the
+spectra are constant: a bucket's mean is then the radiance at one wavelength. pbrt divides a lamp's spectrum by its
+luminous integral and multiplies its film by that of the equal-energy spectrum; ``scale`` undoes both.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from .exported import Exported, Layout
+from .neutral import mesh_path
+from .raw_pixels import exr_pixels
+
+__all__ = ["read", "write"]
+
+#: pbrt's integral of the luminous efficiency, nm, and the range in which channels lie, nm.
+_LUMINOUS_NM = 106.856895
+_RANGE_NM = 400.0, 700.0
+#: Reflections where there is no limit.
+_MANY = 1000
+_BUCKET = re.compile(r"S0\.(\d+)[,.](\d+)nm")
+
+
+def write(folder: Path, exported: Exported) -> None:
+    """world.pbrt, a file for each batch that includes it, run.sh.
+
+    Raises InputError for more channels than there are whole nanometres.
+    """
+    (folder / "world.pbrt").write_text(_world(exported), encoding="ascii")
+    lines = ["#!/bin/sh", "# Needs pbrt-v4.", "set -e", 'cd "$(dirname "$0")"', "mkdir -p out"]
+    for batch in range(exported.settings.batches):
+        (folder / f"batch-{batch}.pbrt").write_text(_batch(exported, batch), encoding="ascii")
+        lines += [f"pbrt batch-{batch}.pbrt", f"mv out/part-{batch}.exr out/batch-{batch}.exr"]
+    (folder / "run.sh").write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def read(folder: Path, layout: Layout) -> NDArray[np.float64]:
+    """(batch, film y, film x, w)."""
+    found = []
+    for batch in range(layout.settings.batches):
+        path = folder / "out" / f"batch-{batch}.exr"
+        names = _buckets(path) if path.is_file() else [""]
+        if path.is_file() and len(names) != layout.channels:
+            raise InputError(path, f"{len(names)} spectral channels", f"{layout.channels}")
+        found.append(exr_pixels(path, (layout.film_height_px, layout.film_width_px), names))
+    return np.stack(found)
+
+
+def _buckets(path: Path) -> list[str]:
+    """Names of the spectral channels, by wavelength."""
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            matches = [m for m in map(_BUCKET.fullmatch, file.channels()) if m]
+    except Exception as error:  # the library raises exceptions of any type on damaged files
+        raise InputError(path, f"{type(error).__name__}: {error}", "an OpenEXR picture") from None
+    return [m.group() for m in sorted(matches, key=lambda m: float(f"{m.group(1)}.{m.group(2)}"))]
+
+
+def _edges(channels: int) -> NDArray[np.float64]:
+    """(channels + 1,) limits of the channels, halfway between whole nanometres."""
+    width = int((_RANGE_NM[1] - _RANGE_NM[0]) // channels)
+    if width < 1:
+        raise InputError("wavelengths", f"{channels}", f"at most {_RANGE_NM[1] - _RANGE_NM[0]:g} for pbrt")
+    return np.asarray(_RANGE_NM[0] - 0.5 + width * np.arange(channels + 1), np.float64)
+
+
+def _steps(values: NDArray[np.float64]) -> str:
+    edges = _edges(len(values))
+    pairs = [
+        f"{place:.9g} {value:.9g}"
+        for low, high, value in zip(edges, edges[1:], values, strict=False)
+        for place in (low + 0.001, high - 0.001)
+    ]
+    return "[ " + " ".join(pairs) + " ]"
+
+
+def _scale(values: NDArray[np.float64]) -> float:
+    """What makes pbrt's pictures radiances: the lamp's luminous integral over that of the equal-energy spectrum."""
+    import colour  # slow to import (1 s), and only needed here
+
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    edges = _edges(len(values))
+    nm = np.arange(np.ceil(edges[0]), np.floor(edges[-1]) + 1)
+    luminous = np.interp(nm, observer.wavelengths, observer.values[:, 1])
+    return float(luminous @ values[np.searchsorted(edges, nm) - 1] / _LUMINOUS_NM)
+
+
+def _batch(exported: Exported, batch: int) -> str:
+    film, camera, bounces = exported.film, exported.camera, exported.max_bounces
+    edges = _edges(exported.settings.wavelength_nm.size)
+    view = np.eye(4)
+    view[:3, :3] = np.diag([1.0, -1.0, 1.0]) @ camera.rotation
+    view[:3, 3] = -view[:3, :3] @ camera.position_mm
+    high = film.low + film.size / film.scale
+    window = [film.low[0], high[0], -high[1], -film.low[1]]
+    lines = [
+        f"Transform [ {_numbers(view.T.ravel())} ]",
+        f'Camera "perspective" "float fov" 90 "float screenwindow" [ {_numbers(window)} ]',
+        f'Film "spectral" "integer xresolution" {int(film.size[0])} "integer yresolution" {int(film.size[1])} '
+        f'"integer nbuckets" {len(edges) - 1} "float lambdamin" {float(edges[0])!r} '
+        f'"float lambdamax" {float(edges[-1])!r} '
+        f'"bool savefp16" false "string filename" "out/part-{batch}.exr"',
+        'PixelFilter "box" "float xradius" 0.5 "float yradius" 0.5',
+        f'Sampler "independent" "integer pixelsamples" {exported.film_samples} "integer seed" {batch + 1}',
+        f'Integrator "path" "integer maxdepth" {_MANY if bounces is None else bounces}',
+        "WorldBegin",
+        'Include "world.pbrt"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _world(exported: Exported) -> str:
+    """Materials, surfaces and the lamp."""
+    lines = []
+    for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
+        spectrum = f'"spectrum reflectance" {_steps(values)}'
+        lines.append(f'MakeNamedMaterial "{name}" "string type" "diffuse" {spectrum}')
+    black = '"spectrum reflectance" [ 300 0 900 0 ]'
+    lines.append(f'MakeNamedMaterial "lamp--" "string type" "diffuse" {black}')
+    for surface in exported.scene.surfaces:
+        lines += [f'NamedMaterial "{surface.material}"',
+                  f'Shape "plymesh" "string filename" "../{mesh_path(surface)}"']  # fmt: skip
+    lamp = f'AreaLightSource "diffuse" "spectrum L" {_steps(exported.lamp)} "float scale" {_scale(exported.lamp)!r}'
+    lamp_mesh = mesh_path(exported.scene.lamp.surface)
+    lines += ["AttributeBegin", 'NamedMaterial "lamp--"', lamp, f'Shape "plymesh" "string filename" "../{lamp_mesh}"',
+              "AttributeEnd"]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(values: NDArray[np.float64] | list[float]) -> str:
+    return " ".join(repr(float(v)) for v in values)

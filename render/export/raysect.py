@@ -1,0 +1,135 @@
+"""Raysect: a Python script that traces the ray file, all wavelengths along each path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .exported import Exported, Layout
+from .neutral import mesh_path, rays_path
+from .raw_pixels import npy_pixels
+
+__all__ = ["read", "write"]
+
+#: Reflections where there is no limit: Raysect needs a number, and its roulette ends paths long before.
+_MANY = 500
+
+_SCRIPT = '''#!/usr/bin/env python3
+"""Renders all batches: python run.py [PROCESSES]. Needs the packages raysect and numpy.
+
+Channel i of the export is the range from i + 1 to i + 2 of Raysect's wavelengths, where spectra are constant.
+Lengths are divided by 1000, since Raysect's meshes are made for metres.
+"""
+
+import multiprocessing
+import sys
+from pathlib import Path
+
+import numpy as np
+from raysect.core import Point3D, Vector3D
+from raysect.core.math.random import seed
+from raysect.optical import InterpolatedSF, Ray, World
+from raysect.optical.material import AbsorbingSurface, Lambert, UniformSurfaceEmitter
+from raysect.primitive import Mesh
+
+FOLDER = Path(__file__).resolve().parent
+ROWS, COLUMNS, SAMPLES, CHANNELS = @NUMBERS@
+MATERIALS = {
+@MATERIALS@
+}
+LAMP = @LAMP@
+SURFACES = [
+@SURFACES@
+]
+RAYS = @RAYS@
+
+
+def spectrum(values):
+    """Constant in each channel."""
+    edges = np.arange(CHANNELS) + 1.0
+    places = np.stack([edges + 1e-9, edges + 1 - 1e-9], axis=1).ravel()
+    return InterpolatedSF(places, np.repeat(values, 2))
+
+
+def mesh(path, world, material):
+    lines = (FOLDER.parent / path).read_text().split("end_header")[1].split()
+    head = (FOLDER.parent / path).read_text().split()
+    corners, triangles = (int(head[head.index(kind) + 1]) for kind in ("vertex", "face"))
+    points = np.array(lines[: 3 * corners], float).reshape(-1, 3) / 1000
+    faces = np.array(lines[3 * corners : 3 * corners + 4 * triangles], int).reshape(-1, 4)[:, 1:]
+    return Mesh(points, faces, smoothing=False, closed=False, parent=world, material=material)
+
+
+WORLD = World()
+for path, name in SURFACES:
+    if name is None:
+        lamp = UniformSurfaceEmitter(spectrum(LAMP))
+        lamp.importance = 1.0
+        mesh(path, WORLD, lamp)
+    else:
+        mesh(path, WORLD, Lambert(spectrum(MATERIALS[name])) if any(MATERIALS[name]) else AbsorbingSurface())
+
+
+def row(job):
+    batch, index = job
+    seed(1 + index + ROWS * batch)
+    places = np.memmap(FOLDER.parent / RAYS[batch], "<f4", "r", shape=(ROWS, COLUMNS, 6))[index].astype(float)
+    found = np.zeros((COLUMNS, CHANNELS), np.float32)
+    for column, values in enumerate(places):
+        origin, direction = Point3D(*(values[:3] / 1000)), Vector3D(*values[3:])
+        ray = Ray(origin, direction, min_wavelength=1.0, max_wavelength=1.0 + CHANNELS, bins=CHANNELS, @DEPTH@)
+        for _ in range(SAMPLES):
+            found[column] += ray.trace(WORLD).samples
+    return found / SAMPLES
+
+
+if __name__ == "__main__":
+    WORLD.build_accelerator()
+    (FOLDER / "out").mkdir(exist_ok=True)
+    processes = int(sys.argv[1]) if len(sys.argv) > 1 else None
+    with multiprocessing.get_context("fork").Pool(processes) as pool:
+        for batch in range(len(RAYS)):
+            picture = np.stack(pool.map(row, [(batch, index) for index in range(ROWS)], chunksize=4))
+            unfinished = FOLDER / "out" / f"batch-{batch}.part.npy"
+            np.save(unfinished, picture)
+            unfinished.replace(FOLDER / "out" / f"batch-{batch}.npy")
+'''
+
+
+def write(folder: Path, exported: Exported) -> None:
+    """run.py."""
+    scene, settings, bounces = exported.scene, exported.settings, exported.max_bounces
+    reflectances = exported.reflectances if bounces != 0 else np.zeros_like(exported.reflectances)
+    materials = [
+        f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)
+    ]
+    surfaces = [f"    ({mesh_path(s)!r}, {s.material!r})," for s in scene.surfaces]
+    surfaces.append(f"    ({mesh_path(scene.lamp.surface)!r}, None),")
+    deepest = _MANY if bounces is None else max(bounces + 1, 2)
+    depth = f"extinction_prob=0.2, extinction_min_depth={min(4, deepest)}, max_depth={deepest}"
+    s = settings.subpixels
+    numbers = (
+        exported.camera.height_px * s, exported.camera.width_px * s, exported.subpixel_samples,
+        settings.wavelength_nm.size,
+    )  # fmt: skip
+    filled = {
+        "NUMBERS": ", ".join(str(n) for n in numbers),
+        "MATERIALS": "\n".join(materials),
+        "LAMP": repr(exported.lamp.tolist()),
+        "SURFACES": "\n".join(surfaces),
+        "RAYS": repr([rays_path(batch) for batch in range(settings.batches)]),
+        "DEPTH": depth,
+    }
+    script = _SCRIPT
+    for key, text in filled.items():
+        script = script.replace(f"@{key}@", text)
+    (folder / "run.py").write_text(script, encoding="ascii")
+
+
+def read(folder: Path, layout: Layout) -> NDArray[np.float64]:
+    """(batch, y * s, x * s, w)."""
+    s, batches = layout.settings.subpixels, layout.settings.batches
+    shape = layout.height_px * s, layout.width_px * s, layout.channels
+    return np.stack([npy_pixels(folder / "out" / f"batch-{batch}.npy", shape) for batch in range(batches)])

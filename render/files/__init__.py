@@ -1,0 +1,34 @@
+"""Spectral cubes and raw frames on disk."""
+
+from .colour_pictures import COLOUR_SPACES
+from .cube_checks import RADIANCE_UNIT
+from .cube_files import READABLE, WRITABLE, open_cube, read_cube, read_picture, write_cube
+from .cube_strips import strip_cameras, write_strips
+from .declared import AS_STATED, DECLARABLE, NOTES, Declared, declared_for, require_used
+from .dng import write_dng
+from .previews import raw_to_srgb, scene_white, xyz_weights
+from .raw_files import write_raw
+
+__all__ = [
+    "AS_STATED",
+    "COLOUR_SPACES",
+    "DECLARABLE",
+    "NOTES",
+    "RADIANCE_UNIT",
+    "READABLE",
+    "WRITABLE",
+    "Declared",
+    "declared_for",
+    "open_cube",
+    "raw_to_srgb",
+    "read_cube",
+    "read_picture",
+    "require_used",
+    "scene_white",
+    "strip_cameras",
+    "write_cube",
+    "write_dng",
+    "write_raw",
+    "write_strips",
+    "xyz_weights",
+]

@@ -1,0 +1,85 @@
+"""Spectral cubes larger than memory, rendered, written and read in strips of rows (NetCDF)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import h5netcdf
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import replacing
+
+from .netcdf import open_netcdf
+
+__all__ = ["read_strips", "strip_cameras", "write_strips"]
+
+#: Rows of a strip, and of a chunk in the file.
+ROWS = 64
+
+
+def strip_cameras(camera: Camera, rows: int = ROWS) -> list[Camera]:
+    """Cameras for strips of ``rows`` rows each, from the top; the last may have fewer rows."""
+    u, v = camera.principal_point_px
+    return [
+        replace(
+            camera,
+            height_px=min(rows, camera.height_px - top),
+            principal_point_px=np.array([u, v - top]),
+        )
+        for top in range(0, camera.height_px, rows)
+    ]
+
+
+def write_strips(path: Path, height: int, strips: Iterable[xr.Dataset]) -> None:
+    """Write strips (cubes from the top down, ``height`` rows in all) as one .nc file.
+
+    One strip at a time is in memory. An incomplete file is removed. Raises InputError if the strips do not have
+    ``height`` rows in all, and for another ending.
+    """
+    if path.suffix.lower() != ".nc":
+        raise InputError(path, f"the ending '{path.suffix}'", ".nc, the only format written in strips")
+    top = 0
+    with replacing(path) as temporary, h5netcdf.File(temporary, "w") as file:
+        for strip in strips:
+            if top == 0:
+                _prepare(file, strip, height)
+            bottom = top + strip.sizes["y"]
+            for name, variable in strip.data_vars.items():
+                ordered = variable.transpose("y", "x", ...)
+                file.variables[str(name)][top:bottom] = ordered.values
+            top = bottom
+        if top != height:
+            raise InputError(path, f"strips of {top} rows", f"{height} rows")
+
+
+def _prepare(file: h5netcdf.File, strip: xr.Dataset, height: int) -> None:
+    file.dimensions = {"y": height, "x": strip.sizes["x"], "wavelength": strip.sizes["wavelength"]}
+    file.attrs.update(strip.attrs)
+    wavelength = file.create_variable("wavelength", ("wavelength",), data=strip["wavelength"].values)
+    wavelength.attrs.update(strip["wavelength"].attrs)
+    for name, variable in strip.data_vars.items():
+        ordered = variable.transpose("y", "x", ...)
+        shape = (height, *ordered.shape[1:])
+        stored = file.create_variable(
+            str(name), ordered.dims, ordered.dtype, compression="gzip", compression_opts=4,
+            chunks=(min(ROWS, height), *shape[1:]),
+        )  # fmt: skip
+        stored.attrs.update({key: _plain(value) for key, value in variable.attrs.items()})
+
+
+def _plain(value: object) -> object:
+    return np.asarray(value) if isinstance(value, int | float) else value
+
+
+def read_strips(path: Path, rows: int = ROWS) -> Iterator[xr.Dataset]:
+    """The strips of a .nc cube from the top, one at a time in memory. Raises InputError for an invalid file."""
+    cube = open_netcdf(path)
+    with cube:
+        if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
+            raise InputError(f"{path}: radiance", "none", "radiance with dimensions y, x, wavelength")
+        for top in range(0, cube.sizes["y"], rows):
+            yield cube.isel(y=slice(top, top + rows)).load()

@@ -1,0 +1,178 @@
+"""What a user declares of a file that does not state it: units, scale, wavelengths, colour space."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from .cube_checks import RADIANCE_UNIT
+
+__all__ = [
+    "AS_STATED",
+    "DECLARABLE",
+    "NOTES",
+    "Declared",
+    "declared_for",
+    "photometric_factor",
+    "require_used",
+    "scaled",
+    "sorted_planes",
+    "spectral_factor",
+    "told",
+    "with_notes",
+]
+
+#: Attribute of a dataset that was read: what the reader of the file has to know, one note a line.
+NOTES = "reading_notes"
+_USED = "declared_used"
+
+#: Size and powers of watt, metre, steradian and candela.
+_UNITS = {
+    "W": (1.0, (1, 0, 0, 0)), "mW": (1e-3, (1, 0, 0, 0)), "uW": (1e-6, (1, 0, 0, 0)), "kW": (1e3, (1, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0)), "cm": (1e-2, (0, 1, 0, 0)), "mm": (1e-3, (0, 1, 0, 0)), "um": (1e-6, (0, 1, 0, 0)),
+    "nm": (1e-9, (0, 1, 0, 0)), "sr": (1.0, (0, 0, 1, 0)), "cd": (1.0, (0, 0, 0, 1)), "kcd": (1e3, (0, 0, 0, 1)),
+    "lm": (1.0, (0, 0, 1, 1)), "nit": (1.0, (0, -2, 0, 1)),
+}  # fmt: skip
+_FACTOR = re.compile(r"(/?)\s*([A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?([+-]?\d)?\)?")
+_POWERS = str.maketrans("⁰¹²³⁻µμ", "0123-uu")
+PHOTOMETRIC_UNIT = "cd m^-2"
+
+
+@dataclass(frozen=True)
+class Declared:
+    """Each applies to files that do not state it, and to no other.
+
+    units : of the stored values times ``scale``. wavelengths_nm : of the planes, in the order of the file.
+    colour_space : of R, G and B, see ``colour_pictures``.
+    """
+
+    units: str | None = None
+    scale: float | None = None
+    wavelengths_nm: tuple[float, ...] | None = None
+    colour_space: str | None = None
+
+    def given(self) -> set[str]:
+        """Names of what is declared."""
+        return {name for name, value in vars(self).items() if value is not None}
+
+
+AS_STATED = Declared()
+
+#: Fields of Declared by their key in messages.
+DECLARABLE = {
+    "units": "units",
+    "scale": "scale",
+    "wavelengths": "wavelengths_nm",
+    "colour-space": "colour_space",
+}
+_KEYS = {name: key for key, name in DECLARABLE.items()}
+
+
+def _parsed(unit: str) -> tuple[float, tuple[int, ...]] | None:
+    """Size in SI units, and powers of watt, metre, steradian, candela; None for what is no such unit."""
+    text = unit.translate(_POWERS).replace("·", " ").replace("*", " ").replace(".", " ").strip()
+    # one division by a bracket: W/(m^2 sr nm)
+    if match := re.fullmatch(r"([^/()]+)/\s*\(([^()/]+)\)", text):
+        text = match[1] + " /" + " /".join(match[2].split())
+    if _FACTOR.sub("", text).strip():
+        return None
+    size, powers = 1.0, np.zeros(4, int)
+    for over, name, power in _FACTOR.findall(text):
+        if name not in _UNITS:
+            return None
+        exponent = int(power or 1) * (-1 if over else 1)
+        own, dimensions = _UNITS[name]
+        size, powers = size * own**exponent, powers + exponent * np.array(dimensions)
+    return size, tuple(map(int, powers))
+
+
+def _factor(where: str | Path, stated: str | None, declared: Declared, unit: str, hint: str) -> float:
+    scale = 1.0
+    if stated is None:
+        if declared.units is None:
+            found = "no unit"
+            how = f"declare units='{unit}', and scale=FACTOR to it. {hint}"
+            raise InputError(where, found, f"the unit of its values, such as '{unit}'", how.strip())
+        where, stated, scale = "declared units", declared.units, declared.scale or 1.0
+    found_unit, wanted = _parsed(stated), _parsed(unit)
+    if found_unit is None or wanted is None or found_unit[1] != wanted[1]:
+        raise InputError(where, f"the unit '{stated}'", f"'{unit}' or a multiple of it", "Convert it first.")
+    return scale * found_unit[0] / wanted[0]
+
+
+def spectral_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
+    """Factor from stored values to W m^-2 sr^-1 nm^-1. stated : the file's own unit, None where it has none.
+
+    Raises InputError where neither the file nor the user names a unit, and for other units than of spectral radiance.
+    """
+    return _factor(where, stated, declared, RADIANCE_UNIT, hint)
+
+
+def photometric_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
+    """Factor from stored X, Y, Z to cd m^-2. As ``spectral_factor``."""
+    return _factor(where, stated, declared, PHOTOMETRIC_UNIT, hint)
+
+
+def with_notes(dataset: xr.Dataset, notes: Iterable[str]) -> xr.Dataset:
+    """The dataset with further notes."""
+    lines = [*filter(None, str(dataset.attrs.get(NOTES, "")).split("\n")), *notes]
+    return dataset.assign_attrs({NOTES: "\n".join(lines)}) if lines else dataset
+
+
+def told(
+    dataset: xr.Dataset, declared: Declared, used: Iterable[str] = (), notes: Iterable[str] = ()
+) -> xr.Dataset:
+    """The dataset with notes, and a note of what was declared for it. used : names of fields of Declared."""
+    names = [name for name in used if getattr(declared, name) is not None]
+    own = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
+    noted = with_notes(dataset, [*notes, *own])
+    return noted.assign_attrs({_USED: ",".join(names)}) if names else noted
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"{len(value)} from {min(value):g} to {max(value):g} nm"
+    return str(value)
+
+
+def declared_for(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Which fields of Declared were used when the dataset was read."""
+    return tuple(filter(None, str(dataset.attrs.get(_USED, "")).split(",")))
+
+
+def require_used(declared: Declared, used: Iterable[str]) -> None:
+    """Raise InputError for what is declared although every file states it itself. used : by any of the files."""
+    for name in sorted(declared.given() - set(used)):
+        raise InputError(
+            f"declared {_KEYS[name]}", str(getattr(declared, name)), "none: each file states it itself"
+        )
+
+
+def scaled(values: NDArray, factor: float) -> NDArray:
+    """Values times a factor, of their own type; the same array where the factor is 1."""
+    return (
+        values
+        if factor == 1
+        else (values * np.float64(factor)).astype(np.result_type(values.dtype, np.float32))
+    )
+
+
+def sorted_planes(
+    path: Path, planes: NDArray, wavelength_nm: NDArray[np.float64]
+) -> tuple[NDArray, NDArray[np.float64]]:
+    """Planes (..., w) and wavelengths, ascending. Raises InputError for a wavelength twice."""
+    order = np.argsort(wavelength_nm, kind="stable")
+    ascending = np.asarray(wavelength_nm, float)[order]
+    twice = np.flatnonzero(np.diff(ascending) == 0)
+    if twice.size:
+        raise InputError(f"{path}: wavelength", f"{ascending[twice[0]]:g} nm twice", "each wavelength once")
+    if np.array_equal(order, np.arange(order.size)):
+        return planes, ascending
+    return planes[..., order], ascending

@@ -1,0 +1,128 @@
+"""NetCDF files of whole datasets. Files with arrays stored elsewhere or with impossible sizes are not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.input_files import require_regular_file
+
+from .cube_checks import RADIANCE_UNIT, require_kinds
+from .declared import AS_STATED, Declared, spectral_factor, told
+
+__all__ = ["open_netcdf", "read_netcdf", "write_netcdf"]
+
+#: Largest compression ratio of deflate (1032). Arrays smaller than the second number of bytes may be empty.
+_DENSEST, _SMALL = 1100, 2**26
+
+
+def write_netcdf(path: Path, cube: xr.Dataset) -> None:
+    """Write all variables, deflated."""
+    packed = {str(name): {"zlib": True, "complevel": 4} for name in cube.data_vars}
+    with replacing(path) as temporary:
+        cube.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
+
+
+def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
+    """The dataset, its values read on demand. Raises InputError for a file that cannot be read, or states no units."""
+    _require_own_arrays(path)
+    try:
+        dataset = xr.open_dataset(path, engine="h5netcdf", cache=False)
+    except Exception as error:  # h5netcdf and xarray raise exceptions of any type on unusual attributes
+        raise InputError(path, f"a file that cannot be read ({error})", "a NetCDF-4 file") from None
+    return _in_our_units(path, dataset, declared) if "radiance" in dataset else dataset
+
+
+def _in_our_units(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dataset:
+    """Radiance and its errors in W m^-2 sr^-1 nm^-1, wavelengths in nm, ascending."""
+    require_kinds(dataset, "radiance", path)
+    stated, used = dataset["radiance"].attrs.get("units"), []
+    factor = spectral_factor(f"{path}: radiance", stated, declared)
+    if stated is None:
+        used += ["units", "scale"]
+    for name in ("radiance", "standard_error"):
+        if name in dataset and (factor != 1 or dataset[name].attrs.get("units") != RADIANCE_UNIT):
+            values = dataset[name] if factor == 1 else dataset[name] * factor
+            dataset[name] = values.assign_attrs({**dataset[name].attrs, "units": RADIANCE_UNIT})
+    if dataset.sizes.get("wavelength") and "wavelength" in dataset.coords:
+        unit = dataset["wavelength"].attrs.get("units")
+        metres = {None: None, "nm": 1.0, "um": 1e3, "m": 1e9}.get(unit, 0.0)
+        if metres == 0:
+            raise InputError(f"{path}: wavelength", f"the unit '{unit}'", "nm, um or m")
+        if metres is None:
+            dataset = _with_wavelengths(path, dataset, declared)
+            used.append("wavelengths_nm")
+        elif metres != 1:
+            grid = ("wavelength", dataset["wavelength"].values * metres, {"units": "nm"})
+            dataset = dataset.assign_coords(wavelength=grid)
+        descending = np.all(np.diff(dataset["wavelength"].values) < 0)
+        if descending:
+            dataset = dataset.isel(wavelength=slice(None, None, -1))
+    return told(dataset, declared, used)
+
+
+def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dataset:
+    if declared.wavelengths_nm is None:
+        hint = "State the attribute units = 'nm', or declare wavelengths=400:700:20."
+        raise InputError(f"{path}: wavelength", "no unit", "nm, um or m", hint)
+    count = dataset.sizes["wavelength"]
+    if len(declared.wavelengths_nm) != count:
+        raise InputError(
+            "declared wavelengths", f"{len(declared.wavelengths_nm)} wavelengths", f"{count}, as in {path}"
+        )
+    return dataset.assign_coords(
+        wavelength=("wavelength", np.array(declared.wavelengths_nm), {"units": "nm"})
+    )
+
+
+def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
+    """The dataset in memory. Raises InputError as ``open_netcdf``."""
+    with open_netcdf(path, declared) as file:
+        try:
+            return file.load()
+        except MemoryError:
+            raise InputError(path, "more than fits into memory", "a smaller cube") from None
+        except Exception as error:  # as above, for the values
+            raise InputError(path, f"values that cannot be read ({error})", "a NetCDF-4 file") from None
+
+
+def _require_own_arrays(path: Path) -> None:
+    """Raises InputError where a file is not HDF5, or where one of its arrays lies in another file, is assembled from
+    others, or states more values than its bytes can hold."""
+    require_regular_file(path, "a NetCDF-4 file")
+    try:
+        with h5py.File(path, "r") as file:
+            _require_group(path, file, set())
+    except InputError:
+        raise
+    except Exception as error:  # the HDF5 library raises exceptions of any type on damaged files
+        found = f"a file that cannot be read ({type(error).__name__}: {error})"
+        raise InputError(path, found, "a NetCDF-4 file") from None
+
+
+def _require_group(path: Path, group: h5py.Group, seen: set[bytes]) -> None:
+    for name in group:
+        where = f"{path}: {group.name.rstrip('/')}/{name}"
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise InputError(where, "a link", "an array in the file itself", "Store the array in this file.")
+        member = group[name]
+        if isinstance(member, h5py.Group):
+            token = member.id.__hash__().to_bytes(8, "little", signed=True)
+            if token not in seen:
+                _require_group(path, member, seen | {token})
+        elif isinstance(member, h5py.Dataset):
+            _require_array(where, member)
+
+
+def _require_array(where: str, array: h5py.Dataset) -> None:
+    if array.external or array.is_virtual:
+        hint = "Store the array in this file."
+        raise InputError(where, "values that lie in another file", "values in the file itself", hint)
+    size = array.size * array.dtype.itemsize if array.shape is not None else 0
+    stored = array.id.get_storage_size()
+    if size > _SMALL and size > _DENSEST * stored:
+        raise InputError(where, f"{stored} bytes for an array of {size} bytes", "an array that is complete")

@@ -1,0 +1,173 @@
+"""Radiance pictures: RGBE and XYZE, four bytes a pixel, run-length encoded or flat (G. Ward, "Real Pixels", 1991)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix
+from .declared import Declared, photometric_factor, told
+
+__all__ = ["is_radiance", "read_radiance"]
+
+#: What Radiance's own programs mean by the two formats (179 lm/W; ra_xyze writes an exposure over 179).
+_HINTS = {
+    "rgbe": "Programs of Radiance write W m^-2 sr^-1 at 179 lm/W: declare scale=179; their primaries "
+    "are declare colour-space=radiance.",
+    "xyze": "Programs of Radiance write cd m^-2.",
+}
+#: Largest file header, bytes; largest side, px.
+_HEADER, _LARGEST = 2**16, 2**15
+
+
+@dataclass(frozen=True)
+class _Header:
+    """exposure : by which pixels were multiplied. colour : factors of R, G, B likewise."""
+
+    form: str
+    exposure: float
+    colour: tuple[float, ...]
+    primaries: tuple[float, ...] | None
+    rows: str
+    columns: str
+    height: int
+    width: int
+    offset: int
+
+
+def is_radiance(path: Path) -> bool:
+    """Whether the file begins as Radiance's pictures do."""
+    with path.open("rb") as file:
+        return file.read(2) == b"#?"
+
+
+def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
+    """X, Y, Z in cd m^-2, exposures divided out. Raises InputError for faults, and where unit or space are missing."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error), "a Radiance picture") from None
+    header = _header(path, content)
+    values = _decoded(path, content, header) / (header.exposure * np.array(header.colour))
+    used = ["units", "scale"]
+    if header.form == "rgbe":
+        if header.primaries is None:
+            used.append("colour_space")
+            matrix = space_matrix(path, declared, _HINTS[header.form])
+        else:
+            matrix = primaries_matrix(header.primaries)
+        values = values @ matrix.T
+    factor = photometric_factor(path, None, declared, _HINTS[header.form])
+    note = "eight bits of mantissa: each pixel is known to 0.4 %"
+    return told(as_xyz_picture(values * factor), declared, used, [note])
+
+
+def _header(path: Path, content: bytes) -> _Header:
+    expected = "a Radiance picture with FORMAT=32-bit_rle_rgbe or 32-bit_rle_xyze"
+    end = content.find(b"\n\n", 0, _HEADER)
+    line_end = content.find(b"\n", end + 2, end + 80)
+    if end < 0 or line_end < 0:
+        raise InputError(path, "no header with an empty line after it", expected)
+    lines = content[:end].decode("latin-1").splitlines()
+    size = re.fullmatch(
+        r"([+-][XY])\s+(\d{1,6})\s+([+-][XY])\s+(\d{1,6})",
+        content[end + 2 : line_end].decode("latin-1").strip(),
+    )
+    if size is None or {size[1][1], size[3][1]} != {"X", "Y"}:
+        raise InputError(path, "no size after the header", "a line such as '-Y 480 +X 640'")
+    stated = [line.partition("=")[::2] for line in lines if "=" in line]
+    form = [value.strip() for key, value in stated if key.strip() == "FORMAT"]
+    match = re.fullmatch(r"32-bit_rle_(rgbe|xyze)", form[-1] if form else "")
+    if match is None:
+        raise InputError(f"{path}: FORMAT", f"'{form[-1]}'" if form else "nothing", expected)
+    exposure, colour, primaries = 1.0, np.ones(3), None
+    for key, value in ((k.strip(), v) for k, v in stated):
+        if key == "EXPOSURE":
+            exposure *= _numbers(path, key, value, 1)[0]
+        elif key == "COLORCORR":
+            colour = colour * _numbers(path, key, value, 3)
+        elif key == "PRIMARIES":
+            primaries = tuple(_numbers(path, key, value, 8))
+    height, width = int(size[2]), int(size[4])
+    if not (0 < height <= _LARGEST and 0 < width <= _LARGEST):
+        raise InputError(path, f"{height} x {width} px", f"1 to {_LARGEST} px a side")
+    return _Header(
+        match[1], exposure, tuple(colour), primaries, size[1], size[3], height, width, line_end + 1
+    )
+
+
+def _numbers(path: Path, key: str, text: str, count: int) -> NDArray[np.float64]:
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if values.size != count or not np.isfinite(values).all() or (key != "PRIMARIES" and (values <= 0).any()):
+        raise InputError(f"{path}: {key}", repr(text.strip()), f"{count} numbers above 0")
+    return values
+
+
+def _decoded(path: Path, content: bytes, header: _Header) -> NDArray[np.float64]:
+    """(y, x, 3) as stored, the first row on top, the first column at the left."""
+    data, place = np.frombuffer(content, np.uint8), header.offset
+    pixels = np.empty((header.height, header.width, 4), np.uint8)
+    for row in pixels:
+        place = _scanline(path, data, place, row)
+    mantissa, exponent = pixels[..., :3].astype(float), pixels[..., 3:].astype(int)
+    # the middle of what a mantissa stands for, as Radiance reads it
+    values = np.where(exponent > 0, np.ldexp(mantissa + 0.5, exponent - 136), 0.0)
+    if header.rows[1] == "X":
+        values = values.swapaxes(0, 1)
+    signs = {header.rows[1]: header.rows[0], header.columns[1]: header.columns[0]}
+    return values[:: 1 if signs["Y"] == "-" else -1, :: 1 if signs["X"] == "+" else -1]
+
+
+def _scanline(path: Path, data: NDArray[np.uint8], place: int, row: NDArray[np.uint8]) -> int:
+    """Fill one row (width, 4); returns where the next one begins."""
+    width = len(row)
+    start = data[place : place + 4]
+    if not (8 <= width <= 0x7FFF and start.size == 4 and start[0] == start[1] == 2 and start[2] < 128):
+        return _flat(path, data, place, row)
+    if int(start[2]) << 8 | int(start[3]) != width:
+        raise InputError(path, "a row of another width", f"{width} px, as its header says")
+    place += 4
+    for channel in range(4):
+        filled = 0
+        while filled < width:
+            if place + 2 > data.size:
+                raise InputError(path, f"{data.size} bytes", "a complete picture")
+            count = int(data[place])
+            run = count > 128
+            count -= 128 * run
+            values = data[place + 1 : place + 2] if run else data[place + 1 : place + 1 + count]
+            if count == 0 or filled + count > width or values.size < (1 if run else count):
+                raise InputError(path, f"a row that does not fit at byte {place}", "a complete picture")
+            row[filled : filled + count, channel] = values
+            filled += count
+            place += 1 + values.size
+    return place
+
+
+def _flat(path: Path, data: NDArray[np.uint8], place: int, row: NDArray[np.uint8]) -> int:
+    """Pixels one by one; 1, 1, 1, n repeats the one before."""
+    filled, shift = 0, 0
+    while filled < len(row):
+        pixel = data[place : place + 4]
+        place += 4
+        if pixel.size < 4:
+            raise InputError(path, f"{data.size} bytes", "a complete picture")
+        if pixel[0] == pixel[1] == pixel[2] == 1:
+            count = int(pixel[3]) << shift
+            if filled == 0 or filled + count > len(row) or shift > 16:
+                raise InputError(path, f"a row that does not fit at byte {place - 4}", "a complete picture")
+            row[filled : filled + count] = row[filled - 1]
+            filled, shift = filled + count, shift + 8
+        else:
+            row[filled] = pixel
+            filled, shift = filled + 1, 0
+    return place

@@ -1,0 +1,94 @@
+"""A rendered image: radiance in every pixel at every wavelength, stored in a short spectral basis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["LAMP", "NOTHING", "RenderedImage"]
+
+#: Surface ids of pixels that see the lamp, or no surface.
+LAMP, NOTHING = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedImage:
+    """Spectral radiance as coefficients of spectra, in independent batches.
+
+    coefficients : (batch, y, x, n). spectra : (n, w), W m^-2 sr^-1 nm^-1. wavelength_nm : (w,).
+    coverage : (y, x, f) share of the pixel that each flat face covers, 0 to 1, the lamp last.
+    facet_surface : (f,) index into surface_names of each face.
+    """
+
+    coefficients: NDArray[np.float32]
+    spectra: NDArray[np.float64]
+    wavelength_nm: NDArray[np.float64]
+    coverage: NDArray[np.float32]
+    facet_surface: NDArray[np.int64]
+    surface_names: tuple[str, ...]
+
+    @property
+    def surface(self) -> NDArray[np.int16]:
+        """(y, x) index into surface_names of the surface that covers most of the pixel, or LAMP or NOTHING."""
+        each = [
+            self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)
+        ]
+        most = np.argmax(np.stack(each, axis=-1), axis=-1).astype(np.int16)
+        most[most == len(self.surface_names)] = LAMP
+        most[self.coverage.sum(axis=-1) < 0.5] = NOTHING
+        return most
+
+    @property
+    def sees_lamp(self) -> NDArray[np.bool_]:
+        """(y, x) whether any part of the pixel sees the lamp."""
+        return self.coverage[..., -1] > 0
+
+    @property
+    def single_surface(self) -> NDArray[np.bool_]:
+        """(y, x) whether the pixel sees one flat face only."""
+        return self.coverage.max(axis=-1) == 1
+
+    @cached_property
+    def _mean_coefficients(self) -> NDArray[np.float64]:
+        return self.coefficients.mean(axis=0, dtype=np.float64)
+
+    def mean(self, weights: NDArray) -> NDArray[np.float64]:
+        """Mean (y, x, q) of ``project`` alone, which takes a tenth of its time."""
+        return self._mean_coefficients @ (self.spectra @ weights)
+
+    def project(self, weights: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and variance of the mean (y, x, q) of the radiance times ``weights`` (w, q).
+
+        The variance is estimated from the scatter of the batches; NaN with a single batch.
+        """
+        values = self.coefficients @ (self.spectra @ weights)
+        count = len(values)
+        mean = values.mean(axis=0)
+        variance = values.var(axis=0, ddof=1) / count if count > 1 else np.full_like(mean, np.nan)
+        return mean, variance
+
+    def cube(self) -> xr.Dataset:
+        """The spectral cube: radiance and standard_error (y, x, wavelength), surface (y, x)."""
+        import xarray as xr  # slow to import (0.5 s), and only needed here
+
+        mean, variance = self.project(np.eye(len(self.wavelength_nm)))
+        unit = {"units": "W m^-2 sr^-1 nm^-1"}
+        return xr.Dataset(
+            {
+                "radiance": (("y", "x", "wavelength"), mean.astype(np.float32), unit),
+                "standard_error": (("y", "x", "wavelength"), np.sqrt(variance).astype(np.float32), unit),
+                "surface": (
+                    ("y", "x"),
+                    self.surface,
+                    {"names": ", ".join(self.surface_names), "lamp": LAMP, "nothing": NOTHING},
+                ),
+            },
+            coords={"wavelength": ("wavelength", self.wavelength_nm, {"units": "nm"})},
+        )

@@ -1,0 +1,67 @@
+"""A picture split by the number of reflections of its light."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Scene
+
+from ..visibility import build_tracer, facet_coverage
+from .path_tracer import trace_paths
+
+__all__ = ["render_bounces"]
+
+
+def render_bounces(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    bounces: int = 4,
+    samples: int = 256,
+    batches: int = 4,
+    *,
+    seed: int = 0,
+    progress: Progress = QUIET,
+) -> xr.DataArray:
+    """Radiance (batch, part, y, x, wavelength) of a diffuse scene by path tracing, W m^-2 sr^-1 nm^-1.
+
+    part : "0" the visible lamp, "1" to ``bounces`` light reflected so many times, "more" the rest. The parts share
+    their paths and add up to the path tracer's picture. The coordinate ``surface`` (y, x) names the surface that
+    covers most of a pixel. Raises InputError for a scene that is not diffuse.
+    """
+    if not scene.diffuse:
+        raise InputError(f"scene {scene.name}", "a surface or medium that is not diffuse", "a diffuse scene")
+    wavelengths = np.asarray(wavelength_nm, float)
+    tracer = build_tracer(scene)
+    sums = trace_paths(
+        tracer,
+        camera,
+        wavelengths,
+        samples=samples,
+        batches=batches,
+        seed=seed,
+        max_bounces=None,
+        progress=progress,
+        split=bounces,
+    )
+    count = len(wavelengths)
+    parts = sums[..., 1:].reshape(*sums.shape[:3], 1 + bounces, count)
+    rest = parts[..., :1, :] - parts[..., 1:, :].sum(axis=-2, keepdims=True)
+    lamp = np.broadcast_to(sums[..., :1, None], rest.shape)
+    values = np.concatenate([lamp, parts[..., 1:, :], rest], axis=-2) * scene.lamp.radiance.at(wavelengths)
+    names = np.array([s.name for s in scene.surfaces] + [scene.lamp.surface.name, ""])
+    coverage = facet_coverage(tracer, camera)
+    most = np.where(coverage.sum(axis=-1) < 0.5, -1, tracer.facet_surface[coverage.argmax(axis=-1)])
+    return xr.DataArray(
+        np.moveaxis(values, 3, 1).astype(np.float32),
+        dims=("batch", "part", "y", "x", "wavelength"),
+        coords={
+            "part": [*map(str, range(1 + bounces)), "more"],
+            "wavelength": ("wavelength", wavelengths, {"units": "nm"}),
+            "surface": (("y", "x"), names[most]),
+        },
+        attrs={"units": "W m^-2 sr^-1 nm^-1"},
+    )

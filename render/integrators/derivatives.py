@@ -1,0 +1,89 @@
+"""The picture and its exact derivatives by the materials' reflectances and the lamp, from the same paths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+
+from ..image import RenderedImage
+from ..visibility import build_tracer, facet_coverage
+from .path_tracer import trace_paths
+
+__all__ = ["Derivatives", "render_derivatives"]
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of the radiance at each wavelength, in the batches of the image.
+
+    image : the picture, which equals its derivative by a factor on the lamp's power.
+    reflectance : (batch, material, y, x, w) by each material's reflectance at the same wavelength (it does not depend
+        on the reflectance at others). material_names : (m,). lamp : (batch, y, x, w) by the lamp's radiance.
+    """
+
+    image: RenderedImage
+    material_names: tuple[str, ...]
+    reflectance: NDArray[np.float32]
+    lamp: NDArray[np.float32]
+
+
+def render_derivatives(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    samples: int = 256,
+    batches: int = 4,
+    *,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    progress: Progress = QUIET,
+) -> Derivatives:
+    """Render the scene with its derivatives; arguments and image as of ``render_path_tracer``.
+
+    The throughput of a path reflected n times by a material of reflectance rho contains rho^n, so its derivative is
+    its light times n / rho. The probabilities of Russian roulette are held fixed, so the result is the exact
+    derivative of the estimate. Raises InputError for a scene that is not diffuse and for a reflectance of 0, at
+    which no path contributes.
+    """
+    if not scene.diffuse:
+        raise InputError(f"scene {scene.name}", "a surface or medium that is not diffuse", "a diffuse scene")
+    wavelengths = np.asarray(wavelength_nm, float)
+    reflectances = scene.reflectances(wavelengths)[:-1]
+    for name, row in zip(scene.materials, reflectances, strict=True):
+        if row.min() <= 0:
+            where = f"{wavelengths[row.argmin()]:g} nm"
+            raise InputError(f"material {name}", f"reflectance 0 at {where}", "more than 0, for derivatives")
+    tracer = build_tracer(scene)
+    sums = trace_paths(
+        tracer,
+        camera,
+        wavelengths,
+        samples=samples,
+        batches=batches,
+        seed=seed,
+        max_bounces=max_bounces,
+        progress=progress,
+        counted=True,
+    )
+    lamp, count = scene.lamp.radiance.at(wavelengths), len(wavelengths)
+    image = RenderedImage(
+        coefficients=sums[..., : 1 + count],
+        spectra=np.vstack([lamp, np.diag(lamp)]),
+        wavelength_nm=wavelengths,
+        coverage=facet_coverage(tracer, camera),
+        facet_surface=tracer.facet_surface,
+        surface_names=tuple(s.name for s in scene.surfaces),
+    )
+    counted = sums[..., 1 + count :].reshape(*sums.shape[:3], len(reflectances), count)
+    return Derivatives(
+        image,
+        tuple(scene.materials),
+        reflectance=np.moveaxis(counted * (lamp / reflectances).astype(np.float32), 3, 1),
+        lamp=sums[..., :1] + sums[..., 1 : 1 + count],
+    )

@@ -1,0 +1,141 @@
+"""Rendering to a stated relative error, in passes that can be interrupted and resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from ..image import RenderedImage
+from .passes import Job, combined, distributed, render_pass
+
+__all__ = ["BATCHES", "fireflies", "relative_error", "render_to_precision"]
+
+#: Number of passes of a picture, whose scatter gives its error.
+BATCHES = 8
+PILOT_SAMPLES = 64
+#: The error of scrambled Sobol' points decreases as samples^-0.7 in these scenes (measured: docs/engine.md).
+CONVERGENCE = 0.7
+#: The most samples of a pass, and the most passes.
+MOST_SAMPLES = 2**15
+MOST_PASSES = 64
+
+
+def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
+    """Percentile of the relative standard error, over pixels that see surfaces and about 30 wavelengths."""
+    every = max(1, image.wavelength_nm.size // 30)
+    mean, variance = image.project(np.eye(image.wavelength_nm.size)[:, ::every])
+    lit = (mean > 0) & (image.coverage[..., :-1].sum(axis=-1) > 0)[..., None]
+    return float(np.percentile(np.sqrt(variance[lit]) / mean[lit], percentile)) if lit.any() else 0.0
+
+
+def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
+    """(y, x) True where one batch differs significantly from the others: the standard error is then too small.
+
+    Tests each batch's radiance, summed over wavelengths, against the mean and scatter of the others (Student's t; in
+    one picture of a thousand there is a false alarm). All False with fewer than three batches.
+    """
+    values = image.coefficients @ image.spectra.sum(axis=1)
+    count = len(values)
+    if count < 3:
+        return np.zeros(values.shape[1:], bool)
+    total, squares = values.sum(axis=0), (values**2).sum(axis=0)
+    others = (total - values) / (count - 1)
+    variance = np.maximum(squares - values**2 - (count - 1) * others**2, 0) / (count - 2)
+    limit = student.isf(0.5e-3 / values.size, count - 2)
+    # allows for rounding errors
+    scale = np.sqrt(variance * count / (count - 1)) + 1e-6 * np.abs(others)
+    return np.asarray((np.abs(values - others) > limit * scale).any(axis=0))
+
+
+def render_to_precision(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: NDArray[np.float64],
+    error: float,
+    *,
+    max_bounces: int | None = None,
+    seed: int = 0,
+    progress: Progress = QUIET,
+    percentile: float = 50.0,
+    checkpoint: Path | None = None,
+    scheduler: str | None = None,
+) -> RenderedImage:
+    """Render until a percentile (default: the median) of the pixels' relative standard errors is at most ``error``.
+
+    A pilot of PILOT_SAMPLES determines the samples of the BATCHES passes; if they do not suffice, more passes follow,
+    up to MOST_PASSES. checkpoint : a file that keeps finished passes; a later call with the same arguments resumes
+    from it. The caller removes it. scheduler : address of a Dask scheduler, whose workers share the passes.
+    """
+    wavelengths = np.asarray(wavelength_nm, float)
+    few = Job(scene, camera, wavelengths, PILOT_SAMPLES, seed, max_bounces)
+    progress.stage("rendering a pilot")
+    unmeasured = share(progress, 0.0, 0.0)
+    pilot = combined([render_pass(few.numbered(number), unmeasured) for number in range(BATCHES)])
+    found = relative_error(pilot, percentile)
+    if found <= error:
+        progress.part(1.0)
+        return pilot
+    wanted = PILOT_SAMPLES * (found / error) ** (1 / CONVERGENCE)
+    samples = int(min(2 ** np.ceil(np.log2(wanted)), MOST_SAMPLES))
+    job = replace(few, samples=samples)
+    passes = _read(checkpoint, job, pilot)
+    total = max(BATCHES, len(passes))
+    progress.part(len(passes) / total)
+    progress.stage("rendering")
+    while True:
+        jobs = [job.numbered(number) for number in range(total) if number not in passes]
+        done = _passes(jobs, progress, total) if scheduler is None else distributed(jobs, scheduler)
+        for one, image in done:
+            passes[one.number] = image
+            _write(checkpoint, job, passes)
+            progress.part(len(passes) / total)
+        result = combined([passes[number] for number in sorted(passes)])
+        reached = relative_error(result, percentile)
+        if reached <= error or total >= MOST_PASSES:
+            return result
+        total = int(min(max(total + 1, np.ceil(total * (reached / error) ** 2)), MOST_PASSES))
+
+
+def _passes(jobs: list[Job], progress: Progress, total: int) -> Iterator[tuple[Job, RenderedImage]]:
+    """The jobs, the last of ``total``, with their images, rendered here one after another."""
+    for number, job in enumerate(jobs, total - len(jobs)):
+        yield job, render_pass(job, share(progress, number / total, (number + 1) / total))
+
+
+def _key(job: Job) -> str:
+    return hashlib.sha256(pickle.dumps(job)).hexdigest()
+
+
+def _read(checkpoint: Path | None, job: Job, like: RenderedImage) -> dict[int, RenderedImage]:
+    """The finished passes of this picture by number; empty if the file is missing, damaged or of another picture."""
+    if checkpoint is None or not checkpoint.is_file():
+        return {}
+    try:
+        with np.load(checkpoint, allow_pickle=False) as content:
+            if str(content["key"]) != _key(job):
+                return {}
+            parts = zip(content["numbers"], content["coefficients"], content["spectra"], strict=True)
+            return {int(n): replace(like, coefficients=c[None], spectra=s) for n, c, s in parts}
+    except Exception:  # a damaged archive raises whatever zipfile, zlib and NumPy stumble over
+        return {}
+
+
+def _write(checkpoint: Path | None, job: Job, passes: dict[int, RenderedImage]) -> None:
+    if checkpoint is None:
+        return
+    with replacing(checkpoint) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file, key=_key(job), numbers=list(passes), coefficients=[p.coefficients[0] for p in passes.values()],
+            spectra=[p.spectra for p in passes.values()],
+        )  # fmt: skip

@@ -1,0 +1,220 @@
+"""The fallback without a compiled variant: Mitsuba's own path integrator, three wavelengths per render.
+
+Mitsuba's RGB variants treat red, green and blue as three independent numbers. With reflectances at three wavelengths
+instead, each render is exact at three wavelengths. All renders use the same paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Lamp, Medium, Scene, Surface
+from numpy.typing import NDArray
+
+from ..device import mi
+from ..device import variant as _variant
+from ..image import RenderedImage
+from ..materials import bsdf_dict
+from ..visibility import Film, facets, film_for, resampling
+
+__all__ = ["render_stock", "scene_dict", "sensor_dict"]
+
+#: Film pixels per pixel and axis, for images with distortion and for coverage.
+DISTORTED_OVERSAMPLING = 4
+COVERAGE_OVERSAMPLING = 8
+
+
+def render_stock(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    samples: int = 256,
+    batches: int = 4,
+    *,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    progress: Progress = QUIET,
+    variant: str = "scalar_rgb",
+) -> RenderedImage:
+    """Render the scene through the camera with Mitsuba's ``path`` integrator.
+
+    Arguments and result are those of the path tracer; ``variant`` is any RGB variant of Mitsuba. Without distortion
+    every camera pixel is a pixel of Mitsuba's film. With distortion a pinhole image of 4 x 4 finer pixels is rendered
+    and resampled by area, which blurs the picture by less than 0.1 pixel (standard deviation) without a shift.
+
+    Raises InputError for a lamp with an edge ratio or an exponent, which Mitsuba's emitters do not support.
+    """
+    _check(scene.lamp)
+    wavelengths = np.asarray(wavelength_nm, float)
+    oversampling = 1 if camera.is_pinhole else DISTORTED_OVERSAMPLING
+    film = film_for(camera, oversampling)
+    matrix = resampling(film, camera)
+    groups = np.array_split(np.arange(len(wavelengths)), -(-len(wavelengths) // 3))
+    values = np.zeros((batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
+    with mi.scoped_set_variant(variant):
+        kind = "path" if scene.medium is None else "volpath"
+        integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
+        for done, group in enumerate(groups):
+            three = wavelengths[np.resize(group, 3)]
+            *paints, lamp = map(_rgb, scene.reflectances(three))
+            paints_by_name = dict(zip(scene.materials, paints, strict=True))
+            loaded = mi.load_dict(
+                scene_dict(scene, paints_by_name, lamp, _radiance(scene.lamp)), optimize=False
+            )
+            view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium(scene.medium, three)
+            sensor = mi.load_dict(view)
+            for batch in range(batches):
+                picture = mi.render(
+                    loaded, sensor=sensor, integrator=integrator, spp=-(-samples // oversampling**2),
+                    seed=(seed + 7919 * (batch + 1)) & 0xFFFFFFFF,
+                )  # fmt: skip
+                fine = np.array(picture).reshape(film.pixels, 3)
+                values[batch][:, group] = (matrix @ fine)[:, : len(group)]
+                progress.part((done + (batch + 1) / batches) / len(groups))
+    coverage, facet_surface = _coverage(scene, camera, film)
+    return RenderedImage(
+        coefficients=values.reshape(batches, camera.height_px, camera.width_px, -1),
+        spectra=np.diag(scene.lamp.radiance.at(wavelengths)),
+        wavelength_nm=wavelengths,
+        coverage=coverage,
+        facet_surface=facet_surface,
+        surface_names=tuple(s.name for s in scene.surfaces),
+    )
+
+
+def scene_dict(
+    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectance: Any, radiance: Any
+) -> dict[str, Any]:
+    """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided.
+
+    reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectance, radiance : those of the
+    lamp's own reflectance and of its radiance.
+    """
+    bsdfs = {name: bsdf_dict(scene.materials[name], value) for name, value in reflectances.items()}
+    shapes = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
+    lamp = {
+        "bsdf": {"type": "diffuse", "reflectance": lamp_reflectance},
+        "emitter": {"type": "area", "radiance": radiance},
+    }
+    return {"type": "scene", **shapes, scene.lamp.surface.name: _mesh(scene.lamp.surface, lamp)}
+
+
+def sensor_dict(film: Film, camera: Camera, film_options: Mapping[str, Any]) -> dict[str, Any]:
+    """A pinhole at the camera's position with the given film and a box reconstruction filter.
+
+    film_options : further entries of Mitsuba's film.
+    """
+    axes = np.eye(4)
+    axes[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])  # Mitsuba: x to the left, y up
+    axes[:3, 3] = camera.position_mm
+    centre = film.low + film.size / (2 * film.scale)
+    return {
+        "type": "perspective",
+        "to_world": mi.ScalarTransform4f(axes.tolist()),
+        "fov_axis": "x",
+        "fov": float(np.degrees(2 * np.arctan(film.size[0] / (2 * film.scale)))),
+        "principal_point_offset_x": float(centre[0] * film.scale / film.size[0]),
+        "principal_point_offset_y": float(centre[1] * film.scale / film.size[1]),
+        "near_clip": 0.1,
+        "far_clip": 1e7,
+        "sampler": {"type": "independent"},
+        "film": {
+            "type": "hdrfilm", "width": int(film.size[0]), "height": int(film.size[1]),
+            "component_format": "float32", "rfilter": {"type": "box"}, **film_options,
+        },
+    }  # fmt: skip
+
+
+def _check(lamp: Lamp) -> None:
+    for key, value, plain in (("edge_ratio", lamp.edge_ratio, 1.0), ("exponent", lamp.exponent, 0.0)):
+        if value != plain:
+            raise InputError(
+                f"lamp.{key}", f"{value:g}", f"{plain:g} without a compiled variant", _variant.HINT
+            )
+
+
+def _radiance(lamp: Lamp) -> dict[str, Any]:
+    """Radiance of the lamp relative to its mean: 1, or its pattern as a texture."""
+    if lamp.pattern is None:
+        return _rgb(np.ones(3))
+    cells = mi.TensorXf(np.repeat(lamp.pattern[..., None], 3, axis=-1).astype(np.float32))
+    return {"type": "bitmap", "data": cells, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
+
+
+def _medium(medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
+    """The sensor's entry for a medium that fills all space."""
+    if medium is None:
+        return {}
+    scattering = medium.scattering_per_mm.at(wavelengths)
+    extinction = scattering + medium.absorption_per_mm.at(wavelengths)
+    entry = {
+        "type": "homogeneous",
+        "sigma_t": _rgb(extinction),
+        "albedo": _rgb(scattering / np.maximum(extinction, 1e-12)),
+        "phase": {"type": "hg", "g": float(medium.anisotropy)},
+    }
+    return {"medium": entry}
+
+
+def _rgb(values: NDArray) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(v) for v in values]}
+
+
+def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:
+    """Triangles without shared vertices, so that Mitsuba does not interpolate normals.
+
+    Texture coordinates run along the first edge (u) and the last edge (v) of the first quad.
+    """
+    properties = mi.Properties()
+    for name, part in parts.items():
+        properties[name] = mi.load_dict(part)
+    corners = surface.vertices_mm[surface.faces].reshape(-1, 3).astype(np.float32)
+    mesh = mi.Mesh(surface.name, len(corners), len(surface.faces), properties, has_vertex_texcoords=True)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = corners.ravel()
+    parameters["vertex_texcoords"] = _texture_coordinates(surface, corners).ravel()
+    parameters["faces"] = np.arange(len(corners), dtype=np.uint32)
+    parameters.update()
+    return mesh
+
+
+def _texture_coordinates(surface: Surface, corners: NDArray) -> NDArray[np.float32]:
+    first = surface.vertices_mm[0]
+    edges = np.stack([surface.vertices_mm[i] - first for i in (1, min(3, len(surface.vertices_mm) - 1))])
+    places = (corners - first) @ (edges / np.maximum((edges**2).sum(axis=1, keepdims=True), 1e-12)).T
+    return np.ascontiguousarray(places, np.float32)
+
+
+def _coverage(scene: Scene, camera: Camera, film: Film) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """(y, x, f) share of each pixel that each flat face covers, the lamp last, and (f,) the faces' surfaces.
+
+    One ray in each of 8 x 8 parts of a pixel finds the triangle seen. The parts are resampled like the image's
+    ``film``, so that pixels next to an edge have mixed coverage.
+    """
+    surfaces = (*scene.surfaces, scene.lamp.surface)
+    corners = np.concatenate([s.vertices_mm[s.faces] for s in surfaces])
+    owner = np.concatenate([np.full(len(s.faces), i) for i, s in enumerate(surfaces)])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    facet, facet_surface = facets(normals, owner)
+    facet[np.sum((camera.position_mm - corners[:, 0]) * normals, axis=1) <= 0] = -1  # seen from behind
+    parts = COVERAGE_OVERSAMPLING // round(film.scale / camera.focal_length_px)
+    fine = Film(film.low, film.scale * parts, film.size * parts)
+    everything = Surface("all", "", corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    with mi.scoped_set_variant("scalar_rgb"):
+        loaded = mi.load_dict({"type": "scene", "mesh": _mesh(everything, {})})
+        integrator = mi.load_dict({"type": "aov", "aovs": "distance:depth,triangle:prim_index"})
+        sensor = mi.load_dict(sensor_dict(fine, camera, {"pixel_format": "luminance"}))
+        picture = np.array(mi.render(loaded, sensor=sensor, integrator=integrator, spp=1))
+    distance, triangle = picture.reshape(fine.pixels, -1)[:, -2:].T
+    seen = np.where(distance > 0, facet[np.rint(triangle).astype(int)], -1)
+    seen = seen.reshape(film.size[1], parts, film.size[0], parts)
+    matrix = resampling(film, camera)
+    shares = [matrix @ (seen == face).mean(axis=(1, 3)).ravel() for face in range(len(facet_surface))]
+    coverage = np.stack(shares, axis=-1).astype(np.float32)
+    return coverage.reshape(camera.height_px, camera.width_px, -1), facet_surface

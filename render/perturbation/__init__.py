@@ -1,0 +1,27 @@
+"""Small changes of a picture without rendering it again: camera motion, surfaces, haze, blur."""
+
+from .brdf_change import Coat, changed_reflection, fresnel
+from .edge_blur import build_edge_blur
+from .haze import STEPS, AirTransport, air_transport
+from .patch_light import PatchLight, patch_light, with_albedo
+from .patch_transport import PatchTransport, build_patch_transport
+from .warp import Warp, build_warp, pixels_per_unit, warp_change
+
+__all__ = [
+    "STEPS",
+    "AirTransport",
+    "Coat",
+    "PatchLight",
+    "PatchTransport",
+    "Warp",
+    "air_transport",
+    "build_edge_blur",
+    "build_patch_transport",
+    "build_warp",
+    "changed_reflection",
+    "fresnel",
+    "patch_light",
+    "pixels_per_unit",
+    "warp_change",
+    "with_albedo",
+]

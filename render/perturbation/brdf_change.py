@@ -1,0 +1,240 @@
+"""Change of a picture by a non-Lambertian material, rough or glossy.
+
+At the surface that the camera sees, the changed reflection is applied to direct light and to light from the patches.
+At the previous reflection it is applied to the lamp's light; all other light is treated as diffusely reflected with
+the changed albedo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+
+from ..device import SobolPoints, dr, mi
+from ..radiosity import LightField, lamp_pattern, lamp_point, patch_of
+from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
+
+__all__ = ["Coat", "changed_reflection", "fresnel"]
+
+Albedo: TypeAlias = "Callable[[mi.Float], tuple[mi.Float, mi.Float]]"
+Base: TypeAlias = "Callable[[mi.Vector3f, mi.Vector3f], mi.Float]"
+
+
+class Coat:
+    """A specular coat: scale times the Fresnel reflectance (index 1.5) with a GGX lobe of roughness alpha.
+
+    Smith's separable masking; visible normals are sampled after Heitz, JCGT 7(4), 2018.
+    """
+
+    def __init__(self, scale: float, alpha: float) -> None:
+        self.scale = dr.opaque(mi.Float, scale)
+        self.alpha = dr.opaque(mi.Float, max(alpha, 1e-3))
+
+    def value(self, incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
+        """BRDF, 1/sr, in the surface's frame (z is the normal)."""
+        half = dr.normalize(incoming + outgoing)
+        both = self._masking(incoming) * self._masking(outgoing)
+        below = 4 * incoming.z * outgoing.z
+        value = self.scale * fresnel(dr.dot(incoming, half)) * self._density(half) * both / below
+        return dr.select((incoming.z > 1e-6) & (outgoing.z > 1e-6), value, 0)
+
+    def sample(self, outgoing: mi.Vector3f, u: mi.Float, v: mi.Float) -> mi.Vector3f:
+        """A sampled direction of incoming light, from the normals visible from ``outgoing``."""
+        a = self.alpha
+        stretched = dr.normalize(mi.Vector3f(a * outgoing.x, a * outgoing.y, outgoing.z))
+        frame = mi.Frame3f(stretched)
+        radius, angle = dr.sqrt(u), 2 * np.pi * v
+        x, y = radius * dr.cos(angle), radius * dr.sin(angle)
+        # Heitz: the disc is warped to the visible part of the ellipsoid, along the frame's axis closest to z.
+        up = dr.normalize(mi.Vector3f(0, 0, 1) - stretched * stretched.z + mi.Vector3f(1e-12, 0, 0))
+        side = dr.select(stretched.z > 0.99999, frame.s, dr.cross(up, stretched))
+        up = dr.cross(stretched, side)
+        s = 0.5 * (1 + stretched.z)
+        y = (1 - s) * dr.safe_sqrt(1 - x * x) + s * y
+        normal = side * x + up * y + stretched * dr.safe_sqrt(1 - x * x - y * y)
+        half = dr.normalize(mi.Vector3f(a * normal.x, a * normal.y, dr.maximum(normal.z, 1e-6)))
+        return 2 * dr.dot(outgoing, half) * half - outgoing
+
+    def density(self, incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
+        """Probability density of ``sample``, 1/sr."""
+        half = dr.normalize(incoming + outgoing)
+        return dr.select(
+            (incoming.z > 1e-6) & (outgoing.z > 1e-6),
+            self._masking(outgoing) * self._density(half) / (4 * outgoing.z),
+            0,
+        )
+
+    def albedo(self, cosine: NDArray, strata: int = 96) -> NDArray[np.float64]:
+        """(n,) directional albedo (0 to 1) for light at ``cosine`` (n,) to the normal."""
+        place = (np.arange(strata) + 0.5) / strata
+        c, u, v = (
+            mi.Float(x.astype(np.float32).ravel())
+            for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
+        )
+        outgoing = mi.Vector3f(dr.safe_sqrt(1 - c * c), 0, c)
+        incoming = self.sample(outgoing, u, v)
+        pdf = self.density(incoming, outgoing)
+        part = dr.select(pdf > 0, self.value(incoming, outgoing) * incoming.z / pdf, 0)
+        return np.array(part, float).reshape(-1, strata**2).mean(axis=1)
+
+    def _density(self, half: mi.Vector3f) -> mi.Float:
+        square = self.alpha * self.alpha
+        cosine = half.z * half.z
+        return square / (np.pi * dr.square(cosine * (square - 1) + 1))
+
+    def _masking(self, direction: mi.Vector3f) -> mi.Float:
+        cosine = dr.maximum(direction.z * direction.z, 1e-12)
+        tangent = dr.maximum(1 - cosine, 0) / cosine
+        return 2 / (1 + dr.sqrt(1 + self.alpha * self.alpha * tangent))
+
+
+def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
+    """Reflectance of a dielectric for unpolarised light (Fresnel); a negative cosine is set to 0."""
+    cosine = dr.maximum(cosine, 0)
+    g = dr.sqrt(index * index - 1 + cosine * cosine)
+    a = dr.square((g - cosine) / (g + cosine))
+    b = dr.square((cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1))
+    return 0.5 * a * (1 + b)
+
+
+def changed_reflection(
+    light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, *, material: int,
+    base: Base, coat: Coat | None, samples: int = 256, seed: int = 0, albedo: Albedo | None = None,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Change (w, y, x) of radiance, relative to the lamp's, for a changed reflection of one ``material``.
+
+    radiance : (p, w) of the patches, relative to the lamp's. reflectances : (material, w) of all materials
+    and of the lamp.
+    base : diffuse BRDF relative to Lambert's, as a function of the directions of incoming and outgoing light in the
+    surface's frame. albedo : albedos of base (relative to Lambert's) and coat for light from a cosine, which
+    ``radiance`` includes for the lamp's light; if given, the lamp's light reflected towards the surfaces seen by the
+    camera gets the directional distribution of the changed reflection.
+    """
+    tracer, patches = light.tracer, light.patches
+    bands = radiance.shape[1]
+    table = mi.Float(radiance.astype(np.float32).ravel())
+    rho = [dr.opaque(mi.Float, float(r)) for r in reflectances[material]]
+    table_rho = mi.Float(np.asarray(reflectances).astype(np.float32).ravel())
+    count = camera.width_px * camera.height_px
+    lane = dr.arange(mi.UInt32, count)
+    rays = pixel_rays(camera, lane)
+    points = SobolPoints(8 if albedo is None else 12, samples, lane, seed)
+
+    def seen(hit: Hit, active: mi.Bool) -> list[mi.Float]:
+        on = hit.reflecting & active
+        patch = patch_of(patches, hit.triangle, hit.uv, on)
+        return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
+
+    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+        ray = rays(points.point(i, 4), points.point(i, 5))
+        hit = intersect(tracer, ray)
+        mine = hit.front & (hit.material == material)
+        frame = mi.Frame3f(hit.normal)
+        outgoing = frame.to_local(-ray.d)
+        origin = hit.position + hit.normal * RAY_OFFSET_MM
+        weight, to_lamp, per_area = lamp_point(
+            light.lamp, origin, hit.normal, points.point(i, 2), points.point(i, 3), mine
+        )
+        incoming = frame.to_local(dr.normalize(to_lamp))
+        free = visible(tracer, origin, origin + to_lamp, mine & (weight > 0))
+        weight = dr.select(free, weight, 0)
+        change = [r * weight * (base(incoming, outgoing) - 1) for r in rho]
+        gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
+        far = intersect(tracer, mi.Ray3f(origin, frame.to_world(gathered)), mine)
+        factor = base(gathered, outgoing) - 1
+        change = [c + r * factor * b for c, r, b in zip(change, rho, seen(far, mine), strict=True)]
+        if coat is not None:
+            u, v = points.point(i, 6), points.point(i, 7)
+            lobe, strength, near, valid = mirrored(
+                coat,
+                frame,
+                origin,
+                incoming,
+                outgoing,
+                weight=weight,
+                per_area=per_area,
+                u=u,
+                v=v,
+                active=mine,
+            )
+            change = [
+                c + lobe + dr.select(valid, strength * b, 0)
+                for c, b in zip(change, seen(near, valid), strict=True)
+            ]
+        change = [dr.select(mine, c, 0) for c in change]
+        if albedo is not None:
+            change = [
+                c + d
+                for c, d in zip(
+                    change, before_last(albedo, i, hit, origin, frame.to_world(gathered)), strict=True
+                )
+            ]
+        return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
+
+    def mirrored(
+        coat: Coat, frame: mi.Frame3f, origin: mi.Point3f, incoming: mi.Vector3f, outgoing: mi.Vector3f, *,
+        weight: mi.Float, per_area: mi.Float, u: mi.Float, v: mi.Float, active: mi.Bool,
+    ) -> tuple[mi.Float, mi.Float, Hit, mi.Bool]:  # fmt: skip
+        """The lamp's light by the coat (multiple importance sampling); the weight and hit of a sampled direction."""
+        pdf = coat.density(incoming, outgoing)
+        share = dr.select(per_area > 0, per_area / (per_area + pdf), 0)
+        lobe = weight * np.pi * coat.value(incoming, outgoing) * share
+        direction = coat.sample(outgoing, u, v)
+        valid = active & (direction.z > 1e-6)
+        pdf = coat.density(direction, outgoing)
+        strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
+        near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
+        lamp_cosine = -dr.dot(frame.to_world(direction), light.lamp.normal)
+        lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
+        emitted = lamp_pattern(light.lamp, near.position, lamp_cosine)
+        return (
+            lobe + dr.select(near.on_lamp, strength * emitted * pdf / (pdf + lamp_pdf), 0),
+            strength,
+            near,
+            valid,
+        )
+
+    def before_last(
+        albedo: Albedo, i: mi.UInt32, hit: Hit, origin: mi.Point3f, direction: mi.Vector3f
+    ) -> list[mi.Float]:
+        """The lamp's light reflected by the material before the surface seen, minus its mean over directions."""
+        far = intersect(tracer, mi.Ray3f(origin, direction), hit.reflecting)
+        theirs = far.front & (far.material == material)
+        frame = mi.Frame3f(far.normal)
+        outgoing = frame.to_local(-direction)
+        there = far.position + far.normal * RAY_OFFSET_MM
+        weight, to_lamp, per_area = lamp_point(
+            light.lamp, there, far.normal, points.point(i, 8), points.point(i, 9), theirs
+        )
+        incoming = frame.to_local(dr.normalize(to_lamp))
+        weight = dr.select(visible(tracer, there, there + to_lamp, theirs & (weight > 0)), weight, 0)
+        # rays that meet no surface have no angle of incidence; the albedo may be read from a table
+        base_mean, coat_mean = albedo(dr.select(theirs, incoming.z, 0))
+        diffuse, lobe = weight * (base(incoming, outgoing) - base_mean), -weight * coat_mean
+        if coat is not None:
+            u, v = points.point(i, 10), points.point(i, 11)
+            lobe += mirrored(
+                coat,
+                frame,
+                there,
+                incoming,
+                outgoing,
+                weight=weight,
+                per_area=per_area,
+                u=u,
+                v=v,
+                active=theirs,
+            )[0]
+        entry = hit.material * bands
+        first = [dr.gather(mi.Float, table_rho, entry + k, hit.reflecting) for k in range(bands)]
+        return [dr.select(theirs, f * (r * diffuse + lobe), 0) for f, r in zip(first, rho, strict=True)]
+
+    total = dr.opaque(mi.UInt32, samples)
+    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(bands)])
+    _, sums = dr.while_loop(start, lambda i, _: i < total, body)
+    dr.eval(sums)
+    return np.stack([np.array(s) for s in sums]).reshape(bands, camera.height_px, camera.width_px) / samples

@@ -1,0 +1,200 @@
+"""Light transport for haze: exchange of cells of air with lamp and patches, and the lamp's light along camera rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from ..device import SobolPoints, dr, mi
+from ..radiosity import LampSampler, lamp_point, patch_of
+from ..visibility import Tracer, intersect, visible
+from .patch_transport import PatchTransport
+
+__all__ = ["STEPS", "AirTransport", "air_transport"]
+
+#: Number of segments of each camera ray.
+STEPS = 16
+
+#: Cells in x, y and z of the air in the box, and of the air between box and camera, which extends further sideways.
+_INSIDE, _IN_FRONT = (8, 8, 8), (6, 6, 6)
+_SIDE_MARGIN_MM = 350.0
+
+_CELL_SAMPLES, _RAY_SAMPLES = 2048, 32
+
+
+@dataclass(frozen=True, eq=False)
+class AirTransport:
+    """The air between the camera and the back wall. Fractions are of the full sphere of directions.
+
+    axes : centres of the cells, mm, along x, y, z: of the air in the box, then of the air in front of it.
+    front_mm : z of the plane between the two. corner, size : (v, 3) of the cells, mm. volume : (v,) mm^3 of air in a
+    cell. seen : (v, p) fraction covered by each patch, mean over the cell. escape : (v,) fraction that hits nothing.
+    lamp : (v,) fraction covered by the lamp, weighted with its pattern. ray_lamp : (y, x, STEPS) the same, mean over
+    each segment of a pixel's central ray. depth : (y, x) mm to the surface seen; to the plane of the back wall where
+    there is none. direction : (y, x, 3) of the central rays. lamp_centre : (3,) mm.
+    """
+
+    axes: tuple[tuple[NDArray[np.float64], ...], ...]
+    front_mm: float
+    corner: NDArray[np.float64]
+    size: NDArray[np.float64]
+    volume: NDArray[np.float64]
+    seen: NDArray[np.float32]
+    escape: NDArray[np.float64]
+    lamp: NDArray[np.float64]
+    ray_lamp: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    direction: NDArray[np.float64]
+    lamp_centre: NDArray[np.float64]
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """(v, 3) mm."""
+        return self.corner + self.size / 2
+
+    def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
+        """(..., w) a smooth quantity, given in the cells (v, w), interpolated at points (..., 3) in mm."""
+        parts, start = [], 0
+        for axes in self.axes:
+            shape = tuple(len(axis) for axis in axes)
+            own = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
+            parts.append(RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(points_mm))
+            start += int(np.prod(shape))
+        return np.where(points_mm[..., 2:] < self.front_mm, parts[-1], parts[0])
+
+    def between_cells(self, extinction_per_mm: float) -> NDArray[np.float64]:
+        """(v, v) mm: mean radiance in the cell of a row per source (radiance per mm) in the cell of a column.
+
+        Occlusion by blocks is ignored. A cell's own contribution is that of a ball of the same volume.
+        """
+        away = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        own = (3 * self.volume / (4 * np.pi)) ** (1 / 3)
+        np.fill_diagonal(away, 1.0)
+        matrix = self.volume * np.exp(-extinction_per_mm * away) / (4 * np.pi * away**2)
+        np.fill_diagonal(matrix, own)
+        return matrix
+
+
+@lru_cache(maxsize=2)
+def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
+    """Trace the exchange of the air with a scene's patches; cached."""
+    light, camera = transport.light, transport.camera
+    tracer, patches = light.tracer, light.patches
+    corners = tracer.scene.corners_mm
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    zones = [_cells(low, high, _INSIDE)]
+    eye = camera.position_mm[2]
+    if eye < low[2]:
+        margin = np.array([_SIDE_MARGIN_MM, _SIDE_MARGIN_MM, 0.0])
+        zones.append(
+            _cells(np.append((low - margin)[:2], eye), np.append((high + margin)[:2], low[2]), _IN_FRONT)
+        )
+    corner, size = (np.concatenate([zone[i] for zone in zones]) for i in (1, 2))
+    count = len(corner)
+    lane = dr.arange(mi.UInt32, count)
+    first, extent = mi.Point3f(*_columns(corner)), mi.Vector3f(*_columns(size))
+    random = SobolPoints(7, _CELL_SAMPLES, lane, seed)
+    matrix = dr.zeros(mi.Float, count * len(patches))
+    empty, exposed, lit = (dr.zeros(mi.Float, count) for _ in range(3))
+
+    def body(i: mi.UInt32) -> tuple[mi.UInt32]:
+        u = [random.point(i, k) for k in range(7)]
+        point = first + extent * mi.Vector3f(u[0], u[1], u[2])
+        ray = mi.Ray3f(point, mi.warp.square_to_uniform_sphere(mi.Point2f(u[3], u[4])))
+        hit = intersect(tracer, ray)
+        air = ~hit.valid | hit.front
+        dr.scatter_add(exposed, mi.Float(1), lane, air)
+        dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
+        patch = patch_of(patches, hit.triangle, hit.uv, hit.reflecting)
+        dr.scatter_add(matrix, mi.Float(1), lane * len(patches) + patch, hit.reflecting)
+        dr.scatter_add(lit, _from_lamp(tracer, light.lamp, point, u[5], u[6]), lane, air)
+        return (i + 1,)
+
+    total = dr.opaque(mi.UInt32, _CELL_SAMPLES)
+    dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
+    dr.eval(matrix, empty, exposed, lit)
+    free = np.array(exposed).astype(float)
+    share = 1 / np.maximum(free, 1)
+    depth, direction, lamp_centre = _depth(transport, high[2])
+    return AirTransport(
+        axes=tuple(zone[0] for zone in zones),
+        front_mm=float(low[2]),
+        corner=corner,
+        size=size,
+        volume=free / _CELL_SAMPLES * size.prod(axis=1),
+        seen=np.array(matrix).reshape(count, -1) * share[:, None].astype(np.float32),
+        escape=np.array(empty) * share,
+        lamp=np.array(lit) * share,
+        ray_lamp=_along_rays(tracer, light.lamp, camera.position_mm, depth, direction, seed),
+        depth=depth,
+        direction=direction,
+        lamp_centre=lamp_centre,
+    )
+
+
+def _cells(
+    low: NDArray, high: NDArray, shape: tuple[int, int, int]
+) -> tuple[tuple[NDArray, ...], NDArray, NDArray]:
+    """Centres along the axes, lower corners (v, 3) and sizes (v, 3) of equal cells."""
+    size = (high - low) / shape
+    axes = tuple(low[i] + (np.arange(shape[i]) + 0.5) * size[i] for i in range(3))
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return axes, centres - size / 2, np.broadcast_to(size, centres.shape)
+
+
+def _columns(values: NDArray) -> list[mi.Float]:
+    return [mi.Float(values[:, i].astype(np.float32)) for i in range(3)]
+
+
+def _from_lamp(tracer: Tracer, lamp: LampSampler, point: mi.Point3f, u: mi.Float, v: mi.Float) -> mi.Float:
+    """One sample of the lamp's radiance averaged over the sphere of directions."""
+    every = mi.Bool(True)
+    _, way, _ = lamp_point(lamp, point, -lamp.normal, u, v, every)
+    # With the normal towards the sampled point, the form factor is a solid angle over pi.
+    weight, way, _ = lamp_point(lamp, point, dr.normalize(way), u, v, every)
+    return dr.select(visible(tracer, point, point + way, weight > 0), weight / 4, 0)
+
+
+def _along_rays(
+    tracer: Tracer, lamp: LampSampler, eye: NDArray, depth: NDArray, direction: NDArray, seed: int
+) -> NDArray[np.float64]:
+    """(y, x, STEPS) the lamp's radiance averaged over the sphere, in each segment of the central rays."""
+    count = depth.size * STEPS
+    lane = dr.arange(mi.UInt32, count)
+    pixel, step = lane // STEPS, mi.Float(lane % STEPS)
+    toward = dr.gather(mi.Vector3f, mi.Float(direction.astype(np.float32).ravel()), pixel)
+    length = dr.gather(mi.Float, mi.Float(depth.astype(np.float32).ravel()), pixel) * (1 / STEPS)
+    start = mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in eye))
+    random = SobolPoints(3, _RAY_SAMPLES, lane, seed)
+
+    def body(i: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+        point = start + toward * (length * (step + random.point(i, 0)))
+        return i + 1, total + _from_lamp(tracer, lamp, point, random.point(i, 1), random.point(i, 2))
+
+    limit = dr.opaque(mi.UInt32, _RAY_SAMPLES)
+    _, total = dr.while_loop(
+        (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), lambda i, _: i < limit, body
+    )
+    return np.array(total, float).reshape(*depth.shape, STEPS) / _RAY_SAMPLES
+
+
+def _depth(transport: PatchTransport, back_mm: float) -> tuple[NDArray, NDArray, NDArray]:
+    """(y, x) mean distance to the surfaces that each pixel sees, mm; directions (y, x, 3); the lamp's centre, mm."""
+    camera = transport.camera
+    lamp_centre = transport.light.tracer.lamp_triangles.reshape(-1, 3).mean(axis=0)
+    rows, columns = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(float)
+    direction = camera.directions(columns, rows)
+    reach = np.linalg.norm(transport.position - camera.position_mm, axis=1)
+
+    def per_pixel(values: NDArray) -> NDArray:
+        return np.bincount(transport.pixel, values, minlength=rows.size).reshape(rows.shape)
+
+    on_lamp = np.maximum(transport.covered - per_pixel(transport.coverage), 0)
+    beyond = (back_mm - camera.position_mm[2]) / np.maximum(direction[..., 2], 1e-3)
+    to_lamp = float(np.linalg.norm(lamp_centre - camera.position_mm))
+    depth = per_pixel(transport.coverage * reach) + on_lamp * to_lamp + (1 - transport.covered) * beyond
+    return depth, direction, lamp_centre

@@ -1,0 +1,21 @@
+"""Diffuse interreflection: the lamp, patches, the radiosity solution, and the final gather."""
+
+from .final_gather import LightField, gather, render_final_gather, solve_light
+from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_point, lamp_radiance
+from .patches import patch_of
+from .solution import solve
+
+__all__ = [
+    "LampSampler",
+    "LightField",
+    "build_lamp_sampler",
+    "direct_light",
+    "gather",
+    "lamp_pattern",
+    "lamp_point",
+    "lamp_radiance",
+    "patch_of",
+    "render_final_gather",
+    "solve",
+    "solve_light",
+]

@@ -1,0 +1,272 @@
+"""The default integrator for diffuse scenes: a final gather over a converged radiosity solution.
+
+Each sample has a camera ray with direct light at its hit, and a gathering ray with direct light at its hit. Light
+reflected once or twice is thus unbiased; only light reflected three times or more is read from the patches. If a
+gathering ray hits a surface nearby (in a corner), where the size of the patches would be visible, one more ray is
+traced, with direct light at its hit, and the patches are read there.
+All wavelengths are computed at once: radiance is a sum of products of reflectance spectra and a short basis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Scene
+
+from ..device import SobolPoints, cosine_hemisphere, dr, mi
+from ..image import RenderedImage, means_by_strips
+from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
+from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
+from .patches import Patches, build_patches, patch_of
+from .solution import TOLERANCE, Exchange, indirect_basis, trace_exchange
+
+__all__ = ["LightField", "gather", "render_final_gather", "solve_light"]
+
+#: Default number of patch edges along the scene's diagonal: patches of about 50 mm in the published box.
+PATCHES_PER_DIAGONAL = 20
+
+#: Divisions of a patch along each edge for reading the solution, by the patch's slopes.
+PARTS = 2
+
+#: A gathering ray shorter than this many patch edges is continued by one more ray.
+NEAR_PATCHES = 1.5
+
+#: Gathering rays per camera ray (if the number of samples is a multiple). Camera rays contribute little noise: with 2
+#: the product of time and variance is 20% smaller than with 1; with 4 it is the same as with 2 but edges are noisier.
+GATHERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """The radiosity solution of a scene, which does not depend on the camera.
+
+    finer : the patches divided into PARTS^2 each, from which the solution is read.
+    table : (1 + material, finer patch, k), see ``_lookup_table``. reflectances : (n, w) of the materials, and of the
+    lamp if it reflects. spectra : (n, w) of the picture's accumulators.
+    near : length below which gathering rays are continued, mm, see NEAR_PATCHES.
+    """
+
+    tracer: Tracer
+    lamp: LampSampler
+    patches: Patches
+    finer: Patches
+    exchange: Exchange
+    table: np.ndarray
+    reflectances: np.ndarray
+    spectra: np.ndarray
+    wavelength_nm: np.ndarray
+    near: float
+    max_bounces: int | None
+
+
+def solve_light(
+    scene: Scene,
+    wavelength_nm: np.ndarray,
+    max_bounces: int | None = None,
+    patch_edge_mm: float | None = None,
+    patch_samples: int = 2048,
+    seed: int = 0,
+) -> LightField:
+    """The radiosity solution of a scene. Parameters as in ``render_final_gather``.
+
+    Raises InputError for a scene that is not diffuse.
+    """
+    if not scene.diffuse:
+        found = "surfaces that are not Lambertian, or a medium"
+        raise InputError(
+            f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene."
+        )
+    tracer = build_tracer(scene)
+    lamp = build_lamp_sampler(tracer)
+    extent = tracer.vertices.reshape(-1, 3)
+    diagonal = float(np.linalg.norm(extent.max(axis=0) - extent.min(axis=0)))
+    edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
+    patches = build_patches(tracer, edge)
+    reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
+    exchange = trace_exchange(tracer, lamp, patches, patch_samples, seed=seed ^ 0x5EED)
+    finer = build_patches(tracer, edge, PARTS)
+    cut = None if max_bounces is None else max(max_bounces - 1, 1)
+    coefficients, indirect = indirect_basis(exchange, patches.material, reflectances, cut)
+    coefficients = exchange.slopes.at(coefficients, _parents(patches, finer), finer.centre)
+    paints = reflectances[: len(scene.materials)]
+    table, indirect = _lookup_table(coefficients, indirect, paints)
+    return LightField(
+        tracer, lamp, patches, finer, exchange, table,
+        reflectances=reflectances,
+        spectra=_basis_spectra(scene.lamp.radiance.at(wavelength_nm), reflectances, paints, indirect),
+        wavelength_nm=np.asarray(wavelength_nm, float),
+        # the continuation adds a reflection, which is not allowed with a limit on bounces
+        near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
+        max_bounces=max_bounces,
+    )  # fmt: skip
+
+
+def gather(
+    light: LightField, camera: Camera, samples: int = 256, batches: int = 4, seed: int = 0,
+    progress: Progress = QUIET,
+) -> RenderedImage:  # fmt: skip
+    """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
+    table = mi.Float(light.table.ravel())
+
+    def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+        return _strip(light, table, camera, pixels, samples, own_seed)
+
+    return RenderedImage(
+        coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
+        spectra=light.spectra,
+        wavelength_nm=light.wavelength_nm,
+        coverage=facet_coverage(light.tracer, camera),
+        facet_surface=light.tracer.facet_surface,
+        surface_names=tuple(s.name for s in light.tracer.scene.surfaces),
+    )
+
+
+def render_final_gather(
+    scene: Scene,
+    camera: Camera,
+    wavelength_nm: np.ndarray,
+    samples: int = 256,
+    batches: int = 4,
+    *,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    patch_edge_mm: float | None = None,
+    patch_samples: int = 2048,
+    progress: Progress = QUIET,
+) -> RenderedImage:
+    """Render the scene through the camera.
+
+    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch. batches :
+    independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
+    between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). patch_edge_mm, patch_samples :
+    largest edge of the radiosity patches and number of rays from each. seed : results are repeatable.
+    Raises InputError for a scene that is not diffuse.
+    """
+    light = solve_light(scene, wavelength_nm, max_bounces, patch_edge_mm, patch_samples, seed)
+    return gather(light, camera, samples, batches, seed, progress)
+
+
+def _parents(patches: Patches, finer: Patches) -> np.ndarray:
+    """(n,) the patch that contains each finer patch."""
+    triangle, uv = mi.UInt32(finer.triangle.astype(np.uint32)), mi.Point2f(finer.uv.T.astype(np.float32))
+    return np.array(patch_of(patches, triangle, uv, dr.full(mi.Bool, True, len(finer))))
+
+
+def _lookup_table(
+    coefficients: np.ndarray, spectra: np.ndarray, reflectances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """One basis for the light of the patches and for this light after one more reflection.
+
+    Returns coefficients (1 + material, patch, k), first of the patches' light, then of this light times the
+    reflectance of each material, and the spectra (k, w).
+    """
+    rows = np.concatenate([spectra, *(rho * spectra for rho in reflectances)])
+    weight = np.tile(np.abs(coefficients).max(axis=0), 1 + len(reflectances))
+    _, singular, basis = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
+    basis = basis[: max(1, int(np.sum(singular > TOLERANCE * singular[0])))]
+    parts = [
+        coefficients @ (spectra @ basis.T),
+        *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances),
+    ]
+    return np.stack(parts).astype(np.float32), basis
+
+
+def _basis_spectra(
+    lamp: np.ndarray, reflectances: np.ndarray, paints: np.ndarray, indirect: np.ndarray
+) -> np.ndarray:
+    """(n, w) spectra of the accumulators.
+
+    First that of the lamp; then for every first material those of direct light, of second materials, of second and
+    third materials, and of the light read from the patches. The lamp is a first material, if it reflects, but no
+    second or third one: none of its own light falls on it directly.
+    """
+    rows = [lamp]
+    for first in reflectances:
+        rows.append(lamp * first)
+        rows += [lamp * first * second for second in paints]
+        rows += [lamp * first * second * third for second in paints for third in paints]
+        rows += [lamp * first * k for k in indirect]
+    return np.array(rows)
+
+
+def _strip(
+    light: LightField, table: mi.Float, camera: Camera, pixels: mi.UInt32, samples: int, seed: int
+) -> list[mi.Float]:
+    """The n accumulators of some pixels: one lane per pixel, one symbolic loop over samples."""
+    tracer, lamp, patches = light.tracer, light.lamp, light.finer
+    rank, max_bounces = light.table.shape[2], light.max_bounces
+    count = dr.width(pixels)
+    rays = pixel_rays(camera, pixels)
+    gathers = GATHERS if samples % GATHERS == 0 else 1
+    points = SobolPoints(12, samples, pixels, seed)
+    materials, firsts = len(tracer.material_names), tracer.reflectors
+    first = max_bounces is None or max_bounces >= 1
+    second = max_bounces is None or max_bounces >= 2
+    third = max_bounces is None or max_bounces >= 3
+    per_material = 1 + materials + materials**2 + rank
+    reach = dr.opaque(mi.Float, light.near)
+
+    def gathered(i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool) -> list[mi.Float]:
+        """Light of one gathering ray: direct light by second and third material, and light from the patches."""
+        direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
+        far = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction), shaded)
+        lit, far_material = far.reflecting, far.material
+        u, v = points.point(i, 2), points.point(i, 3)
+        arriving = direct_light(tracer, lamp, far.position, far.normal, u, v, lit)
+        values = [dr.select(lit & (far_material == m), arriving, 0) for m in range(materials)]
+        if not third:
+            return values
+        close = lit & (far.distance < reach) & ~far.on_lamp
+        onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
+        last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
+        at_last, last_material = last.reflecting, last.material
+        u, v = points.point(i, 10), points.point(i, 11)
+        arriving = direct_light(tracer, lamp, last.position, last.normal, u, v, at_last)
+        values += [
+            dr.select(at_last & (far_material == m) & (last_material == n), arriving, 0)
+            for m in range(materials)
+            for n in range(materials)
+        ]
+        read = (lit & ~close) | at_last
+        triangle = dr.select(close, last.triangle, far.triangle)
+        uv = mi.Point2f(dr.select(close, last.uv.x, far.uv.x), dr.select(close, last.uv.y, far.uv.y))
+        patch = patch_of(patches, triangle, uv, read)
+        entry = (patch + dr.select(close, (far_material + 1) * len(patches), 0)) * rank
+        return values + [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
+
+    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+        ray = rays(points.point(i, 4), points.point(i, 5))
+        hit = intersect(tracer, ray)
+        shaded, material = hit.reflecting, hit.material
+        values = []
+        if first:
+            u, v = points.point(i, 6), points.point(i, 7)
+            values.append(gathers * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded))
+        if second:
+
+            def inner(j: mi.UInt32, totals: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+                more = gathered(j, hit.position, hit.normal, shaded)
+                return j + 1, [old + value for old, value in zip(totals, more, strict=True)]
+
+            end = (i + 1) * gathers
+            zeros = [dr.zeros(mi.Float, count) for _ in range(per_material - 1 if third else materials)]
+            values += dr.while_loop((i * gathers, zeros), lambda j, _: j < end, inner)[1]
+        emitted = gathers * lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
+        new = [sums[0] + dr.select(hit.on_lamp, emitted, mi.Float(0))]
+        for m in range(firsts):
+            here = shaded & (material == m)
+            mine = sums[1 + m * per_material : 1 + (m + 1) * per_material]
+            new += [old + dr.select(here, value, 0) for old, value in zip(mine, values, strict=False)]
+            new += mine[len(values) :]
+        return i + 1, new
+
+    total = dr.opaque(mi.UInt32, samples // gathers)
+    start_state = (
+        dr.zeros(mi.UInt32, count),
+        [dr.zeros(mi.Float, count) for _ in range(1 + firsts * per_material)],
+    )
+    return dr.while_loop(start_state, lambda i, _: i < total, body)[1]

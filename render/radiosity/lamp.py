@@ -1,0 +1,306 @@
+"""Direct light from the lamp: shadow rays, with the analytic unoccluded value as control variate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.scene import Lamp
+
+from ..device import dr, mi, polynomial, polynomial_at
+from ..visibility import RAY_OFFSET_MM, Tracer, visible
+
+__all__ = [
+    "LampSampler",
+    "angle_over_sine",
+    "build_lamp_sampler",
+    "direct_light",
+    "lamp_pattern",
+    "lamp_point",
+    "lamp_radiance",
+]
+
+
+#: atan(x) / x as a polynomial in x^2, for 0 <= x <= 1, with an error below 2e-8.
+_ARC_TANGENT = polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 8)
+
+
+@dataclass(frozen=True, eq=False)
+class LampSampler:
+    """The lamp's triangles for sampling by area, and the edges of its border for the analytic form factor."""
+
+    corners: list[mi.Point3f]
+    thresholds: list[float]
+    normal: mi.Vector3f
+    area: float
+    border: list[tuple[mi.Point3f, mi.Point3f]]
+    centre: np.ndarray
+    half_size: np.ndarray
+    edge_ratio: float
+    exponent: float
+    cells: _Cells | None
+    convex: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The lamp's pattern: values row by row, and the corner and edges that locate the cells."""
+
+    values: mi.Float
+    shape: tuple[int, int]
+    corner: mi.Point3f
+    along_columns: mi.Vector3f
+    along_rows: mi.Vector3f
+
+    def __call__(self, point: mi.Point3f) -> mi.Float:
+        offset = point - self.corner
+        places = []
+        for axis, count in ((self.along_rows, self.shape[0]), (self.along_columns, self.shape[1])):
+            part = dr.dot(offset, axis) / dr.squared_norm(axis)
+            # bounded after the conversion: rays that meet nothing have no point, and NaN passes the first bounds
+            places.append(dr.minimum(mi.UInt32(dr.clip(part * count, 0, count - 1)), count - 1))
+        return dr.gather(mi.Float, self.values, places[0] * self.shape[1] + places[1])
+
+
+def _cells(lamp: Lamp) -> _Cells | None:
+    if lamp.pattern is None:
+        return None
+    corner, right, _, up = lamp.surface.vertices_mm[:4]
+    edges = (mi.Vector3f(*(float(x) for x in end - corner)) for end in (right, up))
+    return _Cells(
+        mi.Float(lamp.pattern.astype(np.float32).ravel()), lamp.pattern.shape, _point(corner), *edges
+    )
+
+
+def _point(values: np.ndarray) -> mi.Point3f:
+    return mi.Point3f(*(float(x) for x in values))
+
+
+def build_lamp_sampler(tracer: Tracer) -> LampSampler:
+    """The sampler of a scene's lamp, which must be planar: all its triangles share a normal."""
+    triangles = tracer.lamp_triangles
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    areas = 0.5 * np.linalg.norm(cross, axis=1)
+    edges: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+    for triangle in triangles:
+        for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+            if edges.pop((tuple(b), tuple(a)), None) is None:
+                edges[tuple(a), tuple(b)] = (a, b)
+    low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
+    lamp = tracer.scene.lamp
+    return LampSampler(
+        corners=[_point(c) for t in triangles for c in t],
+        thresholds=list(np.cumsum(areas) / areas.sum()),
+        normal=mi.Vector3f(*(float(x) for x in cross[0] / np.linalg.norm(cross[0]))),
+        area=float(areas.sum()),
+        border=[(_point(a), _point(b)) for a, b in edges.values()],
+        centre=(low + high) / 2,
+        half_size=np.maximum((high - low) / 2, 1e-9),
+        edge_ratio=lamp.edge_ratio,
+        exponent=lamp.exponent,
+        cells=_cells(lamp),
+        convex=_convex(list(edges.values()), cross[0]),
+    )
+
+
+def _convex(border: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray) -> bool:
+    """Whether the edges bound one convex polygon: no corner lies outside any edge, each corner on two edges."""
+    starts, ends = (np.array(points) for points in zip(*border, strict=True))
+    inward = np.cross(normal, ends - starts)
+    inside = np.einsum("ek,cek->ce", inward, starts[:, None] - starts[None])
+    size = np.ptp(starts, axis=0).max()
+    flat = bool(inside.min() >= -1e-6 * np.linalg.norm(inward, axis=1).max() * size)
+    return flat and len(np.unique(starts, axis=0)) == len(starts)
+
+
+def _sample(lamp: LampSampler, u: mi.Float, v: mi.Float) -> mi.Point3f:
+    """A point uniform over the lamp's area."""
+    low, result = 0.0, lamp.corners[0]
+    for i, high in enumerate(lamp.thresholds):
+        a, b, c = lamp.corners[3 * i : 3 * i + 3]
+        root = dr.sqrt((u - low) / (high - low))
+        point = a + (b - a) * (root * (1 - v)) + (c - a) * (root * v)
+        result = point if i == 0 else dr.select(u >= low, point, result)
+        low = high
+    return result
+
+
+def _sample_pattern(lamp: LampSampler, u: mi.Float, v: mi.Float) -> mi.Point3f:
+    """A point of a horizontal rectangular lamp, with a density proportional to its radiance (edge_ratio).
+
+    A mixture of a uniform density and the product of two parabolas, 3/4 (1 - x^2), whose quantile function is
+    2 sin(arcsin(2 u - 1) / 3).
+    """
+    e = lamp.edge_ratio
+    even = e / (e + (1 - e) * 4 / 9)
+    flat = u < even
+    first = dr.select(flat, u / max(even, 1e-9), (u - even) / max(1 - even, 1e-9))
+
+    def place(number: mi.Float) -> mi.Float:
+        centred = 2 * number - 1
+        return dr.select(flat, centred, 2 * dr.sin(dr.asin(dr.clip(centred, -1, 1)) / 3))
+
+    centre, half = (tuple(float(c) for c in row) for row in (lamp.centre, lamp.half_size))
+    x, z = centre[0] + half[0] * place(first), centre[2] + half[2] * place(v)
+    return mi.Point3f(x, centre[1], z)
+
+
+def _follows_pattern(lamp: LampSampler) -> bool:
+    """Whether the lamp has an edge ratio and is a horizontal rectangle along x and z, as ``_sample_pattern`` needs."""
+    level = lamp.half_size[1] <= 1e-6
+    return bool(
+        level
+        and lamp.cells is None
+        and lamp.edge_ratio != 1.0
+        and abs(lamp.area / (4 * lamp.half_size[0] * lamp.half_size[2]) - 1) < 1e-6
+    )
+
+
+def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) -> tuple[mi.Float, mi.Bool]:
+    """Form factor from a point to the part of the lamp above its horizon by Lambert's formula, and whether it is valid.
+
+    It is valid for a convex lamp, and for others if all their corners lie above the horizon. What lies below is cut off
+    at the horizon; the cut's two ends are joined by an edge in the horizon, which counts like any other.
+    """
+    total = mi.Float(0)
+    whole = mi.Bool(True)
+    zero = mi.Vector3f(0)
+    leaving, entering = zero, zero
+    for start, end in lamp.border:
+        a, b = start - position, end - position
+        above_a, above_b = dr.dot(a, normal), dr.dot(b, normal)
+        whole &= above_a > 0
+        crossing = (above_a > 0) != (above_b > 0)
+        cut = a + (b - a) * (above_a / dr.select(crossing, above_a - above_b, 1))
+        leaving = dr.select(crossing & (above_a > 0), cut, leaving)
+        entering = dr.select(crossing & (above_b > 0), cut, entering)
+        total += _edge_share(dr.select(above_a > 0, a, cut), dr.select(above_b > 0, b, cut), normal,
+                             (above_a > 0) | (above_b > 0))  # fmt: skip
+    if not lamp.convex:
+        return dr.abs(total) * (0.5 / np.pi), whole
+    total += _edge_share(leaving, entering, normal, ~whole)
+    return dr.abs(total) * (0.5 / np.pi), mi.Bool(True)
+
+
+def _edge_share(a: mi.Vector3f, b: mi.Vector3f, normal: mi.Vector3f, active: mi.Bool) -> mi.Float:
+    """One edge's term of Lambert's formula: the angle it spans times the cosine between its plane and the horizon."""
+    axis = dr.cross(a, b)
+    return dr.select(active, dr.dot(axis, normal) * angle_over_sine(dr.norm(axis), dr.dot(a, b)), 0)
+
+
+def angle_over_sine(sine: mi.Float, cosine: mi.Float) -> mi.Float:
+    """atan2(sine, cosine) / sine for sine >= 0, with a single division, and finite if both are 0."""
+    sine = dr.select(sine > 1e-12, sine, 1e-12)
+    base = dr.abs(cosine)
+    steep = base < sine
+    longer, shorter = dr.select(steep, sine, base), dr.select(steep, base, sine)
+    inverse = dr.rcp(longer * sine)
+    ratio = shorter * sine * inverse
+    angle = ratio * polynomial_at(_ARC_TANGENT, ratio * ratio)
+    angle = dr.select(steep, 0.5 * np.pi - angle, angle)
+    return dr.select(cosine < 0, np.pi - angle, angle) * longer * inverse
+
+
+def lamp_pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.Float | float:
+    """Radiance at a point of the lamp in a direction, relative to the lamp's mean along its normal.
+
+    cosine : of the angle from the normal.
+    """
+    value: mi.Float | float = 1.0
+    if lamp.edge_ratio != 1.0:
+        x = (point.x - lamp.centre[0]) / lamp.half_size[0]
+        z = (point.z - lamp.centre[2]) / lamp.half_size[2]
+        e = lamp.edge_ratio
+        value = (e + (1 - e) * (1 - x * x) * (1 - z * z)) / (e + (1 - e) * 4 / 9)
+    if lamp.exponent != 0.0:
+        value = value * dr.power(cosine, lamp.exponent)
+    if lamp.cells is not None:
+        value = value * lamp.cells(point)
+    return value
+
+
+def direct_light(
+    tracer: Tracer,
+    lamp: LampSampler,
+    position: mi.Point3f,
+    normal: mi.Vector3f,
+    u: mi.Float,
+    v: mi.Float,
+    active: mi.Bool,
+) -> mi.Float:
+    """Irradiance from the lamp over pi times the lamp's radiance (a form factor, 0 to 1), by one shadow ray.
+
+    Unbiased. The pattern of a rectangular lamp with an edge ratio is importance sampled. Otherwise the unoccluded
+    form factor w of the lamp point has the analytic mean w0, used as control variate: w V + (w0 - w), V the
+    visibility. Points that see all of the lamp that is above their horizon then have no sampling noise, also
+    points of a wall that the lamp touches.
+    """
+    origin = position + normal * RAY_OFFSET_MM
+    if _follows_pattern(lamp):
+        # with the pattern as density, the remaining integrand hardly varies over the lamp
+        offset = _sample_pattern(lamp, u, v) - origin
+        square = dr.squared_norm(offset)
+        direction = offset * dr.rsqrt(square)
+        cosine, lamp_cosine = dr.dot(direction, normal), -dr.dot(direction, lamp.normal)
+        facing = active & (cosine > 0) & (lamp_cosine > 0)
+        weight = cosine * lamp_cosine * lamp.area / (np.pi * square)
+        weight *= dr.power(lamp_cosine, lamp.exponent) if lamp.exponent else 1
+        return dr.select(visible(tracer, origin, origin + offset, facing), weight, 0)
+    weight, offset, _ = lamp_point(lamp, origin, normal, u, v, active, patterned=False)
+    direction = dr.normalize(offset)
+    point = origin + offset
+    free = visible(tracer, origin, point, active & (weight > 0))
+    sampled = dr.select(free, weight * lamp_pattern(lamp, point, -dr.dot(direction, lamp.normal)), 0)
+    mean, whole = _unoccluded(lamp, origin, normal)
+    in_front = dr.dot(origin - point, lamp.normal) > 0
+    return dr.select(active, sampled + dr.select(whole & in_front, mean - weight, 0), 0)
+
+
+def lamp_point(
+    lamp: LampSampler,
+    origin: mi.Point3f,
+    normal: mi.Vector3f,
+    u: mi.Float,
+    v: mi.Float,
+    active: mi.Bool,
+    patterned: bool = True,
+) -> tuple[mi.Float, mi.Vector3f, mi.Float]:
+    """One point of the lamp, uniform over its area, seen from ``origin``, without a test of visibility.
+
+    Returns its form factor (irradiance over pi times radiance; times the lamp's pattern if ``patterned``), the vector
+    to it in mm, and the probability density of its direction, 1/sr.
+    """
+    point = _sample(lamp, u, v)
+    offset = point - origin
+    square = dr.squared_norm(offset)
+    nearness = dr.rsqrt(square)
+    direction = offset * nearness
+    cosine = dr.dot(direction, normal)
+    lamp_cosine = -dr.dot(direction, lamp.normal)
+    facing = active & (cosine > 0) & (lamp_cosine > 0)
+    weight = dr.select(facing, cosine * lamp_cosine * (nearness * nearness) * (lamp.area / np.pi), 0)
+    if patterned:
+        weight = dr.select(facing, weight * lamp_pattern(lamp, point, lamp_cosine), 0)
+    return weight, offset, dr.select(facing, square / (lamp.area * lamp_cosine), 0)
+
+
+def lamp_radiance(
+    lamp: LampSampler, origin: mi.Point3f, u: mi.Float, v: mi.Float
+) -> tuple[mi.Vector3f, mi.Float, mi.Float, mi.Float]:
+    """One point of the lamp, uniform over its area, without a test of visibility.
+
+    Returns the unit direction to it, the distance in mm, the probability density of the direction (1/sr, 0 behind the
+    lamp), and the radiance from there relative to the lamp's mean.
+    """
+    offset = _sample(lamp, u, v) - origin
+    distance = dr.norm(offset)
+    direction = offset / distance
+    cosine = -dr.dot(direction, lamp.normal)
+    facing = cosine > 0
+    pattern = lamp_pattern(lamp, origin + offset, cosine)
+    return (
+        direction,
+        distance,
+        dr.select(facing, dr.square(distance) / (lamp.area * cosine), 0),
+        dr.select(facing, pattern, mi.Float(0)),
+    )

@@ -1,0 +1,192 @@
+"""Interreflection between patches: form factors by ray tracing, and the radiosity solution at every wavelength.
+
+All radiances are relative to the lamp's, L(lambda). The outgoing radiance of a Lambertian patch of reflectance rho is
+b = rho (e + F b): e is its direct irradiance over pi, F_ij the fraction of the (cosine-weighted) hemisphere of i
+covered by j (Goral et al. 1984). Rows of F sum to 1 minus the fraction that leaves through the opening.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device import SobolPoints, cosine_hemisphere, dr, mi
+from ..visibility import RAY_OFFSET_MM, Tracer, intersect, normal_and_material
+from .lamp import LampSampler, direct_light
+from .patch_slopes import PatchSlopes, build_slopes
+from .patches import Patches, patch_of, patch_points
+
+__all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
+
+
+#: Relative accuracy of the radiosity solution, which contributes about a quarter of a picture's light.
+TOLERANCE = 1e-5
+
+_SNAPSHOTS = 7
+_MOST_BOUNCES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """Light exchange between patches.
+
+    direct : (p,) e. form_factors : (p, p) F, for patches whose radiance varies linearly with ``slopes`` (a few
+    entries are negative). escape : (p,) fraction of the hemisphere that leaves the box.
+    """
+
+    direct: NDArray[np.float32]
+    form_factors: NDArray[np.float32]
+    escape: NDArray[np.float32]
+    slopes: PatchSlopes
+
+
+def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
+    """Trace ``samples`` cosine-distributed rays and as many lamp samples from every patch.
+
+    Points covered by an object see only back sides; they are left out of the means over a patch.
+    """
+    count = len(patches)
+    slopes = build_slopes(tracer, patches)
+    lane = dr.arange(mi.UInt32, count)
+    points = SobolPoints(6, samples, lane, seed)
+    matrix = dr.zeros(mi.Float, count * count)
+    parent = mi.UInt32(patches.triangle.astype(np.uint32))
+    normal, _ = normal_and_material(tracer, parent)
+    corners = mi.Float(patches.corners.astype(np.float32).ravel())
+
+    def body(
+        i: mi.UInt32, direct: mi.Float, escaped: mi.Float, seen: mi.Float
+    ) -> tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]:
+        position = patch_points(corners, lane, points.point(i, 0), points.point(i, 1))
+        light = direct_light(
+            tracer, lamp, position, normal, points.point(i, 2), points.point(i, 3), mi.Bool(True)
+        )
+        direction = cosine_hemisphere(normal, points.point(i, 4), points.point(i, 5))
+        hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction))
+        exposed = ~hit.valid | hit.front
+        on_patch = hit.reflecting
+        target = patch_of(patches, hit.triangle, hit.uv, on_patch)
+        for patch, weight in slopes.weights(target, hit.position, on_patch):
+            dr.scatter_add(matrix, weight, lane * count + patch, on_patch)
+        return (
+            i + 1,
+            direct + dr.select(exposed, light, 0),
+            escaped + dr.select(hit.valid, mi.Float(0), mi.Float(1)),
+            seen + dr.select(exposed, mi.Float(1), mi.Float(0)),
+        )
+
+    total = dr.opaque(mi.UInt32, samples)
+    start = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(3)))
+    _, direct, escaped, seen = dr.while_loop(start, lambda i, *_: i < total, body)
+    dr.eval(direct, escaped, seen, matrix)
+    scale = 1 / np.maximum(np.array(seen), 1)
+    return Exchange(
+        direct=np.array(direct) * scale,
+        form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
+        escape=np.array(escaped) * scale,
+        slopes=slopes,
+    )
+
+
+def solve(
+    exchange: Exchange,
+    reflectance: NDArray,
+    source: NDArray | None = None,
+    max_reflections: int | None = None,
+) -> NDArray[np.float64]:
+    """Outgoing radiance b (p, w) of every patch, as the sum over reflections.
+
+    reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi; default the lamp's ``direct``.
+    max_reflections : number of reflections summed (None: to convergence, relative 1e-7).
+    """
+    first = exchange.direct[:, None] if source is None else source
+    bounce = (reflectance * first).astype(np.float32)
+    total = bounce.astype(np.float64)
+    limit = 1000 if max_reflections is None else max_reflections - 1
+    rho = reflectance.astype(np.float32)
+    for _ in range(limit):
+        bounce = rho * (exchange.form_factors @ bounce)
+        total += bounce
+        if bounce.max() < 1e-7 * total.max():
+            break
+    return total
+
+
+def indirect_basis(
+    exchange: Exchange, material: NDArray, reflectances: NDArray, max_reflections: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The patches' indirectly lit radiance rho F b at all wavelengths, as a short sum of products.
+
+    material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra
+    (k, w) with coefficients @ spectra = rho F b within about TOLERANCE of its largest value.
+
+    After many reflections the spatial distribution of light is similar at all wavelengths. So b is computed by a
+    Galerkin method in a reduced basis of the first few bounces at a few wavelengths, which is extended until
+    b = rho (e + F b) holds at every wavelength.
+    """
+    if not exchange.direct.any():
+        return np.zeros((len(material), 1)), np.zeros((1, reflectances.shape[1]))
+    if max_reflections is None:
+        shapes, amplitudes = _reduced_solution(exchange, material, reflectances)
+    else:
+        rho = reflectances[material]
+        b = solve(exchange, rho, max_reflections=max_reflections)
+        shapes, amplitudes = b / np.maximum(rho, 1e-12) - exchange.direct[:, None], np.eye(b.shape[1])
+    factors, spectra = [], []
+    for index, reflectance in enumerate(reflectances):
+        q, r = np.linalg.qr(shapes[material == index])
+        factors.append(q)
+        spectra.append((r @ amplitudes) * reflectance)
+    left, singular, right = np.linalg.svd(np.concatenate(spectra), full_matrices=False)
+    rank = max(1, int(np.sum(singular > TOLERANCE * singular[0])))
+    mixed = np.split(left[:, :rank] * singular[:rank], np.cumsum([len(x) for x in spectra])[:-1])
+    coefficients = np.empty((len(material), rank))
+    for index, (q, mix) in enumerate(zip(factors, mixed, strict=True)):
+        coefficients[material == index] = q @ mix
+    return coefficients, right[:rank]
+
+
+def _reduced_solution(
+    exchange: Exchange, material: NDArray, reflectances: NDArray
+) -> tuple[NDArray, NDArray]:
+    """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
+    rho = reflectances[material]
+    chosen = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
+    direct = exchange.direct[:, None]
+    bounce = (rho[:, chosen] * direct).astype(np.float32)
+    bounces = [bounce]
+    for _ in range(_MOST_BOUNCES):
+        bounce = (rho[:, chosen] * (exchange.form_factors @ bounce)).astype(np.float32)
+        bounces.append(bounce)
+        if len(bounces) % 4:
+            continue
+        columns = np.hstack(bounces).astype(np.float64)
+        singular, vectors = np.linalg.eigh(columns.T @ columns)
+        left, singular = columns @ vectors, np.sqrt(np.maximum(singular, 0))
+        space = np.linalg.qr(left[:, singular > 1e-6 * singular[-1]])[0]
+        transported = exchange.form_factors @ space.astype(np.float32)
+        amplitudes, residual = _galerkin(
+            space, transported.astype(np.float64), material, reflectances, direct
+        )
+        if residual < TOLERANCE:
+            break
+    return transported, amplitudes
+
+
+def _galerkin(
+    space: NDArray, transported: NDArray, material: NDArray, reflectances: NDArray, direct: NDArray
+) -> tuple[NDArray, float]:
+    """Amplitudes (n, w) of b = rho (e + F b) in the span of ``space``, and the largest relative residual."""
+    masks = [material == m for m in range(len(reflectances))]
+    operators = np.stack([space[mask].T @ transported[mask] for mask in masks])
+    sources = np.stack([space[mask].T @ direct[mask, 0] for mask in masks])
+    system = np.eye(space.shape[1]) - np.einsum("mw,mij->wij", reflectances, operators)
+    amplitudes = np.linalg.solve(system, (reflectances.T @ sources)[..., None])[..., 0].T
+    check = np.unique(np.linspace(0, reflectances.shape[1] - 1, 24).astype(int))
+    rho = reflectances[material][:, check]
+    b = space @ amplitudes[:, check]
+    residual = b - rho * (direct + transported @ amplitudes[:, check])
+    size = np.maximum(np.linalg.norm(b, axis=0), 1e-300)
+    return amplitudes, float(np.max(np.linalg.norm(residual, axis=0) / size))

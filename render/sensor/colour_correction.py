@@ -1,0 +1,83 @@
+"""From counts to linear channels at every pixel, and from channels to CIE XYZ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from cboxlab.calibration.colour import colour_matching_functions
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import ArrayLike, NDArray
+
+from .detector import SensorCamera
+
+__all__ = ["ColourCorrection", "chart_reflectances", "demosaic", "fit_correction", "linear_counts"]
+
+
+def linear_counts(counts: ArrayLike, camera: SensorCamera, exposure_s: float) -> NDArray[np.float64]:
+    """DN proportional to light (any shape): F inverted, the dark level subtracted."""
+    detector = camera.detector
+    return detector.linearise(counts) - detector.dark(exposure_s)[0]
+
+
+def demosaic(linear: NDArray[np.float64], camera: SensorCamera, white_dn: float) -> NDArray[np.float64]:
+    """Channels R, G, B (y, x, 3) of a mosaic frame (y, x), by OpenCV's bilinear interpolation.
+
+    Linear DN are clipped to 0 to ``white_dn`` and rounded to 16 bits.
+
+    Raises InputError for a mosaic that is not 2 x 2 letters R, G and B.
+    """
+    pattern = camera.pattern or ()
+    is_square = [len(row) for row in pattern] == [2, 2]
+    code = getattr(cv2, f"COLOR_Bayer{''.join(pattern)}2RGB", None) if is_square else None
+    if code is None or set(camera.channels) != set("RGB"):
+        raise InputError(
+            f"camera {camera.name}: mosaic.pattern", repr(list(pattern)), "2 x 2 letters R, G, B (Bayer)"
+        )
+    whole = np.rint(np.clip(linear / white_dn, 0, 1) * 65535).astype(np.uint16)
+    return np.asarray(cv2.cvtColor(whole, code), float) / 65535.0 * white_dn
+
+
+def chart_reflectances() -> NDArray[np.float64]:
+    """(24, 301) reflectances of the ColorChecker on WAVELENGTH_NM, averages by BabelColor (colour-science)."""
+    from colour import SDS_COLOURCHECKERS  # slow to import, and only needed here
+
+    chart = SDS_COLOURCHECKERS["BabelColor Average"].values()
+    return np.array([np.interp(WAVELENGTH_NM, patch.wavelengths, patch.values) for patch in chart])
+
+
+@dataclass(frozen=True, eq=False)
+class ColourCorrection:
+    """XYZ = matrix @ channels. matrix : (3, c), per linear DN. noise_variance : (c,) DN^2, assumed in the fit."""
+
+    matrix: NDArray[np.float64]
+    noise_variance: NDArray[np.float64]
+
+    def xyz(self, channels: ArrayLike) -> NDArray[np.float64]:
+        """(..., 3) XYZ of linear channels (..., c) in DN; Y is 1 for a perfect white."""
+        return np.asarray(channels, float) @ self.matrix.T
+
+
+def fit_correction(
+    channels: NDArray[np.float64],
+    reflectances: NDArray[np.float64],
+    illuminant: Spectrum,
+    noise_variance: ArrayLike = 0.0,
+) -> ColourCorrection:
+    """The linear minimum mean square error estimate of XYZ from a camera's channels.
+
+    matrix = E[x r^T] (E[r r^T] + N)^-1 over a training set. r : its expected channels (n, c), linear DN, under the
+    light of the photograph. x : its XYZ under ``illuminant`` (possibly another light, as in Vora et al. 2001), Y = 1
+    for a perfect white. N : noise variance by channel, DN^2. reflectances : (n, 301) on WAVELENGTH_NM.
+    """
+    light = illuminant.at(WAVELENGTH_NM)
+    observer = colour_matching_functions()
+    xyz = (reflectances * light) @ observer.T / float(light @ observer[1])
+    variance = np.broadcast_to(np.asarray(noise_variance, float), (channels.shape[1],))
+    # as least squares, since normal equations would square the condition number
+    rows = np.vstack([channels, np.diag(np.sqrt(len(channels) * variance))])
+    right = np.vstack([xyz, np.zeros((channels.shape[1], 3))])
+    return ColourCorrection(np.linalg.lstsq(rows, right, rcond=None)[0].T, variance.copy())

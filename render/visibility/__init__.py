@@ -1,0 +1,34 @@
+"""Ray casting, visibility, and the coverage of pixels by surfaces."""
+
+from .pinhole import Film, film_for, resampling
+from .primary import border_pixels, facet_coverage, pixel_coverage, pixel_faces
+from .tracer import (
+    RAY_OFFSET_MM,
+    Hit,
+    Tracer,
+    build_tracer,
+    facets,
+    intersect,
+    normal_and_material,
+    pixel_rays,
+    visible,
+)
+
+__all__ = [
+    "RAY_OFFSET_MM",
+    "Film",
+    "Hit",
+    "Tracer",
+    "border_pixels",
+    "build_tracer",
+    "facet_coverage",
+    "facets",
+    "film_for",
+    "intersect",
+    "normal_and_material",
+    "pixel_coverage",
+    "pixel_faces",
+    "pixel_rays",
+    "resampling",
+    "visible",
+]

@@ -1,0 +1,71 @@
+"""Pixels crossed by the edge of a face, by projection; all other pixels see one face or none."""
+
+from __future__ import annotations
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+
+__all__ = ["face_edges", "pixels_on_edges"]
+
+#: Largest distance between points along an edge, px, if distortion changes lengths by less than a factor of 2.
+_STEP_PX = 0.25
+
+
+def face_edges(vertices: NDArray, facet: NDArray) -> NDArray[np.float64]:
+    """(n, 2, 3) ends in mm of the triangles' edges that are not between two triangles of one face.
+
+    vertices : (t, 3, 3) mm. facet : (t,) the face of each triangle.
+    """
+    places, corner = np.unique(vertices.reshape(-1, 3), axis=0, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edges, which, uses = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    owners = np.repeat(facet, 3)
+    low, high = np.full(len(edges), facet.max()), np.zeros(len(edges), int)
+    np.minimum.at(low, which.ravel(), owners)
+    np.maximum.at(high, which.ravel(), owners)
+    return places[edges[(uses == 1) | (low < high)]]
+
+
+def pixels_on_edges(camera: Camera, edges: NDArray) -> NDArray[np.bool_]:
+    """(y, x) True where an edge, visible or not, crosses or nearly touches the pixel.
+
+    edges : (n, 2, 3) ends, mm.
+    """
+    ends = _clipped(camera, edges)
+    flat = ends[..., :2] / ends[..., 2:]
+    length_px = np.linalg.norm(flat[:, 1] - flat[:, 0], axis=-1) * camera.focal_length_px
+    steps = np.ceil(2 * length_px / _STEP_PX).astype(int) + 1
+    which = np.repeat(np.arange(len(ends)), steps + 1)
+    along = (np.arange(len(which)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)) / steps[which]
+    xy = flat[which, 0] + along[:, None] * (flat[which, 1] - flat[which, 0])
+    xy = xy * (1 + camera.k1 * np.sum(xy**2, axis=-1, keepdims=True))
+    xy = camera.displaced(xy * camera.focal_length_px + camera.principal_point_px)
+    crossed = np.zeros((camera.height_px, camera.width_px), bool)
+    for side in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        column, row = np.rint(xy + np.array(side) * _STEP_PX / 2).astype(int).T
+        inside = (column >= 0) & (column < camera.width_px) & (row >= 0) & (row < camera.height_px)
+        crossed[row[inside], column[inside]] = True
+    return crossed
+
+
+def _clipped(camera: Camera, edges: NDArray) -> NDArray[np.float64]:
+    """(m, 2, 3) segments in camera coordinates, clipped to a pyramid around the field of view."""
+    local = (edges - camera.position_mm) @ camera.rotation.T
+    rows, columns = (np.arange(-1, size + 1) for size in (camera.height_px, camera.width_px))
+    outline = [(columns, rows[0]), (columns, rows[-1]), (columns[0], rows), (columns[-1], rows)]
+    seen = np.concatenate([camera.directions(*places) for places in outline]) @ camera.rotation.T
+    reach = np.nanmax(np.abs(seen[:, :2] / seen[:, 2:]), axis=0)
+    inside = np.concatenate(
+        [reach * local[..., 2:] - local[..., :2], reach * local[..., 2:] + local[..., :2]], -1
+    )
+    start, end = np.moveaxis(inside, 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = start / (start - end)
+    first = np.where(start < 0, crossing, 0.0).max(axis=-1)
+    last = np.where(end < 0, crossing, 1.0).min(axis=-1)
+    kept = first < last
+    a, b = local[kept, 0], local[kept, 1]
+    part = np.stack([first[kept], last[kept]], axis=-1)[..., None]
+    return a[:, None] + part * (b - a)[:, None]

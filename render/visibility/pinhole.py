@@ -1,0 +1,85 @@
+"""A distortion-free film for a camera with distortion, and the resampling from its pixels to the camera's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+
+__all__ = ["Film", "film_for", "resampling"]
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Square pixels in the plane z = 1 of the camera's axes (x right, y down).
+
+    low : (2,) its upper left corner. scale : pixels per unit. size : (2,) width and height, pixels.
+    """
+
+    low: NDArray[np.float64]
+    scale: float
+    size: NDArray[np.int64]
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return int(self.size[0] * self.size[1])
+
+    def centres(self) -> NDArray[np.float64]:
+        """(pixels, 2) normalised coordinates of the pixels' centres, row by row."""
+        row, column = np.indices((self.size[1], self.size[0])).reshape(2, -1)
+        return self.low + (np.stack([column, row], axis=1) + 0.5) / self.scale
+
+
+def film_for(camera: Camera, oversampling: int) -> Film:
+    """The smallest film that covers the camera's image, with ``oversampling`` pixels per camera pixel and axis.
+
+    Without distortion its pixels coincide with parts of the camera's pixels.
+    """
+    size = np.array([camera.width_px, camera.height_px])
+    scale = camera.focal_length_px * oversampling
+    if camera.is_pinhole:
+        return Film((-0.5 - camera.principal_point_px) / camera.focal_length_px, scale, size * oversampling)
+    u, v = np.meshgrid(np.arange(size[0] + 1) - 0.5, np.arange(size[1] + 1) - 0.5)
+    local = camera.directions(u, v).reshape(-1, 3) @ camera.rotation.T
+    normalised = local[:, :2] / local[:, 2:]
+    low, high = np.nanmin(normalised, axis=0), np.nanmax(normalised, axis=0)
+    return Film(low, scale, np.ceil((high - low) * scale).astype(np.int64))
+
+
+def resampling(film: Film, camera: Camera) -> csr_array:
+    """(camera pixels, film pixels) weights of the mean over each camera pixel, by shared area.
+
+    Film pixels are approximated by upright rectangles in the camera's image. Rows sum to 1, or to 0 where no ray
+    exists.
+    """
+    xy = film.centres()
+    square = xy**2
+    radial = 1 + camera.k1 * square.sum(axis=1)
+    # beyond the turning point of r (1 + k1 r^2) the camera model has no image
+    real = 1 + 3 * camera.k1 * square.sum(axis=1) > 0
+    where = camera.displaced(camera.focal_length_px * radial[:, None] * xy + camera.principal_point_px)
+    extent = (radial[:, None] + 2 * camera.k1 * square) * camera.focal_length_px / film.scale
+    first = np.floor(where - extent / 2 + 0.5).astype(np.int64)
+    inner = np.clip((first + 0.5 - (where - extent / 2)) / extent, 0, 1)  # share in the first of two pixels
+    rows, columns, weights = [], [], []
+    area = extent.prod(axis=1)
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = first[:, 0] + right, first[:, 1] + down
+            share = area * (inner[:, 0] if right == 0 else 1 - inner[:, 0])
+            share = share * (inner[:, 1] if down == 0 else 1 - inner[:, 1])
+            inside = (column >= 0) & (column < camera.width_px) & (row >= 0) & (row < camera.height_px)
+            keep = np.flatnonzero(inside & real & (share > 0))
+            rows.append(row[keep] * camera.width_px + column[keep])
+            columns.append(keep)
+            weights.append(share[keep])
+    shape = (camera.width_px * camera.height_px, film.pixels)
+    matrix = csr_array(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+    )
+    total = matrix.sum(axis=1)
+    return diags_array(np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)) @ matrix

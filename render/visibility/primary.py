@@ -1,0 +1,86 @@
+"""The faces that each pixel sees, by camera rays."""
+
+from __future__ import annotations
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from ..device import SobolPoints, dr, mi
+from .face_edges import face_edges, pixels_on_edges
+from .tracer import Tracer, intersect, pixel_rays
+
+__all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
+
+
+def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
+    """(y, x, f) float32: share of each pixel covered by each flat face, 0 to 1, the lamp's face last.
+
+    The rest to 1 is not covered. samples : low-discrepancy camera rays of pixels crossed by an edge, and of pixels
+    that see another face than a neighbour without an edge in between (surfaces that intersect). All other pixels use
+    one ray.
+    """
+    crossed = pixels_on_edges(camera, face_edges(tracer.vertices, tracer.facet))
+    centres = pixel_rays(camera, dr.arange(mi.UInt32, crossed.size))(mi.Float(0.5), mi.Float(0.5))
+    face = _faces(tracer, centres).reshape(crossed.shape)
+    faces = len(tracer.facet_surface)
+    coverage = np.eye(faces + 1, faces, dtype=np.float32)[face]  # its last row, of zeros, is that of no face
+    highest = maximum_filter(np.where(crossed, -2, face), 3)
+    lowest = minimum_filter(np.where(crossed, faces, face), 3)
+    mixed = np.flatnonzero(crossed | (lowest < highest))
+    if len(mixed):
+        coverage.reshape(crossed.size, -1)[mixed] = pixel_coverage(tracer, camera, mixed, samples, seed)
+    return coverage
+
+
+def border_pixels(coverage: np.ndarray) -> np.ndarray:
+    """(n,) pixels, counted along the rows, that see several faces or have a neighbour that sees another face.
+
+    coverage : (y, x, f).
+    """
+    face = np.where(coverage.max(axis=-1) == 1, coverage.argmax(axis=-1), -1)
+    face[~coverage.any(axis=-1)] = -2
+    return np.flatnonzero((maximum_filter(face, 3) != minimum_filter(face, 3)) | (face == -1))
+
+
+def pixel_coverage(
+    tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int = 0
+) -> np.ndarray:
+    """(n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows."""
+    count = len(pixels)
+    lane = mi.UInt32(np.asarray(pixels, np.uint32))
+    rays = pixel_rays(camera, lane)
+    points = SobolPoints(2, samples, lane, seed)
+    faces = len(tracer.facet_surface)
+
+    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+        hit = intersect(tracer, rays(points.point(i, 0), points.point(i, 1)), coherent=True)
+        facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+        here = [dr.select(hit.front & (facet == f), mi.Float(1), mi.Float(0)) for f in range(faces)]
+        return i + 1, [a + b for a, b in zip(sums, here, strict=True)]
+
+    total = dr.opaque(mi.UInt32, samples)
+    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(faces)])
+    _, sums = dr.while_loop(start, lambda i, _: i < total, body)
+    dr.eval(sums)
+    return np.stack([s.numpy() for s in sums], axis=-1) / np.float32(samples)
+
+
+def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:
+    """(n, across, across) face seen in each subpixel of some ``pixels`` (n,), -1 for none.
+
+    Rays are jittered within the subpixels, so that edges along rows or columns are not biased to one side.
+    """
+    jitter = np.random.default_rng(seed).random((2, len(pixels), across, across))
+    v, u = (np.arange(across)[:, None] + jitter[0]) / across, (np.arange(across) + jitter[1]) / across
+    rays = pixel_rays(camera, mi.UInt32(np.repeat(np.asarray(pixels, np.uint32), across**2)))
+    return _faces(tracer, rays(*(mi.Float(x.ravel().astype(np.float32)) for x in (u, v)))).reshape(
+        jitter.shape[1:]
+    )
+
+
+def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:
+    """(n,) int16 face that each ray meets, -1 for none."""
+    hit = intersect(tracer, rays, coherent=True)
+    facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+    return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1))

@@ -1,0 +1,220 @@
+"""The scene as one triangle mesh in Embree (or OptiX), with the properties of each triangle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+
+from ..device import dr, mi
+
+__all__ = [
+    "RAY_OFFSET_MM",
+    "Hit",
+    "Tracer",
+    "build_tracer",
+    "facets",
+    "intersect",
+    "normal_and_material",
+    "pixel_rays",
+    "visible",
+]
+
+#: Distance above a surface at which rays start: a hundred times the rounding error of positions in the box.
+RAY_OFFSET_MM = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Tracer:
+    """A scene prepared for ray tracing.
+
+    vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
+    ``scene.surfaces``; len(surfaces) for the lamp. material : (t,) index into ``material_names``; len(material_names)
+    for the lamp. facet : (t,) index of the flat face. facet_surface : (f,) the surface of each face, the lamp's last.
+    packed_triangles : normal and material of each triangle in two 64-bit words, which reduces the number of gathers.
+    """
+
+    scene: Scene
+    mitsuba_scene: mi.Scene
+    material_names: tuple[str, ...]
+    vertices: np.ndarray
+    normals: np.ndarray
+    surface: np.ndarray
+    material: np.ndarray
+    facet: np.ndarray
+    facet_surface: np.ndarray
+    packed_triangles: mi.UInt64
+    packed_facet: mi.UInt32
+
+    @property
+    def reflectors(self) -> int:
+        """How many materials reflect, by index: all of them, and the lamp, if its reflectance is above 0."""
+        return len(self.material_names) + int(self.scene.lamp.reflects)
+
+    @property
+    def lamp_triangles(self) -> np.ndarray:
+        """(k, 3, 3) vertices of the lamp's triangles, mm."""
+        return self.vertices[self.surface == len(self.scene.surfaces)]
+
+
+@dataclass
+class Hit:
+    """The nearest hit of each lane's ray: triangle, position, material, and normal (towards the lit side).
+
+    front : the ray hits the lit side. Back sides are black: in a box of closed blocks no light reaches them.
+    reflecting : the lit side of a surface that reflects; of the lamp, if its reflectance is above 0. on_lamp : the
+    emitting side of the lamp. distance : mm. uv : barycentric coordinates.
+    """
+
+    valid: mi.Bool
+    front: mi.Bool
+    reflecting: mi.Bool
+    on_lamp: mi.Bool
+    triangle: mi.UInt32
+    uv: mi.Point2f
+    distance: mi.Float
+    position: mi.Point3f
+    normal: mi.Vector3f
+    material: mi.UInt32
+
+
+def build_tracer(scene: Scene) -> Tracer:
+    """The tracer of a scene, with all triangles in one mesh."""
+    names = tuple(scene.materials)
+    parts = [(s, i, names.index(s.material)) for i, s in enumerate(scene.surfaces)]
+    parts.append((scene.lamp.surface, len(scene.surfaces), len(names)))
+    vertices = np.concatenate([s.vertices_mm[s.faces] for s, _, _ in parts])
+    surface = np.concatenate([np.full(len(s.faces), i) for s, i, _ in parts])
+    material = np.concatenate([np.full(len(s.faces), m) for s, _, m in parts])
+    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    facet, facet_surface = facets(normals, surface)
+    mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(np.arange(3 * len(vertices), dtype=np.uint32))
+    parameters.update()
+    return Tracer(
+        scene=scene,
+        mitsuba_scene=mi.load_dict({"type": "scene", "mesh": mesh}),
+        material_names=names,
+        vertices=vertices,
+        normals=normals,
+        surface=surface,
+        material=material,
+        facet=facet,
+        facet_surface=facet_surface,
+        packed_triangles=mi.UInt64(_packed(normals, material)),
+        packed_facet=mi.UInt32(facet.astype(np.uint32)),
+    )
+
+
+def _packed(normals: np.ndarray, material: np.ndarray) -> np.ndarray:
+    words = np.empty((len(normals), 4), "<u4")
+    words[:, :3] = normals.astype("<f4").view("<u4")
+    words[:, 3] = material
+    return words.view("<u8").ravel()
+
+
+def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Group each surface's triangles into flat faces: normals within 2 degrees of a face's first triangle.
+
+    normals : (t, 3) unit vectors. surface : (t,). Returns the face of each triangle (t,), numbered by first
+    appearance, and the surface of each face (f,).
+    """
+    facet = np.full(len(normals), -1)
+    owners: list[int] = []
+    for index in range(len(normals)):
+        if facet[index] < 0:
+            same = (
+                (surface == surface[index])
+                & (normals @ normals[index] > np.cos(np.radians(2.0)))
+                & (facet < 0)
+            )
+            facet[same] = len(owners)
+            owners.append(int(surface[index]))
+    return facet, np.array(owners)
+
+
+def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, coherent: bool = False) -> Hit:
+    """Nearest hit of each lane's ray."""
+    found = tracer.mitsuba_scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+    valid = found.is_valid() & active
+    normal, material = normal_and_material(tracer, found.prim_index, valid)
+    front = valid & (dr.dot(normal, ray.d) < 0)
+    return Hit(
+        valid=valid,
+        front=front,
+        reflecting=front & (material < tracer.reflectors),
+        on_lamp=front & (material == len(tracer.material_names)),
+        triangle=found.prim_index,
+        uv=found.prim_uv,
+        distance=found.t,
+        position=ray(found.t),
+        normal=normal,
+        material=material,
+    )
+
+
+def normal_and_material(
+    tracer: Tracer, triangle: mi.UInt32, active: mi.Bool | bool = True
+) -> tuple[mi.Vector3f, mi.UInt32]:
+    """Unit normal, towards the lit side, and material of each lane's triangle."""
+    first = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle, active)
+    second = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle + 1, active)
+    x, y, z = (dr.reinterpret_array(mi.Float, mi.UInt32(word)) for word in (first, first >> 32, second))
+    return mi.Vector3f(x, y, z), mi.UInt32(second >> 32)
+
+
+def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:
+    """Whether the segment between two points is unoccluded (both ends excluded)."""
+    ray = mi.Ray3f(origin, target - origin)
+    ray.maxt = 1 - 1e-4
+    return active & ~tracer.mitsuba_scene.ray_test(ray, active=active)
+
+
+def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], mi.Ray3f]:
+    """Camera rays, distortion inverted, through one pixel per lane; pixels are counted along the rows.
+
+    Returns a function of the position in the pixel, 0 to 1 along its row and its column. Undistorted positions are
+    the distorted ones times s with s + q s^3 = 1, q = k1 r^2, solved by Newton's method: several steps once for the
+    pixel's centre, then one step for each position.
+    """
+    f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
+    centre_x, centre_y = (dr.opaque(mi.Float, float(c)) for c in camera.principal_point_px)
+    axes = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
+    origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
+    column, row = mi.Float(pixel % camera.width_px), mi.Float(pixel // camera.width_px)
+    if camera.further_distortion is not None:
+        # within a pixel it is taken for even
+        centres = np.stack([column.numpy(), row.numpy()], axis=-1).astype(float)
+        column, row = (mi.Float(c.astype(np.float32)) for c in camera.undisplaced(centres).T)
+    left = (column - 0.5 - centre_x) / f
+    top = (row - 0.5 - centre_y) / f
+    pitch = 1 / f
+
+    def place(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
+        x, y = dr.fma(u, pitch, left), dr.fma(v, pitch, top)
+        return x, y, k1 * (x * x + y * y)
+
+    def newton(scale: mi.Float, q: mi.Float) -> mi.Float:
+        bent = q * scale * scale
+        return scale - (scale + bent * scale - 1) / (1 + 3 * bent)
+
+    *_, q_centre = place(mi.Float(0.5), mi.Float(0.5))
+    scale_centre = mi.Float(1)
+    for _ in range(4):  # single precision for |k1| r^2 < 0.3 (0.1 for barrel distortion)
+        scale_centre = newton(scale_centre, q_centre)
+    slope = -(scale_centre**3) / (1 + 3 * q_centre * scale_centre**2)
+
+    def rays(u: mi.Float, v: mi.Float) -> mi.Ray3f:
+        x, y, q = place(u, v)
+        scale = newton(scale_centre + slope * (q - q_centre), q)
+        x, y = x * scale, y * scale
+        direction = mi.Vector3f(*(x * axes[0][i] + y * axes[1][i] + axes[2][i] for i in range(3)))
+        return mi.Ray3f(origin, dr.normalize(direction))
+
+    return rays

@@ -1,0 +1,108 @@
+"""Reading of text files (TOML, JSON, CSV): regular files of limited size; an InputError for all others."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+__all__ = ["read_json", "read_rows", "read_text", "read_toml", "require_regular_file"]
+
+#: Largest size of files that are read, bytes; a table of 64 bands in steps of 1 nm takes half a megabyte.
+_LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
+
+#: Largest depth of nested tables; known files have at most four levels.
+_DEEPEST = 32
+
+_INT64 = 2**63
+
+
+def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
+    """Raise InputError if ``path`` is not a regular file (reading a pipe or a device might never end)."""
+    try:
+        regular, there = path.is_file(), path.exists()
+    except (OSError, ValueError) as error:
+        raise InputError(repr(str(path)), str(error), expected, hint) from None
+    if not regular:
+        raise InputError(path, "something that is not a file" if there else "no such file", expected, hint)
+
+
+def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST_TEXT) -> str:
+    """The text of a UTF-8 file. Raises InputError for anything else, and for files of more than ``largest`` bytes.
+
+    expected : what the file should be. hint : what to do if it does not exist.
+    """
+    require_regular_file(path, expected, hint)
+    try:
+        size = path.stat().st_size
+        if size > largest:
+            raise InputError(path, f"{size} bytes", f"{expected} of at most {largest} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(path, "bytes that are not UTF-8 text", f"{expected} in UTF-8") from None
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error), expected) from None
+
+
+def read_toml(path: Path, expected: str, hint: str = "") -> dict[str, Any]:
+    """The tables of a TOML file. Raises InputError like ``read_text``, for invalid TOML, for integers beyond 64 bits
+    (not allowed in TOML), and for more than 32 levels of nesting.
+    """
+    return parse_toml(path, read_text(path, expected, hint, _LARGEST_TOML), expected)
+
+
+def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
+    """The tables of the text of a TOML file; see ``read_toml``."""
+    try:
+        content = tomllib.loads(text)
+    except RecursionError:
+        raise InputError(path, "values nested too deeply", expected) from None
+    except ValueError as error:  # faults of the TOML; integers of thousands of digits
+        raise InputError(path, f"a fault in the TOML: {error}", expected) from None
+    for key, value, depth in _values(content):
+        if depth > _DEEPEST:
+            raise InputError(f"{path}: {key[:80]}", "values nested too deeply", expected)
+        if isinstance(value, int) and not -_INT64 <= value < _INT64:
+            raise InputError(f"{path}: {key}", "an integer beyond 64 bits", "a smaller number")
+    return content
+
+
+def _values(content: dict[str, Any]) -> Iterator[tuple[str, Any, int]]:
+    """Every key with its value and depth, without recursion."""
+    stack: list[tuple[str, Any, int]] = [("", content, 0)]
+    while stack:
+        key, value, depth = stack.pop()
+        yield key, value, depth
+        if depth > _DEEPEST:
+            continue
+        if isinstance(value, dict):
+            stack += [(f"{key}.{name}".removeprefix("."), below, depth + 1) for name, below in value.items()]
+        elif isinstance(value, list):
+            stack += [(f"{key}[{index}]", below, depth + 1) for index, below in enumerate(value)]
+
+
+def read_json(path: Path, expected: str) -> Any:
+    """The content of a JSON file. Raises InputError like ``read_text``, and for invalid JSON."""
+    try:
+        return json.loads(read_text(path, expected))
+    except InputError:
+        raise
+    except RecursionError:
+        raise InputError(path, "values nested too deeply", expected) from None
+    except ValueError as error:
+        raise InputError(path, f"a fault in the JSON: {error}", expected) from None
+
+
+def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[str]]]:
+    """(line number, cells) of every line of a CSV file that is not blank. Raises InputError like ``read_text``."""
+    try:
+        reader = csv.reader(io.StringIO(read_text(path, expected), newline=""))
+        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(path, str(error), expected) from None

@@ -1,0 +1,179 @@
+"""A headless Chromium for tests of pages, driven through the DevTools protocol over a pipe: nothing else is needed."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+__all__ = ["Page", "chromium", "open_browser"]
+
+#: Names of the browser, Debian's first.
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+#: So long one answer may take, s.
+_PATIENCE_S = 60.0
+
+
+def chromium() -> str:
+    """Path of the browser; skips the test where there is none."""
+    found = next((path for name in _NAMES if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip("no headless browser: apt install chromium")
+    return found
+
+
+class Page:
+    """One page. errors : what went wrong in it, as told on its console; a test holds this to be empty."""
+
+    def __init__(self, writing: int, reading: int) -> None:
+        self._writing, self._reading = writing, reading
+        self._numbers, self._left, self.errors = itertools.count(1), b"", []
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def _call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        message = {"id": number, "method": method, "params": parameters}
+        if session:
+            message["sessionId"] = session
+        os.write(self._writing, json.dumps(message).encode() + b"\0")
+        end = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < end:
+            answer = self._message()
+            if answer.get("id") == number:
+                if "error" in answer:
+                    raise AssertionError(f"{method}: {answer['error']}")
+                return answer["result"]
+            self._heard(answer)
+        raise AssertionError(f"{method}: no answer")
+
+    def _message(self) -> dict[str, Any]:
+        while b"\0" not in self._left:
+            more = os.read(self._reading, 1 << 20)
+            if not more:
+                raise AssertionError("the browser has gone")
+            self._left += more
+        one, self._left = self._left.split(b"\0", 1)
+        return json.loads(one)
+
+    def _heard(self, event: dict[str, Any]) -> None:
+        method, given = event.get("method"), event.get("params", {})
+        if method == "Runtime.exceptionThrown":
+            details = given["exceptionDetails"]
+            self.errors.append(details.get("exception", {}).get("description", details["text"]))
+        elif method == "Runtime.consoleAPICalled" and given["type"] in ("error", "warning", "assert"):
+            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in given["args"]))
+        elif method == "Log.entryAdded" and given["entry"]["level"] in ("error", "warning"):
+            self.errors.append(given["entry"]["text"])
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One method of the DevTools protocol on this page."""
+        return self._call(method, self._session, **parameters)
+
+    def open(self, address: str | Path, width: int = 1280, height: int = 900, dark: bool = False) -> None:
+        """Load a file or an address at a size in CSS pixels, and wait until it is complete."""
+        self.size(width, height)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+        where = address.resolve().as_uri() if isinstance(address, Path) else address
+        self.call("Page.navigate", url=where)
+        self.until("document.readyState === 'complete' && location.href !== 'about:blank'")
+
+    def size(self, width: int, height: int = 900) -> None:
+        """Change the size of the window."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+
+    def run(self, expression: str) -> Any:
+        """The value of a JavaScript expression; promises are waited for."""
+        answer = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in answer:
+            details = answer["exceptionDetails"]
+            raise AssertionError(details.get("exception", {}).get("description", details["text"]))
+        return answer["result"].get("value")
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + _PATIENCE_S
+        while not self.run(condition):
+            if time.monotonic() > end:
+                raise AssertionError(f"never true: {condition}")
+            time.sleep(0.02)
+
+    def click(self, x: float, y: float) -> None:
+        """A click of the main button at a point of the window, CSS pixels."""
+        self.drag((x, y), (x, y))
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Press at one point, move to another, release."""
+        event = {"button": "left", "clickCount": 1}
+        for kind, (x, y) in (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end)):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=1, **event)
+
+    def key(self, key: str, shift: bool = False) -> None:
+        """Press and release a key, by its name in JavaScript."""
+        known = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Escape": 27, "Tab": 9}
+        code = known.get(key, ord(key.upper()[0]))
+        text = {"text": key} if len(key) == 1 else {}
+        given = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **given, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **given)
+
+    def screenshot(self, path: Path, whole: bool = True) -> None:
+        """Write a PNG of the whole page, or of the window."""
+        data = self.call("Page.captureScreenshot", captureBeyondViewport=whole)["data"]
+        path.write_bytes(base64.b64decode(data))
+
+    def pdf(self) -> bytes:
+        """The page as printed."""
+        return base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+
+
+@contextmanager
+def open_browser() -> Iterator[Page]:
+    """A browser with one page; it ends with the block, and its profile is removed."""
+    program = chromium()
+    here_in, there_out = os.pipe()
+    there_in, here_out = os.pipe()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        command = [
+            program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
+            f"--user-data-dir={profile}", "--remote-debugging-pipe",
+        ]  # fmt: skip
+        # the browser reads the protocol from descriptor 3 and writes it to 4
+        joined = ["bash", "-c", f'exec "$@" 3<&{there_in} 4>&{there_out}', "bash", *command]
+        process = subprocess.Popen(
+            joined, pass_fds=(there_in, there_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        os.close(there_in)
+        os.close(there_out)
+        try:
+            yield Page(here_out, here_in)
+        finally:
+            os.close(here_out)
+            os.close(here_in)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()

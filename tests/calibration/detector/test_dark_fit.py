@@ -1,0 +1,59 @@
+"""Dark level against exposure: a straight line where it is one, and the real camera where it is not."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.detector.dark_fit import fit_dark
+from scipy import stats
+
+#: Vora et al. 2001, Table II: mean dark value of the DCS-200 over R, G, B; exposure in s, counts.
+TABLE_2 = {
+    8: 12.54, 4: 12.84, 2: 12.93, 1: 13.54, 0.5: 13.88, 0.25: 14.30, 0.125: 14.45,
+    1 / 15: 14.32, 1 / 30: 14.54, 1 / 60: 14.57, 1 / 125: 11.88,
+}  # fmt: skip
+#: Table III, taken later.
+TABLE_3 = {0.125: 14.04, 1 / 125: 13.10}
+
+
+def test_a_straight_line_comes_back():
+    time = np.array([1.0, 2.0, 4.0, 8.0, 30.0])
+    found = fit_dark(time[::-1], (100 + 0.5 * time)[::-1])
+    assert found.bias_dn == pytest.approx(100) and found.rate_dn_s == pytest.approx(0.5)
+    assert found.rms_dn < 1e-10 and found.monotonic
+    assert "rises by 0.5 DN/s" in found.verdict
+    np.testing.assert_array_equal(found.exposure_s, time)
+
+
+def test_sigmas_cover_the_truth():
+    """1000 noisy lines of 8 exposures: pulls follow Student's t with 6 degrees (Kolmogorov-Smirnov, 1e-4)."""
+    rng = np.random.default_rng(2)
+    time = np.geomspace(0.1, 10, 8)
+    fits = [fit_dark(time, 50 + 0.3 * time + 0.1 * rng.standard_normal(8)) for _ in range(1000)]
+    for value, sigma, truth in (("bias_dn", "bias_sigma", 50.0), ("rate_dn_s", "rate_sigma", 0.3)):
+        pulls = [(getattr(f, value) - truth) / getattr(f, sigma) for f in fits]
+        assert stats.kstest(pulls, stats.t(6).cdf).pvalue > 1e-4
+
+
+def test_the_papers_camera():
+    """Table II: the shortest exposure falls 2 counts out of line, and from 1/60 s on the level goes down."""
+    found = fit_dark(list(TABLE_2), list(TABLE_2.values()), noise_dn=0.02)
+    assert not found.monotonic
+    assert "not monotonic" in found.verdict
+    assert found.exposure_s[np.argmax(np.abs(found.residual_dn))] == pytest.approx(1 / 125)
+    assert found.residual_dn.min() == pytest.approx(-2.0, abs=0.3)
+    without = {t: v for t, v in TABLE_2.items() if t > 0.01}
+    later = fit_dark(list(without), list(without.values()))
+    assert later.rate_dn_s == pytest.approx(-0.24, abs=0.05)
+    assert "falls by" in later.verdict and later.rms_dn < 0.4
+    assert len(TABLE_3) == 2
+
+
+def test_two_exposures_make_no_fit():
+    with pytest.raises(ValueError, match="three exposures"):
+        fit_dark(list(TABLE_3), list(TABLE_3.values()))
+
+
+def test_noise_alone_is_no_trend():
+    """A level that scatters is not said to rise or fall: at most 1 in 20 of 200 (expected 2)."""
+    rng = np.random.default_rng(4)
+    verdicts = [fit_dark(np.arange(1, 9), rng.standard_normal(8)).verdict for _ in range(200)]
+    assert sum("no trend" not in v for v in verdicts) <= 10

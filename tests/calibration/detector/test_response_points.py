@@ -1,0 +1,96 @@
+"""Response series out of a capture's own tables: a sphere at several settings, through the whole calibration."""
+
+import numpy as np
+import pytest
+import tifffile
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.write import write_calibration
+from fake_capture import DISTANCE_MM, F_NUMBER, FakeCapture
+
+TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
+
+
+def series_capture(folder, late_s=0.0):
+    """A capture of one band whose sphere was taken at other times, f-numbers, distances and levels, too."""
+    fake = FakeCapture(folder, seed=4, centres=(550,))
+    fake.write()
+    base = fake.exposure["f550"]
+    text = (folder / "capture.toml").read_text()
+    spectra = (folder / "spectra" / "all.csv").read_text().splitlines()
+    names = [f"sphere{level:g}" for level in LEVELS]
+    at = spectra[0].split(",").index("sphere")
+    rows = [",".join([spectra[0], *names])]
+    rows += [
+        ",".join([r, *(f"{float(r.split(',')[at]) * level:.10g}" for level in LEVELS)]) for r in spectra[1:]
+    ]
+    (folder / "spectra" / "all.csv").write_text("\n".join(rows) + "\n")
+    settings = [(t, F_NUMBER, DISTANCE_MM, 1.0) for t in TIMES]
+    settings += [(0.4, f, DISTANCE_MM, 1.0) for f in STOPS]
+    settings += [(0.4, F_NUMBER, d, 1.0) for d in DISTANCES]
+    settings += [(0.4, F_NUMBER, DISTANCE_MM, level) for level in (*LEVELS, 1.0)]
+    darks = set()
+    for index, (share, stop, distance, level) in enumerate(settings):
+        seconds = float(f"{share * base:.4g}")
+        optics = (F_NUMBER / stop) ** 2 * (DISTANCE_MM / distance) ** 2
+        signal = fake.signal_per_s["f550"] * (seconds + late_s) * optics * level * fake.flat
+        column = "sphere" if level == 1 else f"sphere{level:g}"
+        tifffile.imwrite(folder / f"frames/series-{index}.tif", fake.counts(signal, seconds))
+        text += (
+            f'[[reference]]\nband = "f550"\nradiance = "spectra/all.csv:{column}"\nexposure_s = {seconds}\n'
+            f'f_number = {stop}\nimage_distance_mm = {distance}\nframes = ["frames/series-{index}.tif"]\n'
+        )
+        if seconds not in darks and seconds != base:
+            darks.add(seconds)
+            tifffile.imwrite(folder / f"frames/d-{index}.tif", fake.counts(0 * signal, seconds))
+            text += f'[[dark]]\nexposure_s = {seconds}\nframes = ["frames/d-{index}.tif"]\n'
+    (folder / "capture.toml").write_text(text)
+    return fake
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("series") / "c"
+    series_capture(folder)
+    return calibrate(load_capture(folder))
+
+
+def test_all_four_laws_hold_on_a_camera_that_obeys_them(straight):
+    found = {s.key: s.fit for s in straight.sensor.responses if s.source == "reference"}
+    assert set(found) == {"exposure", "f_number", "image_distance", "flux"}
+    for fit in found.values():
+        assert fit.departure is None and fit.probability > 1e-3, fit.verdict
+        assert fit.largest_residual < 0.01
+
+
+def test_the_slopes_are_the_sensor_equation(straight):
+    """The slope in photon flux is C t / (f^2 d^2), with the nominal C of the fake camera."""
+    fit = next(s.fit for s in straight.sensor.responses if s.key == "flux")
+    table = next(r for r in straight.capture.manifest.reference if "sphere0.1" in r.radiance)
+    expected = straight.radiometry.nominal * table.exposure_s / (F_NUMBER * DISTANCE_MM) ** 2
+    assert abs(fit.slope - expected) < 4.5 * fit.slope_sigma
+
+
+def test_the_curve_is_a_line_on_a_linear_camera(straight):
+    curve = straight.sensor.curve
+    assert curve.statistics["rms"] < 0.002 and curve.line_rms < 0.002
+    assert not [note for note in straight.notes if "does not hold" in note]
+
+
+def test_a_late_shutter_is_named(tmp_path):
+    """2% of the shortest exposure added to every one."""
+    folder = tmp_path / "c"
+    base = float(FakeCapture(folder, centres=(550,)).exposure["f550"])
+    late = 0.02 * 0.25 * base
+    series_capture(folder, late_s=late)
+    calibration = calibrate(load_capture(folder))
+    fit = next(s.fit for s in calibration.sensor.responses if s.key == "exposure")
+    assert fit.departure is not None and fit.departure.kind == "offset"
+    assert abs(fit.departure.size - late) < 4 * fit.departure.sigma
+    assert any("shutter offset" in note for note in calibration.notes)
+
+
+def test_plots_and_record_are_written(straight, tmp_path):
+    names = {path.name for path in write_calibration(straight, tmp_path)}
+    assert {"response.png", "curve.png", "calibration.json", "xyz.nc"} <= names
+    assert np.all([(tmp_path / name).stat().st_size > 0 for name in names])

@@ -1,0 +1,40 @@
+"""Which LLVM compiles: never one that aborts the process."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cboxlab.render.device.variant import compiled
+
+needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+OLD_LLVM = next((str(p) for p in sorted(Path("/usr/lib").glob("*/libLLVM-15.so*"))), None)
+
+
+@needs_llvm
+@pytest.mark.parametrize("first", ["", "import drjit; "], ids=["", "Dr.Jit already imported"])
+@pytest.mark.parametrize("release", ["missing", "15"])
+def test_a_library_that_does_not_work_is_passed_over(first, release):
+    """What DRJIT_LIBLLVM_PATH names is left for a newer library, or, too late for that, for the stock integrator."""
+    library = "/missing/libLLVM.so" if release == "missing" else OLD_LLVM
+    if library is None:
+        pytest.skip("needs LLVM 15, which does not work, beside one that does")
+    program = (
+        first
+        + """
+import numpy as np
+from cboxlab.render.device import variant
+from cboxlab.render.integrators import render
+from cboxlab.scenes import cornell_box, cornell_camera
+image = render(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2)
+assert image.project(np.eye(4))[0].mean() > 0
+print("compiled" if variant.compiled() else "stock")
+"""
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "DRJIT_LIBLLVM_PATH": library}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ("stock" if first else "compiled")

@@ -1,0 +1,71 @@
+"""No import chooses how a process computes; the first computation does, in whichever thread."""
+
+import subprocess
+import sys
+
+import pytest
+from cboxlab.render.device.variant import compiled
+
+IMPORT_ALL = """
+import importlib, os, pkgutil, sys
+before = dict(os.environ)
+for room in ("scenes", "calibration", "render", "validate"):
+    package = importlib.import_module("cboxlab." + room)
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        importlib.import_module(module.name)
+        imported = module.name
+after = dict(os.environ)
+after.pop("LD_LIBRARY_PATH", None), before.pop("LD_LIBRARY_PATH", None)  # OpenCV prepares it for child processes
+assert after == before, set(after.items()) ^ set(before.items())
+"""
+
+RENDER = """
+import numpy as np
+from cboxlab.render.integrators import render
+from cboxlab.scenes import cornell_box, cornell_camera
+
+def picture():
+    image = render(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2)
+    return bool(image.project(np.eye(4))[0].mean() > 0)
+"""
+
+
+def run(program: str) -> str:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_no_import_changes_the_environment_or_loads_the_compiler():
+    program = IMPORT_ALL + "print(imported, 'drjit' in sys.modules or 'mitsuba' in sys.modules)"
+    assert run(program) == "cboxlab.validate.synthetic.varied False"
+
+
+def test_an_import_leaves_the_caller_the_variant_that_it_chose():
+    program = "import mitsuba as mi; mi.set_variant('scalar_rgb')\n" + IMPORT_ALL + "print(mi.variant())"
+    assert run(program) == "scalar_rgb"
+
+
+def test_a_fresh_process_renders_without_preparation_and_keeps_its_environment():
+    program = IMPORT_ALL + RENDER + "print(picture(), dict(os.environ) == {**os.environ, **before})"
+    assert run(program) == "True True"
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+@pytest.mark.parametrize("device", [None, "scalar"])
+def test_a_thread_computes_as_the_first_one_does(device):
+    """Mitsuba's variant belongs to a thread: another one takes the same, not none."""
+    program = f"""
+import threading
+{RENDER}
+from cboxlab.render.device import mi, variant
+if {device!r}: variant.use({device!r})
+told = [mi.variant()]
+threads = [threading.Thread(target=lambda: told.append((picture(), mi.variant()))) for _ in range(2)]
+for thread in threads:
+    thread.start()
+    thread.join()
+print(told)
+"""
+    name = "scalar_spectral" if device else "llvm_ad_mono"
+    assert run(program) == str([name, (True, name), (True, name)])

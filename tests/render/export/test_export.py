@@ -1,0 +1,137 @@
+"""An export holds the same box: triangles, spectra, rays, film; and what comes back is what was written."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import OpenEXR
+import pytest
+from boxes import box_with_lamp, camera_inside
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
+from cboxlab.scenes import InputError, cornell_box, cornell_camera, read_spectra
+from cboxlab.scenes.shapes import file_mesh
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+SIZE, BATCHES, SUBPIXELS = 10, 2, 3
+SETTINGS = ExportSettings(
+    np.array([450.0, 500.0, 550.0, 640.0]), samples=9, batches=BATCHES, subpixels=SUBPIXELS
+)
+
+
+def crooked():
+    """A camera that looks aside, off centre, with distortion."""
+    return cornell_camera(SIZE).with_parameters([260, 290, -780, 1, -2, 3, 14, 4.2, 4.9, -0.08])
+
+
+@pytest.fixture(scope="module", params=["plain", "crooked"])
+def exported(request, tmp_path_factory):
+    camera = cornell_camera(SIZE) if request.param == "plain" else crooked()
+    folder = tmp_path_factory.mktemp("export") / "box"
+    write_export(folder, exported_scene(cornell_box(), camera, SETTINGS))
+    return folder, camera
+
+
+def test_meshes_are_exactly_our_triangles(exported):
+    folder, _ = exported
+    scene, entry = cornell_box(), json.loads((folder / "scene.json").read_text())
+    assert [s["name"] for s in entry["surfaces"]] == [s.name for s in scene.surfaces]
+    for surface, stated in zip(scene.surfaces, entry["surfaces"], strict=True):
+        vertices, faces = file_mesh(folder / stated["mesh"], 1.0)
+        assert np.array_equal(vertices, surface.vertices_mm) and np.array_equal(faces, surface.faces)
+        assert stated["material"] == surface.material
+
+
+def test_spectra_are_our_tables_and_channels_their_values(exported):
+    folder, _ = exported
+    scene = cornell_box()
+    red = read_spectra(folder / "spectra" / "material-red.csv")["reflectance"]
+    assert np.array_equal(red.values, scene.materials["red"].reflectance.values)
+    channels = read_spectra(folder / "spectra" / "channels.csv")
+    at = SETTINGS.wavelength_nm
+    assert np.allclose(channels["material-red"].at(at), scene.materials["red"].reflectance.at(at))
+    assert np.allclose(channels["lamp"].at(at), scene.lamp.radiance.at(at))
+
+
+def test_each_ray_passes_through_its_own_part_of_its_pixel(exported):
+    folder, camera = exported
+    n = SIZE * SUBPIXELS
+    for batch in range(BATCHES):
+        rays = np.fromfile(folder / f"rays-{batch}.f32", "<f4").reshape(n, n, 6).astype(float)
+        assert np.allclose(rays[..., :3], camera.position_mm)
+        image = camera.project(camera.position_mm + 1000 * rays[..., 3:].reshape(-1, 3)).reshape(n, n, 2)
+        part = np.floor((image + 0.5) * SUBPIXELS + 1e-4 * np.array([1, 1]) * (image < 0))
+        row, column = np.indices((n, n))
+        assert np.mean(part[..., 0] == column) > 0.99 and np.mean(part[..., 1] == row) > 0.99
+
+
+def test_the_film_and_its_warp_show_every_pixel_where_it_is(exported):
+    """A film that holds its own directions comes back as the directions of the camera's pixels."""
+    folder, camera = exported
+    entry = json.loads((folder / "scene.json").read_text())
+    film = entry["film"]
+    row, column = np.indices((film["height_px"], film["width_px"]))
+    x, y = (
+        film["low"][0] + (column + 0.5) / film["scale_px"],
+        film["low"][1] + (row + 0.5) / film["scale_px"],
+    )
+    planes = {"R": x, "G": y, "B": 0 * x}
+    out = folder / "mitsuba" / "out"
+    out.mkdir(exist_ok=True)
+    for batch in range(BATCHES):
+        for group in range(2):
+            header = {"type": OpenEXR.scanlineimage}
+            with OpenEXR.File(header, {k: v.astype(np.float32) for k, v in planes.items()}) as file:
+                file.write(str(out / f"batch-{batch}-group-{group}.exr"))
+    cube = read_rendered(folder, "mitsuba")
+    u, v = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
+    local = camera.directions(u, v) @ camera.rotation.T
+    xy = local[..., :2] / local[..., 2:]
+    # the mean over a pixel differs from the value at its centre only by the distortion's curvature
+    assert np.abs(cube["radiance"].values[..., :2] - xy).max() < 0.02 / camera.focal_length_px
+    assert cube["standard_error"].values.max() == 0 and cube["standard_error"].attrs["batches"] == BATCHES
+
+
+def test_subpixels_are_averaged_and_batches_give_the_error(exported):
+    folder, _ = exported
+    n, s = SIZE * SUBPIXELS, SUBPIXELS
+    values = np.random.default_rng(0).random((BATCHES, n, n, 4)).astype("<f4")
+    (folder / "radiance" / "out").mkdir()
+    values.tofile(folder / "radiance" / "out" / "group-0.f32")
+    cube = read_rendered(folder, "radiance")
+    batches = values.reshape(BATCHES, SIZE, s, SIZE, s, 4).mean(axis=(2, 4))
+    assert np.allclose(cube["radiance"].values, batches.mean(axis=0), rtol=1e-6)
+    assert np.allclose(cube["standard_error"].values, np.abs(batches[0] - batches[1]) / 2, atol=1e-6)
+    assert np.array_equal(cube["wavelength"].values, SETTINGS.wavelength_nm)
+    assert set(np.unique(cube["surface"].values)) <= {-2, -1, *range(7)}
+
+
+@pytest.mark.parametrize("renderer", list(FORMATS))
+def test_what_is_missing_or_cut_short_is_told(exported, renderer, tmp_path):
+    _, camera = exported
+    fresh = tmp_path / "box"
+    write_export(fresh, exported_scene(cornell_box(), camera, SETTINGS))
+    with pytest.raises(InputError, match="no such file"):
+        read_rendered(fresh, renderer)
+    (fresh / renderer / "out").mkdir()
+    for name in ("group-0.f32", "batch-0.exr", "batch-0-group-0.exr", "batch-0.npy"):
+        (fresh / renderer / "out" / name).write_bytes(b"not a picture")
+    with pytest.raises(InputError):
+        read_rendered(fresh, renderer)
+
+
+def test_what_not_all_renderers_have_is_refused():
+    camera = camera_inside(SIZE)
+    scene = box_with_lamp(0.5, exponent=2.0)
+    with pytest.raises(InputError, match="lamp"):
+        exported_scene(scene, camera, SETTINGS)
+    with pytest.raises(InputError, match="at least 2"):
+        exported_scene(cornell_box(), camera, replace(SETTINGS, batches=1))
+
+
+def test_an_unknown_renderer_and_a_folder_that_is_no_export_are_told(tmp_path):
+    with pytest.raises(InputError, match="did you mean 'mitsuba'"):
+        read_rendered(tmp_path, "mitsuba3")
+    with pytest.raises(InputError, match=r"scene\.json"):
+        read_rendered(tmp_path, "mitsuba")

@@ -1,0 +1,188 @@
+"""Passes: down to a stated error, interrupted and taken up, on several workers; cubes by strips; bands' covariance."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import BANDS
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.files.cube_files import read_cube, write_cube
+from cboxlab.render.files.cube_strips import read_strips, strip_cameras, write_strips
+from cboxlab.render.image.image import RenderedImage
+from cboxlab.render.integrators import passes, precision
+from cboxlab.render.integrators.choice import render
+from cboxlab.render.integrators.passes import Job, combined, render_pass
+from cboxlab.render.integrators.precision import BATCHES, fireflies, relative_error, render_to_precision
+from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.scenes.progress import Cancelled, Teller
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+WHERE = cornell_box(), cornell_camera(12), BANDS
+
+
+@pytest.mark.parametrize("percentile", [50.0, 90.0])
+def test_the_error_asked_for_is_met(percentile):
+    image = render_to_precision(*WHERE, 0.02, percentile=percentile)
+    assert relative_error(image, percentile) <= 0.02
+    assert len(image.coefficients) >= BATCHES
+
+
+def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    """Stopped after three passes: the rest alone is rendered, and the picture is that of one go, to the bit."""
+    kept = tmp_path / "cube.nc.passes"
+    whole = render_to_precision(*WHERE, 0.004)
+    rendered = []
+
+    def watched(job, report=None):
+        if job.samples > precision.PILOT_SAMPLES:
+            if len(rendered) == 3:
+                raise KeyboardInterrupt
+            rendered.append(job.number)
+        return render_pass(job, report)
+
+    monkeypatch.setattr(precision, "render_pass", watched)
+    with pytest.raises(KeyboardInterrupt):
+        render_to_precision(*WHERE, 0.004, checkpoint=kept)
+    assert rendered == [0, 1, 2]
+    monkeypatch.setattr(precision, "render_pass", render_pass)
+    told = []
+    teller = Teller(lambda stage, done: told.append((stage, done)))
+    resumed = render_to_precision(*WHERE, 0.004, checkpoint=kept, progress=teller)
+    assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
+    parts = [done for stage, done in told if stage == "rendering"]
+    assert parts == sorted(parts) and parts[-1] == 1
+    assert parts[0] == 3 / max(BATCHES, len(whole.coefficients))
+    assert np.array_equal(resumed.coefficients, whole.coefficients)
+    other = render_to_precision(*WHERE, 0.004, seed=5, checkpoint=kept)
+    assert not np.array_equal(other.coefficients, whole.coefficients)
+    kept.write_bytes(b"broken")
+    assert np.array_equal(
+        render_to_precision(*WHERE, 0.004, checkpoint=kept).coefficients, whole.coefficients
+    )
+
+
+def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
+    """Cancelled in its third pass: two are kept, no unfinished file is left, and nothing more is rendered."""
+    kept = tmp_path / "cube.nc.passes"
+
+    def told(stage, done):
+        if stage == "rendering" and 2 / BATCHES < done:
+            teller.cancel()
+
+    teller = Teller(told)
+    with pytest.raises(Cancelled):
+        render_to_precision(*WHERE, 0.004, checkpoint=kept, progress=teller)
+    assert [path.name for path in tmp_path.iterdir()] == [kept.name]
+    with np.load(kept) as content:
+        assert len(content["numbers"]) == 3
+    teller = Teller()
+    teller.cancel()
+    with pytest.raises(Cancelled):
+        render_to_precision(*WHERE, 0.004, progress=teller)
+
+
+def test_passes_are_the_batches_of_one_picture():
+    parts = [render_pass(Job(*WHERE, 16, seed=3).numbered(n)) for n in range(3)]
+    whole = render(*WHERE, samples=16, batches=3, seed=3)
+    assert np.array_equal(combined(parts).coefficients, whole.coefficients)
+
+
+def test_another_machines_basis_makes_no_difference():
+    """Spectra of other signs and order, coefficients to match: combined into the first's basis exactly."""
+    first, second = (render_pass(Job(*WHERE, 8).numbered(n)) for n in range(2))
+    order = np.random.default_rng(1).permutation(len(second.spectra))
+    turned = replace(second, spectra=-second.spectra[order], coefficients=-second.coefficients[..., order])
+    a, b = (combined([first, x]).project(np.eye(3))[0] for x in (second, turned))
+    assert a == pytest.approx(b, rel=1e-4, abs=1e-9)
+
+
+def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
+    """Two worker processes, one of which is killed by its first pass: the picture is the one rendered here."""
+    distributed = pytest.importorskip(
+        "distributed", reason="needs dask[distributed], of the extra 'distributed'"
+    )
+    jobs = [Job(*WHERE, 8).numbered(n) for n in range(3)]
+    marker = tmp_path / "died"
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        futures = [client.submit(_dying_once, job, str(marker), pure=False) for job in jobs]
+        images = client.gather(futures)
+        shared = dict(
+            (job.number, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address)
+        )
+    assert marker.exists()
+    assert np.array_equal(shared[1].coefficients, images[1].coefficients)
+    here = [render_pass(job) for job in jobs]
+    for one, other in zip(images, here, strict=True):
+        assert combined([other, one]).coefficients[1] == pytest.approx(
+            other.coefficients[0], rel=1e-4, abs=1e-6
+        )
+
+
+def _dying_once(job, marker):
+    if job.number == 2 and not os.path.exists(marker):
+        open(marker, "w").close()
+        os._exit(1)
+    return render_pass(job)
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch):
+    monkeypatch.setattr(passes, "TIMEOUT_S", 0.5)
+    pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
+    with pytest.raises(InputError, match=r"scheduler: found no answer from tcp://127.0.0.1:9"):
+        render_to_precision(*WHERE, 0.004, scheduler="tcp://127.0.0.1:9")
+
+
+def test_strips_make_up_the_cube(tmp_path):
+    """Written strip by strip, read as a whole and by other strips: the same values, units and names."""
+    cube = render(*WHERE, samples=4, batches=2).cube()
+    write_cube(tmp_path / "whole.nc", cube)
+    write_strips(tmp_path / "strips.nc", 12, (cube.isel(y=slice(top, top + 5)) for top in range(0, 12, 5)))
+    assert read_cube(tmp_path / "strips.nc").identical(read_cube(tmp_path / "whole.nc"))
+    parts = list(read_strips(tmp_path / "strips.nc", rows=7))
+    assert [part.sizes["y"] for part in parts] == [7, 5]
+    assert np.array_equal(np.concatenate([p["radiance"] for p in parts]), cube["radiance"])
+    with pytest.raises(InputError, match=r"found strips of 10 rows; expected 12 rows"):
+        write_strips(tmp_path / "short.nc", 12, (cube.isel(y=slice(top, top + 5)) for top in (0, 5)))
+    assert not (tmp_path / "short.nc").exists()
+
+
+def test_strips_of_a_camera_see_what_it_sees():
+    camera = cornell_camera(20)
+    parts = strip_cameras(camera, rows=8)
+    assert [p.height_px for p in parts] == [8, 8, 4]
+    v, u = np.indices((20, 20))
+    rays = [p.directions(*np.indices((p.height_px, 20))[::-1]) for p in parts]
+    assert np.concatenate(rays) == pytest.approx(camera.directions(u, v), abs=1e-12)
+
+
+def test_covariance_between_bands_is_kept():
+    """Two wavelengths share their paths: the variance of their sum, over pixels, is that of summed batches and far
+    from the sum of their variances."""
+    image = render(*WHERE, samples=16, batches=8)
+    each = image.project(np.eye(3))[1][..., 1:].sum(axis=-1)
+    both = image.project(np.array([[0.0], [1.0], [1.0]]))[1][..., 0]
+    summed = (image.coefficients @ image.spectra)[..., 1:].sum(axis=-1).var(axis=0, ddof=1) / 8
+    assert both == pytest.approx(summed, rel=1e-3, abs=1e-12 * summed.max())
+    assert np.median((both / each)[each > 0]) > 1.5
+
+
+def test_fireflies_are_told():
+    """Gaussian noise in 8 batches has none (false alarms: 1 in 1000); one batch of one pixel too bright is found."""
+    values = 1 + 0.01 * np.random.default_rng(5).standard_normal((8, 64, 64, 3)).astype(np.float32)
+    image = RenderedImage(
+        values,
+        np.eye(3),
+        np.array([450.0, 550.0, 650.0]),
+        np.ones((64, 64, 1), np.float32),
+        np.zeros(1, int),
+        (),
+    )
+    assert not fireflies(image).any()
+    values[3, 10, 20] += 5.0
+    assert np.argwhere(fireflies(image)).tolist() == [[10, 20]]
+    assert not fireflies(replace(image, coefficients=values[:2])).any()

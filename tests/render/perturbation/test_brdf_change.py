@@ -1,0 +1,213 @@
+"""Angular reflection: the coat's sampling and energy, and what a changed paint adds to a picture.
+
+False alarms: as stated in test_render_physics.
+"""
+
+import numpy as np
+import pytest
+from boxes import BANDS, box_with_lamp, camera_inside
+from cboxlab.render.device import dr, mi
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.perturbation.brdf_change import Coat, changed_reflection, fresnel
+from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.scenes import cornell_box, cornell_camera
+from scipy.ndimage import binary_dilation
+from scipy.stats import chi2
+
+pytestmark = pytest.mark.skipif(
+    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
+)
+
+SIGMAS = 4.9
+COSINES = [0.05, 0.3, 0.7, 0.999]
+ALPHAS = [0.05, 0.25, 0.8]
+
+
+def directions(z, phi):
+    """Unit vectors from cosines and azimuths, arrays."""
+    sine = np.sqrt(1 - z**2)
+    return mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in (sine * np.cos(phi), sine * np.sin(phi), z)))
+
+
+def outgoing(cosine, count):
+    """Many copies of a direction at that cosine from the normal, turned 0.4 rad about it."""
+    sine = np.sqrt(1 - cosine**2)
+    return mi.Vector3f(
+        *(dr.full(mi.Float, x, count) for x in (sine * np.cos(0.4), sine * np.sin(0.4), cosine))
+    )
+
+
+def hemisphere(cells, fine, power=3):
+    """Midpoints of equal parts of each cell, (cells * fine)^2 in all: cosines, azimuths, solid angles.
+
+    Cosines go as 1 - s^power to resolve a lobe round the normal.
+    """
+    s = (np.arange(cells * fine) + 0.5) / (cells * fine)
+    edge = 1 - (np.arange(cells * fine + 1) / (cells * fine)) ** power
+    phi = 2 * np.pi * s
+    z = np.repeat(1 - s**power, len(s))
+    weight = np.repeat(-np.diff(edge), len(s)) * 2 * np.pi / len(s)
+    return z, np.tile(phi, len(s)), weight
+
+
+def sampled(coat, cosine, log2=17, seed=1):
+    """Directions (3, n) of the coat's own sampling."""
+    u, v = np.random.default_rng(seed).random((2, 2**log2)).astype(np.float32)
+    return np.array(coat.sample(outgoing(cosine, 2**log2), mi.Float(u), mi.Float(v)))
+
+
+def test_fresnel_at_normal_and_grazing_incidence():
+    """((n - 1) / (n + 1))^2 = 0.04 straight on, 1 at grazing, 0.0918 for diffuse light (n = 1.5)."""
+    assert np.array(fresnel(mi.Float([1.0, 0.0]))) == pytest.approx([0.04, 1.0], abs=1e-6)
+    assert np.array(fresnel(mi.Float([-((4 / 13) ** 0.5), -1.0]))) == pytest.approx([1.0, 1.0], abs=1e-6)
+    cosine = (np.arange(100_000) + 0.5) / 100_000
+    value = np.array(fresnel(mi.Float(cosine.astype(np.float32))), float)
+    assert np.mean(2 * cosine * value) == pytest.approx(0.0918, abs=5e-5)
+
+
+@pytest.mark.parametrize("cosine", COSINES)
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_samples_follow_the_stated_density(alpha, cosine):
+    """Counts in cells of equal parts of the hemisphere and below it (chi-squared, 1e-6).
+
+    With it the density's integral is the part of samples above the horizon, which completes it to 1.
+    """
+    coat = Coat(1.0, alpha)
+    x, y, z = sampled(coat, cosine)
+    assert np.sqrt(x * x + y * y + z * z) == pytest.approx(1.0, abs=1e-4)
+    cells, fine = 12, 300 if alpha < 0.1 else 100  # a narrow lobe at grazing takes more
+    cos, phi, solid = hemisphere(cells, fine)
+    density = np.array(coat.density(directions(cos, phi), outgoing(cosine, len(cos))), float)
+    expected = (density * solid).reshape(cells, fine, cells, fine).sum(axis=(1, 3)).ravel()
+    above = z > 0
+    row = np.minimum((np.cbrt(1 - z[above]) * cells).astype(int), cells - 1)
+    column = (np.mod(np.arctan2(y[above], x[above]), 2 * np.pi) / (2 * np.pi) * cells).astype(int) % cells
+    count = np.bincount(row * cells + column, minlength=cells**2)
+    expected = np.append(expected, max(1 - expected.sum(), 0.0)) * len(z)
+    count = np.append(count, np.sum(~above))
+    # cells that hold few samples are taken together: chi-squared needs some in each
+    rare = expected < 50
+    expected = np.append(expected[~rare], expected[rare].sum() + 1e-3 * len(z))
+    count = np.append(count[~rare], count[rare].sum() + 1e-3 * len(z))
+    statistic = np.sum((count - expected) ** 2 / expected)
+    assert chi2.sf(statistic, len(count) - 1) > 1e-6
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_the_coat_reflects_alike_both_ways(alpha):
+    """Helmholtz: exchanging the directions of incoming and outgoing light changes nothing."""
+    generator = np.random.default_rng(2)
+    one, other = (directions(generator.random(4096), 2 * np.pi * generator.random(4096)) for _ in range(2))
+    coat = Coat(0.7, alpha)
+    assert np.array(coat.value(one, other)) == pytest.approx(np.array(coat.value(other, one)), rel=1e-3)
+
+
+def coat_albedo(coat, cosine):
+    """Part of light from the direction at ``cosine`` that the coat reflects, by quadrature of the lobe."""
+    cos, phi, solid = hemisphere(1, 1200)
+    value = np.array(coat.value(directions(cos, phi), outgoing(cosine, len(cos))), float)
+    return np.sum(value * cos * solid)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.1, 0.25, 0.5, 0.8])
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_base_and_coat_reflect_no_more_than_arrives(alpha, scale):
+    """A perfectly white base under the coat: the whole albedo is at most 1 at every angle.
+
+    The base gets and gives what Fresnel lets through: (1 - s F(o)) (1 - s 0.0918).
+    """
+    coat = Coat(scale, alpha)
+    for cosine in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0 - 1e-6):
+        through = 1 - scale * float(np.array(fresnel(mi.Float([cosine])))[0])
+        base = through * (1 - scale * 0.0918)
+        reflected = coat_albedo(coat, cosine)
+        assert 0 < reflected < scale
+        assert base + reflected <= 1.0 + 1e-4
+
+
+@pytest.fixture(scope="module")
+def bright_box():
+    """A closed box under a large lamp, all of whose patches shine like the lamp: radiance 1 everywhere."""
+    light = solve_light(box_with_lamp(0.5, lamp_half=400.0), BANDS[:2], patch_edge_mm=250.0)
+    return light, camera_inside(12), np.ones((len(light.patches), 2))
+
+
+def lambert(incoming, outgoing):
+    return mi.Float(1)
+
+
+def test_an_unchanged_paint_changes_nothing(bright_box):
+    """Lambert's own reflection, without a coat or with one of scale 0: exactly zero."""
+    light, camera, radiance = bright_box
+    for coat in (None, Coat(0.0, 0.2)):
+        change = changed_reflection(
+            light, camera, radiance, np.array([[0.5, 0.2]]), material=0, base=lambert, coat=coat, samples=16
+        )
+        assert change.shape == (2, 12, 12)
+        assert np.all(change == 0)
+
+
+def test_other_paints_are_left_alone():
+    """In the published box a coat on the red paint shows where red walls are, and nowhere else."""
+    scene, camera = cornell_box(), cornell_camera(16)
+    light = solve_light(scene, BANDS[:2], patch_edge_mm=300.0, patch_samples=64)
+    radiance, red = np.ones((len(light.patches), 2)), list(scene.materials).index("red")
+    change = changed_reflection(
+        light, camera, radiance, np.ones((3, 2)), material=red, base=lambert, coat=Coat(1.0, 0.2), samples=64
+    )
+    image = gather(light, camera, 4, 1)
+    covered = image.coverage[
+        ..., [scene.surfaces[f].material == "red" for f in image.facet_surface[:-1]] + [False]
+    ]
+    assert np.all(change[:, covered.sum(axis=-1) == 1] > 0)
+    assert np.all(change[:, binary_dilation(covered.any(axis=-1)) == 0] == 0)
+
+
+def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
+    """Reflection halved at all angles under radiance 1 from everywhere: the change is -rho / 2, half a wall."""
+    light, camera, radiance = bright_box
+    rho = np.array([0.5, 0.2])
+    change = changed_reflection(
+        light,
+        camera,
+        radiance,
+        rho[None],
+        material=0,
+        base=lambda i, o: mi.Float(0.5),
+        coat=None,
+        samples=256,
+        seed=3,
+    )
+    walls = gather(light, camera, 4, 1).coverage[..., -1] == 0
+    for band, expected in zip(change, -0.5 * rho, strict=True):
+        values = band[walls]
+        error = values.std(ddof=1) / np.sqrt(len(values))
+        assert error < 0.01 * abs(expected)
+        assert abs(values.mean() - expected) < SIGMAS * error
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.3, 0.8])
+def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
+    """Radiance 1 from everywhere, lamp included: a coat adds its own albedo, whatever path found the lamp.
+
+    Pixel by pixel, against quadrature at the angle under which the pixel's centre sees its wall.
+    """
+    light, camera, radiance = bright_box
+    coat = Coat(1.0, alpha)
+    change = changed_reflection(
+        light, camera, radiance, np.zeros((1, 2)), material=0, base=lambert, coat=coat, samples=256, seed=4
+    )
+    assert np.array_equal(change[0], change[1])
+    image = gather(light, camera, 4, 1)
+    used = image.single_surface & (image.surface >= 0)
+    v, u = np.nonzero(used)
+    facet = np.argmax(image.coverage[used], axis=1)
+    first = [np.argmax(light.tracer.facet == f) for f in facet]
+    cosine = -np.sum(camera.directions(u, v) * light.tracer.normals[first], axis=1)
+    grid = np.linspace(0.03, 1.0 - 1e-6, 40)
+    expected = np.interp(cosine, grid, [coat_albedo(coat, c) for c in grid])
+    steep = cosine > 0.25  # nearer to grazing a pixel holds many angles
+    assert steep.sum() > 80
+    difference = (change[0][used] - expected)[steep]
+    assert np.sqrt(np.mean(difference**2)) < 0.1 * expected[steep].mean()
+    assert abs(difference.mean()) < 0.01 * expected[steep].mean()

@@ -1,0 +1,74 @@
+"""A picture from a slightly moved camera: looked up in the first picture, against rendering it again."""
+
+import numpy as np
+import pytest
+from boxes import BANDS
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.perturbation.warp import build_warp, pixels_per_unit, warp_change
+from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.scenes import cornell_box, cornell_camera
+from scipy.ndimage import binary_dilation
+
+pytestmark = pytest.mark.skipif(
+    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
+)
+
+SIZE = 96
+
+
+@pytest.fixture(scope="module")
+def warp():
+    light = solve_light(cornell_box(), BANDS[2:], seed=1)
+    camera = cornell_camera(SIZE)
+    image = gather(light, camera, 256, 1, seed=2)
+    signal = np.moveaxis(image.project(np.eye(1))[0], -1, 0)
+    return light, image, signal, build_warp(light.tracer, camera, image, signal)
+
+
+def moved(warp, index, pixels):
+    """The camera with one parameter changed so that the scene's corners move by ``pixels`` (rms)."""
+    values = warp.camera.parameters.copy()
+    values[index] += pixels / pixels_per_unit(warp.tracer, warp.camera)[index]
+    return warp.camera.with_parameters(values)
+
+
+def test_the_same_camera_changes_nothing(warp):
+    *_, own = warp
+    assert np.all(warp_change(own, own.camera) == 0)
+    assert np.all(warp_change(own, own.camera.with_parameters(own.camera.parameters)) == 0)
+
+
+@pytest.mark.parametrize("index", range(10))
+def test_pixels_per_unit_is_how_far_corners_move(warp, index):
+    """A parameter changed by 0.3 over its figure moves the corners in sight by 0.3 px rms."""
+    *_, own = warp
+    points = own.tracer.vertices.reshape(-1, 3)
+    before, after = own.camera.project(points), moved(own, index, 0.3).project(points)
+    inside = np.all((before > -0.5) & (before < SIZE), axis=1)
+    assert np.sqrt(np.mean(np.sum((after - before)[inside] ** 2, axis=1))) == pytest.approx(0.3, rel=0.01)
+
+
+def stretched(warp):
+    """The camera with a bend that its ten parameters lack: columns slide by up to 0.8 px, 0.36 px rms."""
+    middle = (SIZE - 1) / 2
+    return warp.camera.distorted_further(
+        lambda image_px: 0.8 * ((image_px[:, :1] - middle) / middle) ** 2 * np.array([0.0, 1.0])
+    )
+
+
+@pytest.mark.parametrize("index", [0, 1, 5, 8, "bend"])
+def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
+    """Change looked up against change rendered with the same random numbers.
+
+    Both are noisy, so their sizes are compared (the slope of the major axis), to 4%, and they go together, with
+    a correlation above 0.95: what the motion alone brings into sight is not known. Pixels beside the lamp stay
+    out: there a rendered pixel's noise is as large as its signal.
+    """
+    light, image, signal, own = warp
+    camera = stretched(own) if index == "bend" else moved(own, index, 0.3)
+    again = gather(light, camera, 256, 1, seed=2)
+    rendered = np.moveaxis(again.project(np.eye(1))[0], -1, 0) - signal
+    far = ~binary_dilation(image.sees_lamp | again.sees_lamp, np.ones((3, 3)))
+    looked_up, rendered = warp_change(own, camera)[:, far].ravel(), rendered[:, far].ravel()
+    assert np.corrcoef(looked_up, rendered)[0, 1] > 0.95
+    assert np.sqrt(np.mean(looked_up**2) / np.mean(rendered**2)) == pytest.approx(1.0, abs=0.04)

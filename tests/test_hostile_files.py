@@ -1,0 +1,247 @@
+"""Damaged and hostile files end in one message that names them, quickly and without much memory."""
+
+import json
+import os
+import resource
+import struct
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+from cboxlab.calibration.capture.frames import read_frame
+from cboxlab.calibration.capture.labels import read_labels
+from cboxlab.calibration.capture.manifest_faults import read_manifest
+from cboxlab.calibration.geometry.surveyed_points import read_points
+from cboxlab.render.files import read_cube, write_cube
+from cboxlab.render.files.cube_checks import as_cube
+from cboxlab.render.sensor.cameras import load_camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.spectra import read_spectra
+from cboxlab.validate.commands.cli import main
+from cboxlab.validate.model.model_file import load_model
+from cboxlab.validate.synthetic.blind import open_seal, read_diagnosis
+from hypothesis import given
+from hypothesis import strategies as st
+
+TOML = {"scene": load_scene, "model": load_model, "camera": load_camera, "manifest": read_manifest}
+TEXT = {
+    **TOML,
+    "spectra": read_spectra,
+    "points": read_points,
+    "labels": read_labels,
+    "diagnosis": read_diagnosis,
+}
+CUBE = as_cube(np.arange(24.0, dtype=np.float32).reshape(3, 4, 2) + 1, [500.0, 600.0])
+
+
+def refused(read, path, *words):
+    with pytest.raises(InputError) as told:
+        read(path)
+    assert str(path.name) in str(told.value)
+    for word in words:
+        assert word in str(told.value)
+
+
+@pytest.mark.parametrize("kind", TOML)
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * 20_000 + "]" * 20_000,
+        ".".join("a" * 5000) + " = 1",
+        "format = " + "9" * 5000,
+        "format = " + "9" * 4000,
+        "width = 1e99999999",
+        "a = '\0'",
+        "[a]\n" * 300_000,
+        "\ufeff" * 3,
+    ],
+    ids=["deep", "dotted", "digits", "large", "exponent", "nul", "long", "marks"],
+)
+def test_toml_of_any_kind_is_refused_in_one_message(tmp_path, kind, text):
+    path = tmp_path / "file.toml"
+    path.write_text(text, encoding="utf-8")
+    refused(TOML[kind], path)
+
+
+@pytest.mark.parametrize("kind", TEXT)
+def test_only_regular_files_are_read(tmp_path, kind):
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    refused(TEXT[kind], pipe, "not a file")
+    loop = tmp_path / "loop.toml"
+    loop.symlink_to(loop)
+    refused(TEXT[kind], loop)
+    refused(TEXT[kind], tmp_path / "absent.toml", "no such file")
+
+
+@given(content=st.binary(max_size=300), kind=st.sampled_from(sorted(TEXT)))
+def test_bytes_at_random_are_refused(tmp_path_factory, content, kind):
+    path = tmp_path_factory.mktemp("random") / "file.toml"
+    path.write_bytes(content)
+    refused(TEXT[kind], path)
+
+
+def frame(path, **changes):
+    tifffile.imwrite(path, np.arange(64, dtype=np.uint16).reshape(8, 8), **changes)
+    return path
+
+
+def test_a_frame_that_unpacks_without_end_is_refused(tmp_path):
+    path = frame(tmp_path / "bomb.tif", compression="zlib", rowsperstrip=8)
+    bomb = zlib.compress(bytes(2**28), 9)
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        tags = file.pages.first.tags
+        places = tags["StripOffsets"].valueoffset, tags["StripByteCounts"].valueoffset
+        kinds = tags["StripOffsets"].dtype, tags["StripByteCounts"].dtype
+    for place, kind, value in zip(places, kinds, (len(content), len(bomb)), strict=True):
+        if kind == tifffile.DATATYPE.SHORT:
+            pytest.skip("the writer stored 16-bit offsets")
+        content[place : place + 4] = struct.pack("<I", value)
+    path.write_bytes(bytes(content) + bomb)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    refused(lambda p: read_frame(p, 8, 8, 16), path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
+
+
+def test_a_turned_frame_is_refused(tmp_path):
+    path = frame(tmp_path / "turned.tif", extratags=[(274, "H", 1, 6, True)])
+    refused(lambda p: read_frame(p, 8, 8, 16), path, "orientation 6")
+
+
+@given(st.integers(0, 10_000), st.integers(0, 255))
+def test_a_frame_with_another_byte_is_read_or_refused(tmp_path_factory, place, byte):
+    path = frame(tmp_path_factory.mktemp("frame") / "f.tif", compression="zlib", predictor=True)
+    content = bytearray(path.read_bytes())
+    content[place % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        assert read_frame(path, 8, 8, 16).shape == (8, 8)
+    except InputError as fault:
+        assert path.name in str(fault)
+
+
+@given(st.sampled_from([".nc", ".exr", ".hdr"]), st.integers(0, 100_000), st.integers(0, 255))
+def test_a_cube_with_another_byte_is_read_or_refused(tmp_path_factory, ending, place, byte):
+    path = tmp_path_factory.mktemp("cube") / f"cube{ending}"
+    write_cube(path, CUBE)
+    content = bytearray(path.read_bytes())
+    content[place % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        read_cube(path)
+    except InputError as fault:
+        assert "cube" in str(fault)
+
+
+def test_radiance_in_another_file_is_refused(tmp_path):
+    path, secret = tmp_path / "outside.nc", tmp_path / "secret"
+    secret.write_bytes(bytes(96))
+    write_cube(path, CUBE)
+    with h5py.File(path, "r+") as file:
+        del file["radiance"]
+        file.create_dataset("radiance", (3, 4, 2), "f4", external=[(str(secret), 0, 96)])
+    refused(read_cube, path, "another file")
+    with h5py.File(path, "r+") as file:
+        del file["radiance"]
+        file["radiance"] = h5py.ExternalLink(str(tmp_path / "other.nc"), "/radiance")
+    refused(read_cube, path, "a link")
+
+
+def test_an_array_without_values_is_refused(tmp_path):
+    path = tmp_path / "sparse.nc"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("radiance", (60_000, 60_000, 31), "f4", chunks=(64, 64, 31))
+    refused(read_cube, path, "bytes for an array")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("data gain values = {2, 2}", "data gain values"),
+        ("byte order = 7", "byte order"),
+        ("lines = -3", "negative"),
+        ("wavelength = {500, 1e99999999}", "wavelength"),
+        ("bands = " + "9" * 5000, "bands"),
+        ("wavelength = {500, 600" + " " * 60_000, None),
+        ("description" + " " * 60_000, None),
+    ],
+)
+def test_envi_headers(tmp_path, line, words):
+    path = tmp_path / "cube.hdr"
+    write_cube(path, CUBE)
+    path.write_text(path.read_text() + line + "\n")
+    if words is None:
+        assert read_cube(path)["radiance"].shape == (3, 4, 2)
+    else:
+        refused(read_cube, path, words)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_radiance_that_is_not_finite_is_located(tmp_path, value):
+    path = tmp_path / "cube.exr"
+    write_cube(
+        path, as_cube(np.where(CUBE.radiance.values == 7, value, CUBE.radiance.values), [500.0, 600.0])
+    )
+    refused(read_cube, path, "1 values that are not finite", "'y': 0", "'x': 3")
+
+
+@pytest.mark.parametrize("ending", [".nc", ".exr", ".hdr"])
+def test_a_measured_cube_may_lack_pixels(tmp_path, ending):
+    radiance = np.where(CUBE.radiance.values == 7, np.nan, CUBE.radiance.values)
+    path = tmp_path / f"cube{ending}"
+    write_cube(path, as_cube(radiance, [500.0, 600.0], missing=True))
+    assert np.array_equal(read_cube(path)["radiance"].values, radiance, equal_nan=True)
+
+
+def test_complex_radiance_is_refused(tmp_path):
+    path = tmp_path / "cube.nc"
+    write_cube(path, CUBE)
+    with h5py.File(path, "r+") as file:
+        attributes, scales = dict(file["radiance"].attrs), file["wavelength"]
+        del attributes["DIMENSION_LIST"]
+        del file["radiance"]
+        file.create_dataset("radiance", data=np.ones((3, 4, 2), complex))
+        assert scales.shape == (2,)
+    refused(read_cube, path, "radiance")
+
+
+@pytest.mark.parametrize(
+    "content", [[], {}, {"sha256_of_salt_and_answer": 3}, {"sha256_of_salt_and_answer": "0"}]
+)
+def test_seals_of_another_form_are_refused(tmp_path, content):
+    (tmp_path / "sealed.json").write_text(json.dumps(content))
+    (tmp_path / "answer.sealed").write_text("AAAA")
+    with pytest.raises(InputError):
+        open_seal(tmp_path)
+
+
+def test_a_fault_of_the_program_is_one_line_and_a_trace_file(tmp_path, monkeypatch, capsys):
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("planted")
+
+    monkeypatch.setattr("cboxlab.validate.commands.app.app", fail)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(SystemExit) as ended:
+        main(["effects"])
+    said = capsys.readouterr().err.strip()
+    (trace,) = tmp_path.glob("cboxlab-trace-*")
+    assert ended.value.code == 3
+    assert "Traceback" not in said
+    assert trace.name in said.replace("\n", "")
+    assert "planted" in trace.read_text()
+
+
+def test_names_are_printed_as_they_are(tmp_path, capsys):
+    from cboxlab.validate.commands.console import console, data_table, say
+
+    table = data_table("t", "a", "b")
+    table.add_row("[bold]wall[/]", ":smile: [/]")
+    with console.capture() as printed:
+        console.print(table)
+        say("[red]x[/red]")
+    for text in ("[bold]wall[/]", ":smile: [/]", "[red]x[/red]"):
+        assert text in printed.get()

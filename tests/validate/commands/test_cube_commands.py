@@ -1,0 +1,120 @@
+"""Commands on spectral cubes: rendered, compared, simulated, in every format, with their origin."""
+
+import json
+import re
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+from cboxlab.render.files.cube_files import read_cube, write_cube
+from cboxlab.render.files.raw_files import read_raw
+from cboxlab.validate.commands.cli import main
+from cboxlab.validate.commands.demo import DEMO_CAPTURE
+from cboxlab.validate.compare.maps import read_map
+from cboxlab.validate.model.model_file import load_model
+from command_line import assert_one_line_of_help
+from PIL import Image
+
+
+@pytest.fixture(scope="module")
+def cubes(tmp_path_factory):
+    """Two renders of a small picture that differ by their seed alone."""
+    folder = tmp_path_factory.mktemp("cubes")
+    for seed in (1, 2):
+        with pytest.raises(SystemExit) as caught:
+            main(["render", "cornell-box", "--size", "32", "--wavelengths", "400:700:50", "--samples", "64",
+                  "--seed", str(seed), "--out", str(folder / f"{seed}.nc")])  # fmt: skip
+        assert not caught.value.code
+    return folder
+
+
+def test_renders_with_other_seeds_differ_by_noise(cubes, tmp_path, cbox):
+    """The mean of 1024 values of F with 1 and 14 degrees of freedom has a standard deviation of 0.06.
+
+    Pixels share the light field, so twice that is allowed: limits at 5 of these.
+    """
+    code, out, _ = cbox("compare", cubes / "1.nc", cubes / "2.nc", "--out", tmp_path / "maps")
+    assert code == 0 and "550 nm" in out
+    record = json.loads((tmp_path / "maps" / "comparison.json").read_text())
+    assert record["expected_chi2_per_pixel"] == pytest.approx(14 / 12)
+    planes = {row["name"]: row for row in record["planes"]}
+    assert planes["400 nm"]["relative_mean"] is None  # the published lamp is dark there
+    for name in ("450 nm", "550 nm", "700 nm"):
+        assert planes[name]["chi2_per_pixel"] == pytest.approx(14 / 12, abs=0.6)
+        assert abs(planes[name]["relative_mean"]) < 0.02
+    assert read_map(tmp_path / "maps" / "residual_over_sigma.exr")[0].shape == (7, 32, 32)
+
+
+def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
+    """Model, seed, version, camera and command, in NetCDF and, after a round trip, in OpenEXR."""
+    cube = read_cube(cubes / "2.nc")
+    write_cube(tmp_path / "2.exr", cube)
+    for found in (cube.attrs, read_cube(tmp_path / "2.exr").attrs):
+        assert found["seed"] == "2" and found["cboxlab_version"] == version("cboxlab")
+        assert found["command"].startswith("cbox render cornell-box --size 32 --wavelengths 400:700:50")
+        assert json.loads(found["camera"])["width_px"] == 32
+        (tmp_path / "model.toml").write_text(found["model"])
+        assert load_model(tmp_path / "model.toml").scene == "cornell-box"
+
+
+def test_cubes_of_other_cameras_are_refused(cubes, tmp_path, cbox):
+    """32 pixels see 39 degrees: half a degree is 0.4 px, which is noted; two degrees are 1.6 px, which is refused."""
+    for degrees in (0.5, 2.0):
+        cube = read_cube(cubes / "1.nc")
+        camera = json.loads(cube.attrs["camera"])
+        camera["parameters"][4] += degrees
+        write_cube(tmp_path / f"{degrees}.nc", cube.assign_attrs(camera=json.dumps(camera)))
+    code, out, _ = cbox("compare", tmp_path / "0.5.nc", cubes / "1.nc")
+    assert code == 0 and "the cameras see the same points up to 0.4" in out
+    assert_one_line_of_help(
+        cbox("compare", tmp_path / "2.0.nc", cubes / "1.nc"),
+        ["1.nc", "a camera", "px elsewhere", "within 1 px"],
+    )
+
+
+def test_a_known_difference_is_measured(cubes, tmp_path, cbox):
+    cube = read_cube(cubes / "1.nc")
+    cube["radiance"].values[..., 3] *= 1.03
+    cube["radiance"].values[20, 10, 1] *= 1.5
+    write_cube(tmp_path / "other.exr", cube)
+    write_cube(tmp_path / "first.exr", read_cube(cubes / "1.nc"))
+    code, *_ = cbox("compare", tmp_path / "other.exr", tmp_path / "first.exr", "--out", tmp_path / "maps")
+    record = json.loads((tmp_path / "maps" / "comparison.json").read_text())
+    planes = {row["name"]: row for row in record["planes"]}
+    assert code == 0
+    assert planes["550 nm"]["relative_mean"] == pytest.approx(0.03, rel=1e-5)
+    assert planes["550 nm"]["relative_rms"] == pytest.approx(0.03, rel=1e-5)
+    assert planes["600 nm"]["relative_rms"] == 0 and planes["600 nm"]["chi2_per_pixel"] is None
+    worst = record["worst_pixels"][0]
+    assert (worst["plane"], worst["x"], worst["y"]) == ("450 nm", 10, 20)
+    assert worst["size"] == pytest.approx(50, rel=1e-5)
+    relative = read_map(tmp_path / "maps" / "relative_difference.exr")[0]
+    assert float(relative.sel(channel="450 nm")[20, 10]) == pytest.approx(0.5, rel=1e-5)
+
+
+def test_what_cannot_be_compared_is_said(cubes, cbox):
+    assert_one_line_of_help(cbox("compare", DEMO_CAPTURE, cubes / "1.nc"), ["1.nc", "W m^-2", "DN"])
+
+
+def test_a_capture_compared_with_itself_is_alike(cbox):
+    code, out, _ = cbox("compare", DEMO_CAPTURE, DEMO_CAPTURE)
+    assert code == 0
+    assert all(re.search(rf"{band} .* \+0\.000 +0\.000 ", out) for band in ("f400", "f550", "f700"))
+
+
+def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
+    radiance = read_cube(cubes / "1.nc")["radiance"].values
+    for ending in (".exr", ".hdr"):
+        path = tmp_path / f"again{ending}"
+        code, *_ = cbox("render", "cornell-box", "--size", 32, "--wavelengths", "400:700:50", "--samples", 64,
+                        "--seed", 1, "--out", path)  # fmt: skip
+        assert code == 0
+        assert np.array_equal(read_cube(path)["radiance"].values, radiance)
+    code, out, _ = cbox(
+        "simulate", cubes / "1.nc", "--out", tmp_path / "raw.tif", "--preview", tmp_path / "raw.png"
+    )
+    assert code == 0 and "Kodak DCS-200" in out
+    counts, notes = read_raw(tmp_path / "raw.tif")
+    assert counts.shape == (32, 32) and 0 < counts.min() < counts.max() <= 255
+    assert notes["camera"] == "Kodak DCS-200" and notes["exposure_s"] > 0
+    assert Image.open(tmp_path / "raw.png").size == (32, 32)

@@ -1,0 +1,183 @@
+"""The comparison judges noise as noise and finds what is more than noise."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.correction.band_images import Mask, band_images
+from cboxlab.validate.compare.colour_difference import White, delta_e_2000, delta_e_ab, lab
+from cboxlab.validate.compare.comparison import compare
+from cboxlab.validate.compare.regions import edge_distance_px, edges, interiors
+from cboxlab.validate.report.verdict import verdict, warnings
+from fake_box import BANDS, SURFACES, FakeBox, fake_run
+from scipy.ndimage import gaussian_filter
+from scipy.stats import kstest
+
+BOX = FakeBox()
+
+
+def test_chi2_of_pure_noise_is_one():
+    """Every split of chi2 stays within five standard deviations of 1 (14 figures, 1e-5 false alarms)."""
+    comparison = BOX.compare(seed=1)
+    splits = [comparison.chi2, comparison.chi2_edges, comparison.chi2_interiors]
+    splits += [row.chi2 for row in comparison.by_band.values()]
+    splits += [row.chi2 for row in comparison.by_surface.values()]
+    for chi2 in splits:
+        assert abs(chi2.per_dof - 1.0) < 5 * chi2.per_dof_sigma
+    assert comparison.chi2_edges.count + comparison.chi2_interiors.count == comparison.chi2.count
+    assert verdict(comparison).level == "explained"
+
+
+def test_p_values_of_pure_noise_are_uniform():
+    """Kolmogorov-Smirnov over 100 independent pictures, false-alarm rate 0.1%."""
+    small = FakeBox(size=10)
+    p_values = [small.compare(seed=seed).chi2.p_value for seed in range(100)]
+    assert kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_fitted_parameters_come_off_the_degrees_of_freedom():
+    plain, fitted = BOX.compare(seed=2), BOX.compare(seed=2, fitted_parameters=11)
+    assert fitted.chi2.dof == pytest.approx(plain.chi2.dof - 11)
+    assert sum(row.chi2.dof for row in fitted.by_band.values()) == pytest.approx(fitted.chi2.dof)
+
+
+def test_render_noise_is_counted():
+    """A render as noisy as the camera leaves chi2 at 1; the ratio of the two is reported."""
+    comparison = FakeBox(render_over_sensor=1.5).compare(seed=3)
+    assert abs(comparison.chi2.per_dof - 1) < 5 * comparison.chi2.per_dof_sigma
+    assert comparison.render_sigma_over_sensor_sigma == pytest.approx(1.5)
+    assert any("noisier" in text for text in warnings(comparison, fake_run()))
+
+
+def test_scale_error_is_reported_as_such():
+    """A lamp 2% too bright: +2% on every surface, in every band and in Y, within four standard errors."""
+    comparison = BOX.compare(seed=4, factor=1.02)
+    for row in comparison.by_surface.values():
+        np.testing.assert_array_less(np.abs(row.relative - 0.02), 4.5 * row.relative_sigma)
+    for row in comparison.by_band.values():
+        expected = np.hypot(row.relative.rms_noise, 0.02)
+        assert row.relative.rms == pytest.approx(expected, rel=0.03)
+        assert row.beyond_noise == pytest.approx(0.02, abs=0.004)
+    assert comparison.luminance.mean == pytest.approx(0.02, abs=5e-4)
+    # dL* = 116/3 (Y/Yn)^(1/3) 0.02, for a near-neutral surface most of Delta E.
+    row = comparison.by_surface["ceiling"]
+    relative_luminance = (
+        comparison.maps.xyz_rendered.values[(BOX.surface == 1), 1].mean() / comparison.white.luminance
+    )
+    assert row.delta_e_ab == pytest.approx(116 / 3 * relative_luminance ** (1 / 3) * 0.02, rel=0.05)
+    assert row.delta_e_ab > 10 * row.delta_e_noise
+    assert verdict(comparison).level == "unexplained"
+
+
+def test_standard_errors_of_surface_means_cover():
+    """68% and 95% of the differences of means lie within one and two sigma (binomial, to 4 sigma)."""
+    small = FakeBox(size=48)
+    pulls = np.concatenate([
+        (row.measured - row.rendered) / row.sigma
+        for seed in range(40) for row in small.compare(seed).by_surface.values() if row.interior_pixels
+    ])  # fmt: skip
+    for width, share in ((1, 0.6827), (2, 0.9545)):
+        tolerance = 4 * np.sqrt(share * (1 - share) / pulls.size)
+        assert abs(np.mean(np.abs(pulls) < width) - share) < tolerance
+
+
+def test_noise_expectation_of_colour_difference():
+    """Where the render is exact, Delta E is what the expectation from noise says."""
+    comparison = BOX.compare(seed=5)
+    for seen, noise in (
+        (comparison.delta_e_ab, comparison.delta_e_ab_noise),
+        (comparison.delta_e_2000, comparison.delta_e_2000_noise),
+    ):
+        assert seen.mean == pytest.approx(noise.mean, rel=0.03)
+        assert seen.p95 == pytest.approx(noise.p95, rel=0.05)
+    assert comparison.luminance.rms == pytest.approx(comparison.luminance.rms_noise, rel=0.05)
+
+
+def test_blur_sits_at_edges_and_gradient_in_interiors():
+    """Defocus puts its excess at edges; a smooth error puts it inside, in proportion to the area."""
+    blurred = np.array([gaussian_filter(plane, 0.7) for plane in np.where(BOX.lamp, 0.0, BOX.truth)])
+    blur = np.where(BOX.truth > 0, blurred / np.maximum(BOX.truth, 1e-9), 1.0)
+    at_edges = BOX.compare(seed=6, factor=blur)
+    assert at_edges.share_of_excess_at_edges > 0.95
+    smooth = BOX.compare(seed=6, factor=1 + 0.05 * np.linspace(-1, 1, BOX.size)[None, None, :])
+    share = smooth.chi2_edges.count / smooth.chi2.count
+    assert smooth.share_of_excess_at_edges == pytest.approx(share, abs=0.15)
+
+
+def test_error_in_one_band_and_surface_is_named():
+    factor = np.ones(BOX.truth.shape)
+    factor[3, BOX.surface == SURFACES.index("green wall")] = 1.05
+    comparison = BOX.compare(seed=7, factor=factor)
+    details = " ".join(verdict(comparison).details)
+    assert "green wall" in details and "f600" in details
+    assert (
+        abs(comparison.by_surface["floor"].chi2.per_dof - 1)
+        < 5 * comparison.by_surface["floor"].chi2.per_dof_sigma
+    )
+
+
+def test_masked_pixels_do_not_matter_and_are_counted():
+    """Nonsense under a mask leaves every figure alone."""
+    measured, rendered = BOX.images(seed=8)
+    arguments: dict = {
+        "xyz_per_dn": BOX.xyz_per_dn, "lamp_xyz": BOX.lamp_xyz, "surface": BOX.surface,
+        "surface_names": SURFACES, "single_surface": BOX.single_surface,
+    }  # fmt: skip
+    mask, signal = measured.mask.values.copy(), measured.signal.values.copy()
+    mask[2, 20:30, 40:60] |= np.uint8(Mask.HOT)
+    clean = compare(
+        band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
+    )
+    signal[2, 20:30, 40:60] = np.nan
+    spoilt = compare(
+        band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
+    )
+    assert spoilt.chi2 == clean.chi2
+    assert spoilt.delta_e_ab == clean.delta_e_ab
+    assert spoilt.luminance == clean.luminance
+    assert spoilt.masked["hot"] == 200
+    assert spoilt.masked["lamp"] == BOX.lamp.sum()
+    assert spoilt.pixels_used == BOX.size**2 - (np.any(mask, axis=0)).sum()
+    assert np.isnan(spoilt.maps.residual_over_sigma.values[2, 25, 50])
+    assert np.isfinite(spoilt.maps.residual_over_sigma.values[1, 25, 50])
+    signal[0, 50, 50] = np.nan
+    with pytest.raises(ValueError, match="f450"):
+        compare(
+            band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
+        )
+
+
+def test_white_of_lab():
+    """L*, a*, b* of the white are 100, 0, 0; half its luminance is L* = 116 0.5^(1/3) - 16 (CIE 15)."""
+    white = White(0.45, 0.41, 37.0)
+    xyz = white.luminance * np.array([white.x / white.y, 1.0, (1 - white.x - white.y) / white.y])
+    np.testing.assert_allclose(lab(xyz, white), [100, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(lab(0.5 * xyz, white), [116 * 0.5 ** (1 / 3) - 16, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [  # Sharma, Wu and Dalal 2005, table 1, pairs 1, 4, 17, 20, 34
+        ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),
+        ((50.0, -1.3802, -84.2814), (50.0, 0.0, -82.7485), 1.0000),
+        ((50.0, 2.5, 0.0), (73.0, 25.0, -18.0), 27.1492),
+        ((50.0, 2.5, 0.0), (50.0, 3.2592, 0.3350), 1.0000),
+        ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
+    ],
+)
+def test_published_colour_differences(first, second, expected):
+    assert delta_e_2000(first, second) == pytest.approx(expected, abs=5e-5)
+    assert delta_e_ab(first, second) == pytest.approx(np.linalg.norm(np.subtract(first, second)))
+
+
+def test_regions_of_a_half_plane():
+    """An edge between columns 9 and 10: centres lie 0.5, 1.5, ... px from it; three columns are edges."""
+    surface = np.repeat([[0] * 10 + [1] * 10], 20, axis=0)
+    single_surface = np.ones(surface.shape, bool)
+    np.testing.assert_array_equal(
+        edge_distance_px(surface, single_surface)[5, 6:14], [3.5, 2.5, 1.5, 0.5, 0.5, 1.5, 2.5, 3.5]
+    )
+    assert interiors(surface, single_surface)[5].tolist() == [True] * 7 + [False] * 6 + [True] * 7
+    assert (edges(surface, single_surface) == ~interiors(surface, single_surface)).all()
+    single_surface[:, 9] = False
+    assert edge_distance_px(surface, single_surface)[5, 9] == 0
+    assert np.isinf(edge_distance_px(np.zeros((4, 4), int), np.ones((4, 4), bool))).all()
+    assert not interiors(np.full((9, 9), -1), np.ones((9, 9), bool)).any()

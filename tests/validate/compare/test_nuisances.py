@@ -1,0 +1,51 @@
+"""The nuisances' vector: camera first, lamp last, in the order that the names say."""
+
+import numpy as np
+import pytest
+from cboxlab.scenes import cornell_camera
+from cboxlab.validate.compare.nuisances import NuisanceFit, Nuisances, fit_lamp_scale
+
+
+def test_values_keep_their_places_in_the_vector():
+    camera = cornell_camera(16)
+    vector = Nuisances(camera.parameters, 1.25).vector
+    named = dict(zip(Nuisances.names, vector, strict=True))
+    assert Nuisances.count == len(vector)
+    assert named["lamp_scale"] == vector[Nuisances.of_lamp] == 1.25
+    assert named["focal_length_px"] == camera.focal_length_px
+    assert named["k1"] == camera.k1
+    np.testing.assert_array_equal(vector[Nuisances.of_camera], camera.parameters)
+    back = Nuisances.from_vector(vector)
+    np.testing.assert_array_equal(back.camera, camera.parameters)
+    assert back.lamp_scale == 1.25
+
+
+def test_what_a_fit_misses_is_what_was_known_less_what_was_found():
+    survey = cornell_camera(16)
+    found = survey.with_parameters(survey.parameters + np.arange(10.0) * 1e-3)
+    missed = NuisanceFit(found, 1.5, 0.1).missed(survey)
+    np.testing.assert_allclose(missed.camera, -np.arange(10.0) * 1e-3, rtol=1e-6, atol=1e-9)
+    assert missed.lamp_scale == -0.5
+
+
+@pytest.mark.parametrize("prior_sigma", [None, 0.02])
+def test_the_lamps_scale_is_as_good_as_stated(prior_sigma):
+    """4000 lamps drawn from the prior, pictures of three noisy pixels: estimates over their sigma are standard normal.
+
+    Mean within 4.5 / sqrt(4000), mean square within 4.5 sqrt(2 / 4000): one false alarm in 70,000.
+    """
+    rng = np.random.default_rng(3)
+    rendered, variance = np.array([10.0, 20.0, 40.0]), np.array([1.0, 0.5, 2.0])
+    used = np.ones(3, bool)
+    pulls = []
+    for true in 1 + 0.02 * rng.standard_normal(4000):
+        measured = true * rendered + np.sqrt(variance) * rng.standard_normal(3)
+        scale, sigma = fit_lamp_scale(measured, rendered, variance, used, prior_sigma)
+        pulls.append((scale - true) / sigma)
+    assert abs(np.mean(pulls)) < 0.071
+    assert abs(np.mean(np.square(pulls)) - 1) < 0.101
+
+
+def test_a_dark_picture_leaves_the_lamp_at_its_prior():
+    nothing = np.zeros(3)
+    assert fit_lamp_scale(nothing, nothing, np.ones(3), np.ones(3, bool), 0.02) == pytest.approx((1.0, 0.02))

@@ -1,0 +1,286 @@
+"""From a capture to a comparison, end to end: on one whose truth is known, and on somebody else's.
+
+The small capture is photographed without any effect: then noise must explain the difference. The baseline
+(in the folder ``shared``) was made by another simulator; its figures are those that the project promises.
+"""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from browser import open_browser
+from cboxlab.render.chain.bands import render_bands
+from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.render.integrators.precision import render_to_precision
+from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.scenes import Camera, InputError
+from cboxlab.scenes.camera import REFERENCE_ROTATION
+from cboxlab.scenes.progress import Teller
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare.maps import read_map
+from cboxlab.validate.compare.pipeline import validate
+from cboxlab.validate.model.model_file import Model
+from cboxlab.validate.report.write import write_validation
+from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+from scipy import stats
+
+SIZE = 64
+SEED = 5
+
+#: 99.9% point of chi-square with the camera's ten parameters.
+LARGEST_DISTANCE = float(stats.chi2.isf(1e-3, 10))
+
+
+@pytest.fixture(scope="session")
+def truth():
+    """A render of the published box through a camera a little off, and that camera."""
+    camera = perturbed_camera(SIZE, SEED)
+    scene = photographed_scene(Model())
+    return render_to_precision(scene, camera, WAVELENGTH_NM, 1.5e-3, seed=SEED), camera, scene
+
+
+@pytest.fixture(scope="session")
+def small_capture(truth, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("captures") / "small"
+    image, camera, scene = truth
+    photograph_image(folder, image, (), None, scene, camera, settings=CaptureSettings(), seed=SEED)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def result(small_capture):
+    told = []
+    progress = Teller(lambda stage, done: told.append((stage, done)))
+    found = validate(small_capture, Model(render=RenderSettings(noise=0.5)), progress)
+    stages, parts = zip(*told, strict=True)
+    assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]
+    assert parts[-1] == 1 and np.all(np.diff(parts) >= 0)
+    return found
+
+
+@pytest.fixture(scope="session")
+def written(result, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("validation") / "out"
+    write_validation(result, folder)
+    return folder
+
+
+def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
+    """Of a written report, in a browser: signals of a pixel, mean colour difference, spectrum, light in parts."""
+    metrics = json.loads((written / "metrics.json").read_text())
+    x, y = 20, 44
+    with open_browser() as page:
+        page.open(written / "report.html")
+        page.run("globalThis.v = document.getElementById('viewer').viewer; v.ready.then(() => null)")
+        page.run("document.getElementById('viewer').scrollIntoView()")
+        left, top, width = page.run(
+            "(() => {const b = document.querySelector('canvas').getBoundingClientRect();"
+            "return [b.left, b.top, b.width]})()"
+        )
+        page.run("globalThis.told = null; addEventListener('cbox-pixel', (e) => { told = e.detail; })")
+        page.click(left + (x + 0.5) * width / SIZE, top + (y + 0.5) * width / SIZE)
+        record = page.run("told")
+        shown = page.run("v.set({c: 'delta_e_ab'}), Array.from(v._paintedLayer('delta_e_ab').values)")
+        assert page.errors == []
+    maps, image = result.comparison.maps, result.image
+    assert (record["x"], record["y"]) == (x, y)
+    assert record["surface"] == image.surface_names[int(image.surface[y, x])]
+    for band in record["bands"]:
+        index = result.comparison.bands.index(band["id"])
+        for name in ("measured", "rendered", "sigma"):
+            assert band[name] == pytest.approx(maps[name].values[index, y, x], rel=1e-6)
+    assert np.mean([v for v in shown if v is not None]) == pytest.approx(
+        metrics["delta_e_ab"]["mean"], rel=1e-4
+    )
+    spectrum = result.fit.lamp_scale * image.project(np.eye(len(image.wavelength_nm)))[0][y, x]
+    np.testing.assert_allclose(record["spectrum"]["values"], spectrum, atol=2e-3 * spectrum.max())
+    shares = [part["share"] for part in record["light"]]
+    assert sum(shares) == pytest.approx(1, abs=1e-3) and min(shares) > 0
+
+
+def test_shares_of_the_excess_by_region_sum_to_one(written):
+    regions = json.loads((written / "metrics.json").read_text())["regions"]
+    for rows in regions.values():
+        shares = [row["share_of_excess"] for row in rows.values()]
+        assert all(share is None for share in shares) or sum(shares) == pytest.approx(1)
+        assert sum(row["share_of_residuals"] for row in rows.values()) == pytest.approx(1)
+
+
+def distance(camera: Camera, true: Camera) -> float:
+    """Mahalanobis square of the true parameters."""
+    offset = camera.parameters - true.parameters
+    return float(offset @ np.linalg.solve(camera.covariance, offset))
+
+
+def test_a_cache_changes_no_bit_of_a_validation(small_capture, tmp_path):
+    """The same input, without a cache, with one that is empty, and with one that holds every picture."""
+    model = Model(render=RenderSettings(noise=2.0))
+    runs = [validate(small_capture, model, cache=cache) for cache in (None, tmp_path, tmp_path)]
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    first = runs[0]
+    assert len(kept) >= 3
+    for other in runs[1:]:
+        assert other.fit.camera.parameters.tobytes() == first.fit.camera.parameters.tobytes()
+        assert other.fit.lamp_scale == first.fit.lamp_scale
+        assert other.image.coefficients.tobytes() == first.image.coefficients.tobytes()
+        for name, values in first.comparison.maps.items():
+            assert other.comparison.maps[name].values.tobytes() == values.values.tobytes(), name
+
+
+def test_noise_explains_a_capture_without_effect(result, truth):
+    """chi2 per degree of freedom is 1 within 5 standard deviations and the error of the photographed render.
+
+    That render's variance over the variance that is stated adds to chi2, as the capture cannot state it.
+    """
+    responses = result.prepared.calibration.responses
+    stated = result.comparison.maps["sigma"].values ** 2
+    used = np.isfinite(result.comparison.maps["residual_over_sigma"].values)
+    allowance = float(np.mean((render_bands(truth[0], responses)["variance"].values / stated)[used]))
+    chi2 = result.comparison.chi2
+    assert 0 < allowance < 0.2
+    assert abs(chi2.per_dof - 1) < 5 * chi2.per_dof_sigma + allowance
+
+
+def test_the_true_camera_lies_within_the_survey(result, truth):
+    calibrated = result.prepared.calibrated_camera
+    assert distance(calibrated, truth[1]) < LARGEST_DISTANCE
+    assert result.prepared.calibration.camera_fit.reprojection_rms_px <= 1.15 * 0.15
+
+
+def test_the_refit_brings_the_camera_closer(result, truth):
+    """Thousands of pixels along edges know the camera better than fifty surveyed points."""
+    corners = np.concatenate([surface.vertices_mm for surface in truth[2].surfaces])
+    error = [
+        np.sqrt(np.nanmean((camera.project(corners) - truth[1].project(corners)) ** 2))
+        for camera in (result.fit.camera, result.prepared.calibrated_camera)
+    ]
+    assert error[0] < error[1] / 2
+    assert error[0] < 0.03
+
+
+def test_the_lamps_power_comes_back_within_its_uncertainty(result, truth):
+    """lamp.csv was written with an error, which the fit undoes; 0.1% are allowed for C and the render."""
+    stated = result.prepared.scene.lamp.radiance.at(550.0)
+    error = truth[2].lamp.radiance.at(550.0) / stated
+    assert result.fit.lamp_scale == pytest.approx(float(error), abs=1e-3 + 5 * result.fit.lamp_scale_sigma)
+    assert abs(float(error) - 1) < 0.1
+
+
+def test_surfaces_agree(result):
+    for row in result.comparison.by_surface.values():
+        if row.interior_pixels > 20:
+            assert np.all(np.abs(row.relative) < 5 * row.relative_sigma + 0.003)
+            assert row.delta_e_ab < 0.5
+
+
+def test_metrics_have_every_key_of_the_plan(written, result):
+    content = json.loads((written / "metrics.json").read_text())
+    bands, surfaces = result.comparison.bands, result.comparison.by_surface
+    number = (int, float)
+    expected = {
+        "capture": str,
+        "model": str,
+        "version": str,
+        "seconds": number,
+        "camera": {
+            "reprojection_rms_px": number,
+            "position_mm": list,
+            "position_sigma_mm": list,
+            "rotation_deg": list,
+            "focal_length_px": number,
+            "principal_point_px": list,
+            "k1": number,
+            "covariance": list,
+        },
+        "lamp_scale": {"value": number, "sigma": number},
+        "chi2_per_dof": number,
+        "render_sigma_over_sensor_sigma_median": number,
+        "pixels_used": int,
+        "masked": {"saturated": int, "lamp": int},
+        "bands": {
+            band: {
+                "chi2_per_dof": number,
+                "mean_relative_difference": number,
+                "rms_relative_difference": number,
+            }
+            for band in bands
+        },
+        "surfaces": {
+            name: {
+                "relative_difference": dict.fromkeys(bands, number),
+                "delta_e_ab": number,
+                "delta_e_2000": number,
+            }
+            for name in surfaces
+        },
+        "delta_e_ab": {"mean": number, "p95": number, "max": number},
+        "delta_e_2000": {"mean": number, "p95": number, "max": number},
+        "luminance": {"mean_relative_difference": number, "rms_relative_difference": number},
+        "edges": {"share_of_excess": (int, float, type(None)), "chi2_per_dof": number},
+        "interiors": {"chi2_per_dof": number},
+    }
+
+    def check(found, wanted, place):
+        if isinstance(wanted, dict):
+            assert set(wanted) <= set(found), place
+            for key in wanted:
+                check(found[key], wanted[key], f"{place}.{key}")
+        else:
+            assert isinstance(found, wanted), place
+
+    check(content, expected, "metrics")
+    assert np.shape(content["camera"]["covariance"]) == (10, 10)
+    assert set(content["path"][0]) == {"effects", "chi2_per_dof", "delta_e_ab_mean"}
+    assert content["chi2_per_dof"] == pytest.approx(result.comparison.chi2.per_dof)
+
+
+def test_maps_read_back(written, result):
+    names = {path.stem for path in (written / "maps").glob("*.exr")}
+    assert {"measured", "rendered", "sigma", "residual_over_sigma", "difference", "regions", "mask"} <= names
+    for name in names:
+        channels, units = read_map(written / "maps" / f"{name}.exr")
+        assert channels.shape[1:] == (SIZE, SIZE)
+        assert all(units.values()) and np.isfinite(channels.values).any()
+    residual = read_map(written / "maps" / "residual_over_sigma.exr")[0]
+    used = np.isfinite(residual.values)
+    assert np.mean(residual.values[used] ** 2) == pytest.approx(result.comparison.chi2.per_dof, rel=1e-2)
+
+
+def test_the_report_needs_nothing_beside_it(written):
+    page = (written / "report.html").read_text(encoding="utf-8")
+    assert "<html" in page and "data:image/png;base64," in page
+    assert 'src="http' not in page and 'href="http' not in page
+
+
+def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
+    folder = shutil.copytree(small_capture, tmp_path / "capture")
+    path = folder / "capture.toml"
+    text = path.read_text()
+    path.write_text(text[: text.index("[geometry]")])
+    with pytest.raises(InputError, match=r"capture\.toml.*no \[geometry\] with points"):
+        validate(folder, Model())
+
+
+def test_the_baseline_is_met(shared):
+    """The promised figures on a capture by another simulator; the true camera stands in its answers."""
+    result = validate(shared / "captures" / "baseline", Model(render=RenderSettings(noise=0.8)))
+    fit, c = result.prepared.calibration.camera_fit, result.comparison
+    answer = json.loads((shared / "captures" / "answers.json").read_text())["baseline"]["true_camera"]
+    true = Camera(
+        fit.camera.width_px,
+        fit.camera.height_px,
+        answer["fx_px"],
+        np.array([answer["cx_px"], answer["cy_px"]]),
+        answer["k1"],
+        np.array(answer["R"]),
+        np.array(answer["position_mm"]),
+    )
+    assert np.trace(true.rotation @ REFERENCE_ROTATION.T) > 2.99
+    assert fit.reprojection_rms_px <= 1.15 * 0.15
+    assert distance(result.prepared.calibrated_camera, true) <= 29.6
+    for name, row in c.by_surface.items():
+        assert np.all(np.abs(row.relative) < 0.01), name
+        assert row.delta_e_ab < 0.5, name
+    assert 0.9 <= c.chi2.per_dof <= 1.2
+    assert c.render_sigma_over_sensor_sigma <= 1

@@ -1,0 +1,341 @@
+"""The demo end to end: the hidden effect of the bundled capture is named, sized, added, and the error falls."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.render.files.raw_files import read_raw
+from cboxlab.render.image.blur import blur
+from cboxlab.scenes import cornell_box
+from cboxlab.scenes.errors import InputError
+from cboxlab.validate.commands import console
+from cboxlab.validate.commands.demo import DEMO_CAPTURE, run_demo
+from cboxlab.validate.compare.pipeline import rendered_from, validate
+from cboxlab.validate.diagnose.alternatives import SelectedEffect
+from cboxlab.validate.diagnose.diagnosis import diagnose, refitted
+from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
+from cboxlab.validate.diagnose.further_captures import distance, further_captures, separations
+from cboxlab.validate.diagnose.hypotheses import hypotheses
+from cboxlab.validate.diagnose.linearised_fit import linearised_fit, residual_with
+from cboxlab.validate.diagnose.search import fit, screen, signature
+from cboxlab.validate.diagnose.selection import best_singles
+from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue
+from cboxlab.validate.model.model_file import Model, load_model, write_model
+from cboxlab.validate.model.stages import displacement
+from cboxlab.validate.predict.predictor import averaged_on_faces
+from cboxlab.validate.report.diagnosis import (
+    diagnosis_record,
+    path_steps,
+    write_diagnosis,
+)
+from cboxlab.validate.report.plots import MapRow
+from cboxlab.validate.report.story import story
+from PIL import Image
+from scipy import stats
+from scipy.ndimage import convolve
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """One demo, with a rougher render than a user's to save time: what was found, its folder, its terminal text."""
+    folder = tmp_path_factory.mktemp("demo") / "report"
+    with warnings.catch_warnings(), console.console.capture() as text:
+        warnings.simplefilter("ignore")
+        found = run_demo(folder, Model(render=RenderSettings(noise=1.0)))
+    return found, folder, text.get()
+
+
+@pytest.fixture(scope="module")
+def outcome(demo):
+    """The demo's validation and diagnosis."""
+    return demo[0]
+
+
+def test_the_demo_leaves_a_report_and_a_raw_frame(demo):
+    _, folder, _ = demo
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["chi2_per_dof"] > 2  # the hidden glare
+    assert metrics["camera"]["reprojection_rms_px"] < 1.15 * 0.15
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<html" in page and "The same light in another camera: Kodak DCS-200" in page
+    counts, notes = read_raw(folder / "raw.tif")
+    assert counts.shape == (128, 128) and counts.dtype == np.uint16
+    assert notes["camera"] == "Kodak DCS-200"
+    preview = np.asarray(Image.open(folder / "raw.png"))
+    assert preview.shape == (128, 128, 3)
+    # The red wall stands on the left, the green one on the right.
+    left, right = preview[40:90, 4:12].mean(axis=(0, 1)), preview[40:90, -12:-4].mean(axis=(0, 1))
+    assert left[0] > 1.5 * left[1] and right[1] > 1.2 * right[0]
+
+
+def test_the_demo_tells_its_story_in_order(demo):
+    *_, text = demo
+    steps = [text.index(f"{number}. ") for number in range(1, 6)]
+    assert steps == sorted(steps)
+    for words in (
+        "reprojection rms",
+        "Render of the model",
+        "per degree of freedom",
+        "of the excess χ²",
+        "DCS-200",
+    ):
+        assert words in text
+    assert "Noise does not explain the difference." in text
+
+
+def test_hidden_glare_is_found_and_sized(outcome):
+    """The bundled capture hides veiling glare of 0.004: 0.4 % of all light, 20 times its measurement's error."""
+    _, diagnosis = outcome
+    assert not diagnosis.adequate
+    assert diagnosis.selected == ("veiling-glare",)
+    assert diagnosis.ranking[0].effect == "veiling-glare"
+    fraction = diagnosis.path[-1].effects[0].values["fraction"]
+    assert fraction == pytest.approx(0.004, rel=0.05)
+    assert diagnosis.heldout_pixels > 0.9
+    assert diagnosis.heldout_bands > 0.9
+
+
+def test_error_falls_to_the_noise(outcome):
+    validation, diagnosis = outcome
+    first, last = diagnosis.path[0], diagnosis.path[-1]
+    assert first.comparison is validation.comparison
+    assert last.comparison.chi2.per_dof < 1.2 < first.comparison.chi2.per_dof
+    assert last.smooth_excess < 0.1 * first.smooth_excess
+    noise = last.comparison.delta_e_ab_noise.mean
+    assert last.comparison.delta_e_ab.mean < 1.1 * noise
+
+
+def test_a_camera_pulled_away_by_pixels_comes_back(outcome):
+    """From 2 px aside, further than one picture can be warped, to within 0.01 px of the fit from nearby."""
+    validation, _ = outcome
+    near, corners = validation.fit.camera, np.concatenate([s.vertices_mm for s in cornell_box().surfaces])
+    aside = near.with_parameters(near.parameters + np.array([0, 0, 0, 0.7, 0.7, 0, 0, 0, 0, 0]))
+    settings = RenderSettings(noise=2.0)
+    there = rendered_from(validation.prepared, validation.light, aside, settings, ())
+
+    def away(camera):
+        return float(np.sqrt(np.nanmean(np.square(camera.project(corners) - near.project(corners)))))
+
+    assert away(aside) > 2
+    rough = replace(validation, model=Model(render=settings))
+    linearised = linearised_fit(validation.prepared, replace(there, used=validation.rendered.used), ())
+    assert away(refitted(rough, linearised, []).rendered.fit.camera) < 0.01
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_model_without_any_reflection_has_nothing_to_compare():
+    with pytest.raises(InputError, match="max_bounces"):
+        validate(DEMO_CAPTURE, Model(render=RenderSettings(max_bounces=0)))
+
+
+def test_record_has_the_agreed_keys(outcome, tmp_path):
+    _, diagnosis = outcome
+    write_diagnosis(tmp_path / "d.json", diagnosis)
+    record = json.loads((tmp_path / "d.json").read_text())
+    assert {"adequate", "chi2_per_dof", "ranking", "selected", "indistinguishable"} <= set(record)
+    assert record == diagnosis_record(diagnosis)
+    names = [entry["effect"] for entry in record["ranking"]]
+    assert len(set(names)) == len(names) and "unknown" in names
+    assert sum(entry["probability"] for entry in record["ranking"]) == pytest.approx(
+        1.0
+    )  # nothing missing is ruled out
+    assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
+
+
+def test_report_tells_the_cause_its_size_and_why_not_another(outcome):
+    _, diagnosis = outcome
+    bands = [(i, f"band {i}") for i in range(len(diagnosis.residual))]
+    told = story(diagnosis, bands)
+    assert told.headline.sentence.startswith("The model lacks veiling-glare (fraction 0.00")
+    first, second, third = diagnosis.causes
+    assert first.effect == "veiling-glare" and first.behind_sigma == 0
+    assert first.cosine > 0.5 and first.cosine_with_first == pytest.approx(1)
+    assert max(second.cosine, third.cosine) < first.cosine
+    text = " ".join(told.missing.paragraphs)
+    assert f"Why not {second.effect}" in text and f"Why not {third.effect}" in text
+    signatures = [block for block in told.missing.blocks if isinstance(block, MapRow)]
+    assert len(signatures) == 4  # the difference and three causes, the same bands, one scale
+    assert len({tuple(p.caption for p in row.panels) for row in signatures}) == 1
+    assert {(row.scale.low, row.scale.high) for row in signatures} == {(-5, 5)}
+    assert any("Add it to the model: veiling-glare fraction=0.00" in step for step in told.next.steps)
+
+
+def test_final_model_is_written_and_read_back(outcome, tmp_path):
+    _, diagnosis = outcome
+    write_model(tmp_path / "model.toml", diagnosis.model)
+    again = load_model(tmp_path / "model.toml")
+    assert [(e.id, dict(e.values)) for e in again.effects] == [
+        (e.id, dict(e.values)) for e in diagnosis.model.effects
+    ]
+
+
+def test_model_with_the_true_effect_is_adequate(monkeypatch):
+    """Given the effect, nothing is missing: the diagnosis must not invent a second cause.
+
+    Only causes in the camera compete here, the nearest to glare; those in the scene take long to screen.
+    """
+    stages = ("camera", "filter", "optics", "counts")
+    monkeypatch.setattr(
+        "cboxlab.validate.diagnose.diagnosis.hypotheses",
+        lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
+    )
+    effect = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
+    validation = validate(DEMO_CAPTURE, Model(effects=(effect,), render=RenderSettings(noise=1.5)))
+    assert diagnose(validation).adequate
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("camera-pose", {"rz_deg": 0.1, "tx_mm": 2.0}), ("lens-distortion", {"k1": -0.02})],
+)
+def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, effect, values):
+    """The picture fits the fitted camera whatever the survey says: moving the survey's moves only what strains it.
+
+    The survey itself is off by its own noise, so the estimate lies within 4 standard deviations of the truth.
+    """
+    validation, _ = outcome
+    moved = apply_checked(effect, values, "test")
+    surveyed = validation.prepared.calibrated_camera
+    before = surveyed.with_parameters(surveyed.parameters - displacement(surveyed, (), (moved,)))
+    glare = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
+    surveyed_there = replace(validation.prepared.camera_fit, camera=before)
+    prepared = replace(validation.prepared, camera_fit=surveyed_there)
+    linearised = linearised_fit(prepared, validation.rendered, (glare,))
+    problem, residual = linearised.problem(()), linearised.model.residual
+    known = [
+        signature(linearised.predictor, (glare,), linearised.model.used, h)
+        for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
+        if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
+    ]
+    found = first_significant(best_singles(problem, known, residual, 3), residual, linearised.model, residual)
+    assert found is not None
+    assert found.hypothesis.effect.id == effect
+    for name, value in values.items():
+        assert abs(found.numbers[name] - value) < 4 * found.sigma[name]
+    with_it = linearised_fit(prepared, validation.rendered, (glare, moved))
+    assert prior_pull(residual) > 5
+    assert prior_pull(residual_with(with_it, [])) < np.sqrt(stats.chi2.isf(1e-5, 11))
+
+
+def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):
+    """Mixed from the pictures of two patterns, against its own rays.
+
+    Pixels' errors are independent of each other (false alarm 1e-6 a comparison); beyond them the patches' own light,
+    traced with 512 rays each, may be off by 0.1% of a surface's mean.
+    """
+    predictor = outcome[0].rendered.predictor
+    scene = replace(predictor.scene, lamp=replace(predictor.scene.lamp, edge_ratio=0.3))
+    effect = apply_checked("lamp-nonuniform", {"edge_ratio": 0.3}, "test")
+    mixed, traced = predictor.patch_picture((effect,)), predictor.patch_picture_of(scene, ())
+    plain, image = predictor.patch_picture(()), predictor.image
+    change = 0.0
+    for surface in range(len(image.surface_names)):
+        own = image.single_surface & (image.surface == surface)
+        off, level = (mixed - traced)[:, own].mean(axis=0), plain[:, own].mean()
+        assert abs(off.mean()) < 4.9 * off.std() / np.sqrt(own.sum()) + 0.001 * level
+        change = max(change, abs((mixed - plain)[:, own].mean()) / level)
+    assert change > 0.01
+
+
+def test_a_users_effect_may_give_a_surface_another_paint(outcome):
+    """All that is red in a new paint, a tenth darker: what wall-reflectance makes of the old one, to rounding."""
+    predictor = outcome[0].rendered.predictor
+    darker = apply_checked("wall-reflectance", {"material": "red", "scale": 0.9}, "test")
+
+    def repaint(scene):
+        surfaces = tuple(replace(s, material="new") if s.material == "red" else s for s in scene.surfaces)
+        new = darker.apply(scene).materials["red"]
+        return replace(scene, surfaces=surfaces, materials={**scene.materials, "new": new})
+
+    effect = AppliedEffect(Effect("repainted", "scene", "", (), repaint, ""), {})
+    after, plain = predictor.patch_picture((effect,)), predictor.patch_picture(())
+    np.testing.assert_allclose(after, predictor.patch_picture((darker,)), rtol=1e-5)
+    lit = plain > 0
+    assert abs(after[lit] / plain[lit] - 1).max() > 0.05
+
+
+def test_averaged_changes_stay_on_their_face():
+    """A mean of neighbours keeps what is even, halves of a picture do not mix, and noise falls."""
+    face = np.where(np.arange(40) < 20, 3, 5) * np.ones((30, 1), int)
+    face[10, 10] = -1
+    steps = np.where(face == 5, 1.2, 0.9)[None]
+    np.testing.assert_allclose(averaged_on_faces(steps, face), steps, rtol=1e-12)
+    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal((2, 30, 40))
+    evened = averaged_on_faces(noise, face)
+    assert np.std(evened - 1) < 0.4 * 0.01
+    np.testing.assert_array_equal(evened[:, 10, 10], noise[:, 10, 10])
+
+
+def test_a_capped_frame_tells_an_offset_from_glare(outcome):
+    """Glare needs light, an offset does not: frames with the lens capped and the lamp on separate the two.
+
+    An offset of d DN in n capped frames' samples of variance v makes at least n d^2 / v of chi2, glare nothing.
+    """
+    validation, _ = outcome
+    linearised = linearised_fit(validation.prepared, validation.rendered, ())
+    problem, residual = linearised.problem(()), linearised.model.residual
+    known = {
+        h.effect.id: h
+        for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
+        if h.effect.id in ("dark-offset", "veiling-glare")
+    }
+    fitted = {
+        name: fit(
+            problem,
+            screen(problem, signature(linearised.predictor, (), linearised.model.used, h), residual),
+            residual,
+        )
+        for name, h in known.items()
+    }
+    glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
+    one = SelectedEffect(offset, (replace(glare, chi2=offset.chi2),), linearised.model.chi2, 1.0, 1.0)
+    (found,) = separations(validation.prepared, linearised, [one])
+    assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)
+    capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)
+    dark = validation.prepared.calibration.predicted_variance(np.zeros(linearised.base.shape))[
+        linearised.model.used
+    ]
+    least = np.sum(offset.numbers["dn"] ** 2 / dark)
+    reached = distance(validation.prepared, linearised, capped, (), offset, glare)
+    now = distance(validation.prepared, linearised, None, (), offset, glare)
+    assert 0.9 * least < reached - now < 1.2 * least
+
+
+def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
+    """White noise of variance v keeps the sum of k^2 v behind a blur with kernel k; that much chi2 is not the truth's.
+
+    One draw of n values: the sum of squares scatters by sqrt(2 sum of (v / sigma^2)^2); false alarm 6e-5 at 4.
+    """
+    validation, _ = outcome
+    linearised = linearised_fit(validation.prepared, validation.rendered, ())
+    delta = np.zeros((15, 15))
+    delta[7, 7] = 1.0
+    kernel = blur(delta, 0.4)
+    variance = np.where(np.isfinite(validation.rendered.variance), validation.rendered.variance, 0.0)
+    behind = np.stack([convolve(v, kernel**2, mode="nearest") for v in variance])
+    model = linearised.model
+    expected = linearised.scale**2 * np.sum((variance - behind)[model.used] / model.sigma**2)
+    scatter = np.sqrt(2 * np.sum((variance[model.used] / model.sigma**2) ** 2))
+    problem = linearised.problem(())
+    found = problem.noise_averaging_gain(apply_checked("defocus", {"sigma_px": 0.4}, "test"))
+    assert abs(found - expected) < 4 * scatter
+    assert expected > 20 * scatter
+    assert (
+        problem.noise_averaging_gain(
+            apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")
+        )
+        == 0
+    )
+
+
+def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
+    known = hypotheses(("f400", "f550"), cornell_box(), RenderSettings(max_bounces=2))
+    assert {h.effect.id for h in known} == set(catalogue())
+    whole = hypotheses(("f400", "f550"), cornell_box(), RenderSettings())
+    assert "interreflection" not in {h.effect.id for h in whole}
+    bands = {h.fixed["band"] for h in whole if h.effect.id == "band-gain"}
+    assert bands == {"f400", "f550"}
+    assert all(np.isfinite(p.step) for h in whole for p in h.free)

@@ -1,0 +1,69 @@
+"""Another renderer's picture that lacks light: the depth of its paths is found, and its energy is told.
+
+The capture is photographed without any effect; the pictures in place of ours are ours, complete or cut.
+"""
+
+import numpy as np
+import pytest
+from cboxlab.render.chain import RenderSettings
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.files import write_cube
+from cboxlab.render.integrators import render
+from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare import prepare, validate
+from cboxlab.validate.diagnose.foreign_side import foreign_side
+from cboxlab.validate.model import Model
+from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+SIZE, SEED = 32, 3
+GRID = np.arange(400.0, 701.0, 20.0)
+
+
+@pytest.fixture(scope="module")
+def complete():
+    camera, scene = perturbed_camera(SIZE, SEED), photographed_scene(Model())
+    return render(scene, camera, WAVELENGTH_NM, 64, 2, seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def capture(complete, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("foreign") / "capture"
+    camera, scene = perturbed_camera(SIZE, SEED), photographed_scene(Model())
+    photograph_image(folder, complete, (), None, scene, camera, settings=CaptureSettings(), seed=SEED)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(capture, tmp_path_factory):
+    """By the number of reflections of a cube through the calibrated camera: the validation, what is found, the cube."""
+    path = tmp_path_factory.mktemp("cubes") / "cube.nc"
+    prepared, model = prepare(capture, Model()), Model(render=RenderSettings(noise=2.0))
+    found = {}
+    for depth in (4, None):
+        camera = prepared.calibrated_camera
+        cube = render(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth).cube()
+        write_cube(path, cube)
+        found[depth] = *foreign_side(validate(capture, model, picture=path)), cube
+    return found
+
+
+def test_the_depth_at_which_paths_end_is_found(found):
+    validation, side, _ = found[4]
+    assert side.max_bounces == 4
+    assert validation.model.render.max_bounces == 4
+    assert found[None][1].max_bounces is None
+
+
+def test_missing_light_is_told_and_not_fitted_away(found):
+    """The cube's light outside the lamp over the complete cube's, all wavelengths alike, within 2 % of the light; the
+    lamp's true power, which both share, is within what the capture states."""
+    validation, side, cube = found[4]
+    outside = (cube["surface"].values >= 0) & (found[None][2]["surface"].values >= 0)
+    light, whole = (float(found[depth][2]["radiance"].values[outside].sum()) for depth in (4, None))
+    assert light / whole < 0.97
+    assert (1 + side.energy) / (1 + found[None][1].energy) == pytest.approx(light / whole, abs=0.02)
+    assert abs(found[None][1].energy) < 2.5 * side.lamp_sigma
+    assert abs(validation.fit.lamp_scale - 1) <= 2 * side.lamp_sigma + 1e-9

@@ -1,0 +1,58 @@
+"""Prediction of what was held out: a true cause has one amplitude everywhere, an effect that resembles it has not."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose.heldout import heldout_bands, heldout_pixels
+from cboxlab.validate.diagnose.linear_model import LinearModel
+
+SHAPE = (4, 64, 64)
+COUNT = int(np.prod(SHAPE))
+
+
+@pytest.fixture
+def model():
+    everywhere = np.ones(SHAPE, bool)
+    return LinearModel(
+        used=everywhere,
+        interior=np.ones(COUNT, bool),
+        patch=np.zeros(COUNT, int),
+        sigma=np.ones(COUNT),
+        priors=np.zeros((11, 11)),
+        basis=np.zeros((COUNT + 11, 11)),
+        shared_errors=np.zeros((COUNT + 11, 1)),
+        residual=np.zeros(COUNT + 11),
+    )
+
+
+@pytest.fixture
+def shape():
+    """A smooth picture, stronger from band to band."""
+    v, u = np.mgrid[0:64, 0:64] / 64
+    return np.append(((1 + u * v) * np.array([0.5, 1, 1.5, 2])[:, None, None]).ravel(), np.zeros(11))
+
+
+def test_a_true_cause_predicts_what_was_held_out(model, shape):
+    """Noise of 1 per sample costs the held-out gain about 1 of 16384 s^2: both ratios are 1 within 5 per cent."""
+    noise = np.random.default_rng(3).standard_normal(len(shape))
+    residual = 0.3 * shape + noise
+    assert heldout_pixels(model, residual, shape) == pytest.approx(1, abs=0.05)
+    assert heldout_bands(model, residual, shape) == pytest.approx(1, abs=0.05)
+
+
+def test_a_shape_that_only_fits_one_band_fails_in_the_others(model, shape):
+    residual = shape.copy()
+    residual[: COUNT // 2] *= -1  # the two weaker bands want the opposite sign
+    residual[3 * COUNT // 4 : COUNT] *= 0
+    assert heldout_bands(model, residual, shape) < 0.5
+
+
+def test_a_shape_that_only_fits_every_other_block_fails_in_the_rest(model, shape):
+    rows, columns = np.indices((64, 64)) // 16
+    residual = shape.copy()
+    residual[:COUNT] *= np.tile(np.where((rows + columns) % 2, 1.0, -0.6).ravel(), 4)
+    assert heldout_pixels(model, residual, shape) < 0.5
+
+
+def test_one_band_alone_cannot_be_predicted_from_the_others(model, shape):
+    shape[: 3 * COUNT // 4] = 0
+    assert np.isnan(heldout_bands(model, 0.3 * shape, shape))

@@ -1,0 +1,109 @@
+"""The linear model of a residual: what nuisances can imitate is gone, what they cannot stays, noise stays noise."""
+
+import numpy as np
+import pytest
+from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
+from cboxlab.validate.compare.nuisances import NuisanceFit
+from cboxlab.validate.diagnose.linear_model import build_linear_model, smooth_excess
+
+SHAPE = (3, 48, 48)
+
+
+@pytest.fixture
+def parts():
+    """Base picture, ten smooth derivative pictures, a camera with a covariance."""
+    generator = np.random.default_rng(5)
+    v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
+    base = 1000 * (1 + 0.3 * u)[None] * np.array([0.6, 1.0, 1.4])[:, None, None]
+    derivative = np.array([np.sin((k + 1) * (u + 0.3 * k * v)) * base for k in range(10)])
+    camera = Camera(
+        48, 48, 60.0, np.array([23.5, 23.5]), 0.0, REFERENCE_ROTATION, np.zeros(3), 1e-4 * np.eye(10)
+    )
+    return generator, base, derivative, camera
+
+
+def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
+    fit = NuisanceFit(camera, scale, 0.001)
+    return build_linear_model(
+        measured=measured,
+        base=base,
+        variance=np.full(SHAPE, 25.0),
+        used=np.ones(SHAPE, bool),
+        coverage=np.ones((*SHAPE[1:], 1)),
+        camera_derivative=derivative,
+        fit=fit,
+        calibrated=camera,
+        lamp_sigma=sigma,
+    )
+
+
+def test_nuisances_within_their_priors_leave_nothing(parts):
+    """A shift of one prior sigma in a camera parameter and of the lamp costs its prior, no more: chi2 of order 2."""
+    _, base, derivative, camera = parts
+    measured = base + 0.01 * derivative[3] + 0.02 * base
+    model = model_of(measured, base, derivative, camera)
+    raw = np.sum((measured - base) ** 2 / 25.0)
+    assert raw > 1e4
+    assert model.chi2 < 2.1  # the priors' own cost: (0.01 / 0.01)^2 + (0.02 / 0.02)^2 at most
+
+
+def test_chi2_of_noise_is_the_count(parts):
+    """Pure noise: chi2 of n + 11 rows less 11 directions is n on average, standard deviation sqrt(2 n)."""
+    generator, base, derivative, camera = parts
+    values = []
+    for _ in range(40):
+        model = model_of(base + 5 * generator.standard_normal(SHAPE), base, derivative, camera)
+        values.append(model.chi2)
+    count = np.prod(SHAPE)
+    z = (np.mean(values) - count) / np.sqrt(2 * count / 40)
+    assert abs(z) < 4  # false alarm 6e-5
+
+
+def test_signature_keeps_only_what_nuisances_cannot_imitate(parts):
+    _, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera)
+    own = np.random.default_rng(1).standard_normal(SHAPE)
+    assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(
+        base / 5
+    )  # the lamp's scale is a nuisance
+    whitened = model.whiten(own)
+    assert np.allclose(model.project(whitened), whitened)
+    assert np.allclose(model.basis.T @ whitened, 0, atol=1e-9)
+
+
+def test_a_moved_camera_leaves_what_the_survey_says_of_it(parts):
+    """Where the derivatives are exact, a motion's picture and its prior rows leave the same once projected."""
+    _, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera)
+    change = 0.01 * np.random.default_rng(2).standard_normal(10)
+    picture = model.whiten(np.tensordot(change, derivative, 1))
+    np.testing.assert_allclose(
+        model.camera_change(change), picture, atol=1e-9 * np.linalg.norm(change / 0.01)
+    )
+    assert np.linalg.norm(picture) > 0.5 * np.linalg.norm(change / 0.01)
+
+
+def test_smooth_excess_sees_what_chi2_does_not(parts):
+    """A tenth of a sigma everywhere adds 0.01 to chi2 per sample, less than its scatter here; block means show it."""
+    generator, base, derivative, camera = parts
+    noise = 5 * generator.standard_normal(SHAPE)
+    pattern = np.where((np.indices(SHAPE[1:])[0] // 16) % 2, 1.0, -1.0)
+    quiet = model_of(base + noise, base, derivative, camera)
+    flawed = model_of(base + noise + 0.5 * pattern, base, derivative, camera)
+    blocks = np.prod(SHAPE) / 64
+    scatter = np.sqrt(2 * blocks) / np.prod(SHAPE)
+    assert abs(smooth_excess(quiet, quiet.residual)) < 5 * scatter
+    assert smooth_excess(flawed, flawed.residual) > smooth_excess(quiet, quiet.residual) + 0.005
+
+
+def test_shared_errors_have_their_stated_size(parts):
+    """One standard deviation: 0.07 % of each band by itself, 0.1 % of all bands on the one face, over noise of 5."""
+    _, base, derivative, camera = parts
+    scale = 0.9
+    model = model_of(base, base, derivative, camera, scale)
+    shared_errors = model.shared_errors[: np.prod(SHAPE)].T.reshape(-1, *SHAPE)
+    assert len(shared_errors) == SHAPE[0] + 1
+    for band, error in enumerate(shared_errors[:-1]):
+        assert error[band] == pytest.approx(0.0007 * scale * base[band] / 5, rel=1e-5)
+        assert not np.delete(error, band, axis=0).any()
+    assert shared_errors[-1] == pytest.approx(0.001 * scale * base / 5, rel=1e-5)

@@ -1,0 +1,136 @@
+"""The stated errors of an effect's parameters, for residuals that are more than independent noise; what counts."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.scenes import cornell_box
+from cboxlab.validate.diagnose.evidence import first_significant
+from cboxlab.validate.diagnose.hypotheses import hypotheses
+from cboxlab.validate.diagnose.linear_model import LinearModel, smooth_part
+from cboxlab.validate.diagnose.search import (
+    Candidate,
+    Signature,
+    parameter_variance,
+    screen,
+)
+
+PATCHES, EACH, TRIALS = 64, 30, 600
+
+#: A picture of 32 x 32 pixels without nuisances.
+SQUARE = SimpleNamespace(
+    count=1024, project=lambda vector: vector, image=lambda vector: vector[:1024].reshape(1, 32, 32)
+)
+
+
+def test_parameter_errors_hold_for_errors_that_pixels_share():
+    """Residuals with an error common to each patch, and one of known size in all: estimates over their stated errors
+    have unit variance.
+
+    The variance of 600 standard normal numbers is 1 +- 0.058; a few per cent are lost to 64 patches. With
+    independent noise assumed it would be several times too much, and 1.9 without the shared error, which the
+    estimate follows.
+    """
+    generator = np.random.default_rng(11)
+    count = PATCHES * EACH
+    patch = np.repeat(np.arange(PATCHES), EACH)
+    everything = np.ones((1, PATCHES, EACH), bool)
+    shared = np.append(np.where(patch < PATCHES // 2, 0.12, 0.0), np.zeros(11))
+    model = LinearModel(
+        used=everything,
+        interior=np.ones(count, bool),
+        patch=patch,
+        sigma=np.ones(count),
+        priors=np.zeros((11, 11)),
+        basis=np.zeros((count + 11, 11)),
+        shared_errors=shared[:, None],
+        residual=np.zeros(count + 11),
+    )
+    column = np.append(1 + 0.3 * generator.standard_normal(count), np.zeros(11))
+    inverse = np.array([[1 / (column @ column)]])
+    honest, unaware, naive = [], [], []
+    for _ in range(TRIALS):
+        error = 0.5 * generator.standard_normal(PATCHES)[patch]
+        residual = np.append(error + generator.standard_normal(count), np.zeros(11))
+        residual += shared * generator.standard_normal()
+        estimate = float(column @ residual) * inverse[0, 0]
+        left = residual - estimate * column
+        for found, known in (
+            (honest, model),
+            (unaware, replace(model, shared_errors=0 * model.shared_errors)),
+        ):
+            found.append(estimate / np.sqrt(parameter_variance(known, column[:, None], inverse, left)[0]))
+        naive.append(estimate / np.sqrt(inverse[0, 0]))
+    assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
+    assert np.var(unaware) > 1.4
+    assert np.var(naive) > 4
+
+
+def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
+    """A pull of 10 standard deviations on the priors, relieved by the camera's motion; chi2 is gained by an offset."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    residual = np.zeros(1035)
+    residual[:3], residual[-11] = 1.0, 10.0
+
+    def candidate(name, predicted):
+        left = residual - predicted
+        by_priors = name == "camera-pose"
+        return Candidate(known[name], {}, {}, float(left @ left), predicted, by_priors)
+
+    moved, offset = np.zeros(1035), np.zeros(1035)
+    moved[-11], offset[:3] = 9.0, 1.0
+    lucky, pose = candidate("dark-offset", offset), candidate("camera-pose", moved)
+    assert first_significant([lucky, pose], residual, SQUARE, residual) is pose
+    assert first_significant([lucky, candidate("camera-pose", offset)], residual, SQUARE, residual) is None
+
+
+def test_a_gain_must_exceed_the_errors_of_shapes_that_are_not_rendered_again():
+    """Of 10^5 explained a hundredth may be an effect's own error; none of it where the picture is rendered again."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    residual, rendered = np.zeros(1035), np.zeros(1035)
+    residual[0], rendered[1] = 10.0, np.sqrt(1e5 + 100)
+    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    assert first_significant([offset], residual, SQUARE, rendered) is None
+    assert first_significant([offset], residual, SQUARE, residual) is offset
+
+
+def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
+    """The base picture's errors are smooth: 0.01 of chi2 per sample may be theirs on faces, not at edges."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    level = np.append(np.full(1024, 0.1), np.zeros(11))
+    sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
+    for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
+        assert smooth_part(SQUARE, change) == pytest.approx(smooth)
+        found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change)
+        assert (found is not None) is gains
+
+
+def test_screening_leaves_out_what_averaging_noise_would_gain():
+    """|r - a c|^2 + s a, s what a step of the effect smooths away, is least at (c r - s / 2) / c^2."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    generator = np.random.default_rng(1)
+    column, residual = generator.standard_normal(1035), generator.standard_normal(1035)
+    residual += 3 * column
+    problem = SimpleNamespace(
+        model=SimpleNamespace(project=lambda vector: vector, whiten_used=lambda change: change),
+        scale=1.0,
+        noise_averaging_gain=lambda effect: 100.0,
+        camera_change=lambda effect: 0.0,
+    )
+    found = screen(problem, Signature(known["defocus"], (0.15,), column[None]), residual)
+    amplitude = (column @ residual - 50.0) / (column @ column)
+    assert found.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
+    left = residual - amplitude * column
+    assert found.chi2 == pytest.approx(left @ left + 100.0 * amplitude)
+
+
+def test_the_error_of_an_index_is_not_that_of_its_coordinate():
+    """Filter shift is searched in 1 / n^2; a small error of that, as an index' own."""
+    (p,) = next(
+        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "filter-shift"
+    ).free
+    coordinate, error = p.to_coordinate(2.0), 1e-6
+    ends = [p.from_coordinate(coordinate + sign * error) for sign in (-1, 1)]
+    assert p.deviation(2.0, error) == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)

@@ -1,0 +1,172 @@
+"""Choosing effects whose shapes are known exactly: patterns over noise of 1, on a picture without nuisances."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.scenes import cornell_camera
+from cboxlab.validate.diagnose.alternatives import (
+    confirmed_where_held_out,
+    groups,
+    with_alternatives,
+    with_better_alternatives,
+)
+from cboxlab.validate.diagnose.hypotheses import Hypothesis
+from cboxlab.validate.diagnose.linear_model import LinearModel
+from cboxlab.validate.diagnose.linearised_fit import LinearisedFit, refitted_together, residual_with
+from cboxlab.validate.diagnose.search import Candidate, fit, signature
+from cboxlab.validate.diagnose.selection import backward_elimination, pairs_replaced
+from cboxlab.validate.effects import Effect, Parameter
+
+SHAPE = (3, 40, 40)
+COUNT = int(np.prod(SHAPE))
+AMOUNT = Parameter("amount", null=0.0, low=-10.0, high=10.0, step=0.1)
+
+
+class Patterns:
+    """A predictor of pictures that are sums of patterns, by the effects' amounts."""
+
+    camera = cornell_camera(40)
+    settings = SimpleNamespace(seed=0)
+
+    def __init__(self, patterns):
+        self.patterns = patterns
+
+    def signal(self, effects):
+        return 1000.0 + sum((e.values["amount"] * self.patterns[e.id] for e in effects), np.zeros(SHAPE))
+
+
+def waves(across, down):
+    """A smooth pattern of mean square 1, alike in all bands."""
+    v, u = np.mgrid[0:40, 0:40] / 40
+    wave = np.cos(np.pi * across * u) * np.cos(np.pi * down * v)
+    return np.broadcast_to(wave / np.sqrt(np.mean(wave**2)), SHAPE)
+
+
+def laboratory(patterns, truth, seed=4):
+    """A linearised fit to a picture that holds ``truth`` (amounts by name), and all signatures."""
+    predictor = Patterns(patterns)
+    noise = np.random.default_rng(seed).standard_normal(SHAPE)
+    residual = sum((amount * patterns[name] for name, amount in truth.items()), noise)
+    everywhere = np.ones(SHAPE, bool)
+    model = LinearModel(
+        used=everywhere, interior=np.ones(COUNT, bool), patch=np.zeros(COUNT, int), sigma=np.ones(COUNT),
+        priors=np.zeros((11, 11)), basis=np.zeros((COUNT + 11, 11)), shared_errors=np.zeros((COUNT + 11, 1)),
+        residual=np.append(residual.ravel(), np.zeros(11)),
+    )  # fmt: skip
+    fit = SimpleNamespace(lamp_scale=1.0)
+    rendered = SimpleNamespace(fit=fit, variance=np.zeros(SHAPE))
+    linearised = LinearisedFit(
+        rendered, predictor, model, (), predictor.signal(()), np.zeros(SHAPE), np.zeros((10, *SHAPE))
+    )
+    known = [
+        Hypothesis(Effect(name, "filter", name, (AMOUNT,), lambda value, amount: value, ""), (AMOUNT,), {})
+        for name in patterns
+    ]
+    return linearised, {h.effect.id: signature(predictor, (), everywhere, h) for h in known}
+
+
+def taken(linearised, known, *names):
+    """Candidates of these names, fitted together."""
+    start = [
+        Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
+    ]
+    return refitted_together(linearised, start, 4)
+
+
+def names_of(chosen):
+    return {c.hypothesis.effect.id for c in chosen}
+
+
+def test_two_effects_take_the_place_of_three_that_imitate_them():
+    one, half, other = waves(1, 0), waves(0, 2), waves(3, 1)
+    patterns = {"one": one, "both": half + other, "half": half, "other": other}
+    linearised, known = laboratory(patterns, {"one": 0.8, "both": 0.5})
+    chosen = taken(linearised, known, "one", "half", "other")
+    found = pairs_replaced(linearised, chosen, [*known.values()])
+    assert names_of(found) == {"one", "both"}
+    before, after = (float(np.sum(residual_with(linearised, c) ** 2)) for c in (chosen, found))
+    assert abs(after - before) < 25  # one number less
+
+
+def test_three_effects_that_are_all_there_stay():
+    patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1), "four": waves(2, 2)}
+    linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5, "three": -0.6})
+    chosen = taken(linearised, known, "one", "two", "three")
+    assert names_of(pairs_replaced(linearised, chosen, [*known.values()])) == {"one", "two", "three"}
+    assert names_of(backward_elimination(linearised, chosen)) == {"one", "two", "three"}
+    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in chosen}
+    assert amounts == pytest.approx({"one": 0.8, "two": 0.5, "three": -0.6}, abs=4 / np.sqrt(COUNT))
+
+
+def test_an_effect_that_a_later_one_made_superfluous_goes():
+    patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
+    linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5})
+    chosen = taken(linearised, known, "mixture", "one", "two")
+    assert names_of(backward_elimination(linearised, chosen)) == {"one", "two"}
+
+
+def test_a_mixture_that_came_first_gives_its_place_to_the_cause():
+    patterns = {
+        "mixture": waves(1, 0) + 0.7 * waves(0, 2) + 0.3 * waves(2, 1),
+        "one": waves(1, 0),
+        "two": waves(0, 2),
+    }
+    linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.3})
+    chosen, where = with_better_alternatives(
+        linearised, taken(linearised, known, "mixture", "two"), [*known.values()]
+    )
+    assert names_of(chosen) == {"one", "two"}
+    assert groups(where) == ()
+
+
+def test_effects_of_one_shape_are_a_group():
+    """Shapes a hundredth apart: at an amount of 0.5 they differ by 4800 (0.005)^2 = 0.1 of chi2."""
+    patterns = {"one": waves(1, 0), "twin": waves(1, 0) + 0.01 * waves(2, 1), "stranger": waves(0, 3)}
+    linearised, known = laboratory(patterns, {"one": 0.5})
+    found = groups(with_alternatives(linearised, taken(linearised, known, "one"), [*known.values()]))
+    assert found == (("one", "twin"),)
+
+
+def test_what_holds_in_one_corner_only_is_no_cause():
+    """A shape with the truth's sign in one block of 16 pixels and against it in the next is dropped."""
+    rows, columns = np.indices(SHAPE[1:]) // 16
+    board = np.where((rows + columns) % 2, 1.0, 0.1)
+    patterns = {"even": np.ones(SHAPE), "cause": np.broadcast_to(board, SHAPE)}
+    linearised, known = laboratory(patterns, {"cause": 0.6})
+    for name, kept in (("even", set()), ("cause", {"cause"})):
+        chosen = taken(linearised, known, name)
+        alternatives = with_alternatives(linearised, chosen, [known[name]])
+        assert names_of(confirmed_where_held_out(linearised, chosen, alternatives, [known[name]])[0]) == kept
+
+
+class Ripples(Patterns):
+    """Waves whose number across the picture is the effect's too."""
+
+    def signal(self, effects):
+        u = np.mgrid[0:40, 0:40][1] / 40
+        ripples = (e.values["amount"] * np.cos(np.pi * e.values["across"] * u) for e in effects)
+        return 1000.0 + sum(ripples, np.zeros(SHAPE))
+
+
+def test_a_number_without_null_is_fitted_unless_it_is_held():
+    """A wave of 1.3: found from 1.0 within its error; held at 1.0 it stays, and the amount is the best one for 1.0."""
+    across = Parameter("across", low=0.5, high=3.0, step=0.05)
+    effect = Effect("ripple", "filter", "ripple", (AMOUNT, across), lambda value, **numbers: value, "")
+    known = Hypothesis(effect, (AMOUNT,), {"across": 1.0})
+    truth = Ripples({}).signal([known.at({"amount": 0.5, "across": 1.3})]) - 1000.0
+    linearised, _ = laboratory({}, {})
+    noise = linearised.model.residual
+    residual = noise + np.append(truth.ravel(), np.zeros(11))
+    linearised = replace(linearised, predictor=Ripples({}))
+    problem = linearised.problem(())
+    start = Candidate(known, {"amount": 0.3}, {}, 0.0, np.zeros(COUNT + 11))
+    free = fit(problem, start, residual)
+    held = fit(problem, replace(start, hypothesis=replace(known, held=("across",))), residual)
+    for name, wanted in (("amount", 0.5), ("across", 1.3)):
+        assert abs(free.numbers[name] - wanted) < 4 * free.sigma[name]
+    assert held.applied.values["across"] == 1.0
+    one = np.append(Ripples({}).signal([known.at({"amount": 1.0})]).ravel() - 1000.0, np.zeros(11))
+    assert held.numbers["amount"] == pytest.approx(float(one @ residual) / float(one @ one), rel=1e-6)
+    assert held.chi2 > free.chi2 + 50

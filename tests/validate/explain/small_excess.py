@@ -1,0 +1,46 @@
+"""A small excess without any rendering: two surfaces in three bands, noise, and a cause of the test's own."""
+
+import numpy as np
+from cboxlab.validate.explain import Excess, Transport
+
+SIZE, BANDS = 48, 4
+ROWS, COLUMNS = np.indices((SIZE, SIZE))
+FLOOR = ROWS >= 30
+
+#: DN of the sound picture, with steps that blurs and displacements move.
+DIAMOND = abs(COLUMNS - 18) + abs(ROWS - 20) < 11
+PICTURE = (1000.0 + 4 * COLUMNS) * np.where(FLOOR, 0.8, 1.3) * np.where(DIAMOND, 0.7, 1.0)
+SIGNAL = np.array([1.0, 0.8, 1.2, 0.6])[:, None, None] * PICTURE
+SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
+
+
+def small_excess(change, repeats=None, seed=3):
+    """The residual that a change (band, y, x) in DN and noise leave; only a lamp's scale is adjusted beside it."""
+    noise = np.random.default_rng(seed).standard_normal(SIGNAL.shape)
+    lamp = SIGNAL / SIGMA / np.linalg.norm(SIGNAL / SIGMA)
+    residual = noise + change / SIGMA
+    residual = residual - lamp * np.sum(lamp * residual)
+    down, right = np.gradient(SIGNAL, axis=(1, 2))
+    surface = np.where(FLOOR, 0, 1)
+    position = (
+        np.stack([COLUMNS, np.where(FLOOR, 0, 30 - ROWS), np.where(FLOOR, ROWS - 30, 0)], axis=-1) * 10.0
+    )
+    patches = np.array([[100.0, 0, 50], [300, 0, 50], [100, 150, 0], [300, 150, 0]])
+    ones = np.ones((SIZE * SIZE, BANDS))
+    transport = Transport(
+        pixel=np.arange(SIZE * SIZE), coverage=np.ones(SIZE * SIZE), surface=surface.ravel(),
+        material=surface.ravel(), position=position.reshape(-1, 3),
+        gather=np.full((SIZE * SIZE, 4), 0.05, np.float32), patch_surface=np.array([0, 0, 1, 1]),
+        patch_material=np.array([0, 0, 1, 1]), patch_position=patches,
+        form_factors=np.full((4, 4), 0.05, np.float32), reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
+        arriving=ones, patch_arriving=np.ones((4, BANDS)), picture=SIGNAL / 1000,
+    )  # fmt: skip
+    return Excess(
+        residual=residual.astype(np.float32), weighed=residual,
+        used=np.ones(SIGNAL.shape, bool), sigma=SIGMA, signal=SIGNAL,
+        nuisances=lamp[..., None], unknown=1, moved=-np.array([right, down], np.float32),
+        flat=np.ones(SIGNAL.shape), surface=surface, names=("floor", "wall"), materials=("grey", "pale"),
+        bands=("b0", "b1", "b2", "b3"), nm=np.array([450.0, 520, 590, 660]), minutes=np.array([2.0, 0, 1, 3]),
+        repeats=np.zeros((BANDS, 2)) if repeats is None else repeats, repeat_sigma=np.full(BANDS, 1e-4),
+        transport=transport,
+    )  # fmt: skip

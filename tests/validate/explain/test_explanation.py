@@ -1,0 +1,111 @@
+"""Which family explains a residual: causes with formulas of their own, far above noise."""
+
+import json
+
+import numpy as np
+import pytest
+from cboxlab.validate.explain import NONE, explain
+from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
+from scipy.ndimage import gaussian_filter, shift
+from small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+
+NOISE = np.random.default_rng(11)
+
+
+def _spot(x, y, radius):
+    return np.exp(-((COLUMNS - x) ** 2 + (ROWS - y) ** 2) / (2 * radius**2))
+
+
+def _moved(by):
+    return shift(SIGNAL, (0, 0, by), order=3, mode="nearest") - SIGNAL
+
+
+def _motion():
+    return (_moved(1) + _moved(-1)) / 6
+
+
+CAUSES = {
+    "sensor-offset": SIGMA * NOISE.normal(0, 1.0, (BANDS, SIZE, 1)),
+    "sensor-gain": SIGNAL * NOISE.normal(0, 0.01, (1, 1, SIZE)),
+    "blur": _motion(),
+    "paint-spectrum": SIGNAL * FLOOR * np.array([0.0, 0.01, 0.04, -0.02])[:, None, None],
+    "extra-light": 60.0 * _spot(40, 30, 6) * np.array([1.0, 0.9, 0.3, 0.1])[:, None, None],
+    "object": np.where((abs(COLUMNS - 34) < 5) & (abs(ROWS - 36) < 5), 300.0 - SIGNAL, 0.0),
+}
+
+
+@pytest.mark.parametrize("family", CAUSES)
+def test_a_cause_is_given_its_family(family):
+    found = explain(small_excess(CAUSES[family]))
+    assert found.family == family
+    assert found.share > 0.7
+    assert found.rivals[0].family == family
+    assert found.runner_up != family
+
+
+def test_an_explanation_is_told_in_words_and_in_json():
+    found = explain(small_excess(CAUSES["object"]))
+    record = json.loads(json.dumps(explanation_record(found), allow_nan=False))
+    assert (record["family"], record["runner_up"]) == ("object", found.runner_up)
+    assert set(record["bands"]) <= set(record["relative_change"])
+    words = explanation_sentence(found)
+    assert "object" in words and "about pixel (34, 36)" in words
+    assert explanation_record(None)["family"] == NONE
+
+
+def test_noise_is_given_no_family():
+    found = explain(small_excess(np.zeros(SIGNAL.shape)))
+    assert (found.family, found.share, found.bands) == (NONE, 0.0, ())
+
+
+def test_a_stain_has_surface_place_and_spectrum():
+    depth = np.array([0.12, 0.08, 0.03, 0.0])[:, None, None]
+    found = explain(small_excess(-SIGNAL * depth * _spot(33, 38, 4) * FLOOR))
+    assert (found.family, found.surface) == ("reflectance-map", "floor")
+    assert np.hypot(found.centre_px[0] - 33, found.centre_px[1] - 38) < 1.5
+    assert found.bands[:2] == ("b0", "b1")
+    assert found.spectrum[0] < found.spectrum[1] < found.spectrum[2] < 0.01
+
+
+def test_a_shift_of_one_band_is_a_displacement_in_that_band():
+    change = np.zeros(SIGNAL.shape)
+    change[2] = _moved(0.2)[2]
+    found = explain(small_excess(change))
+    assert found.family == "displacement"
+    assert found.bands == ("b2",)
+
+
+def test_levels_that_step_in_time_are_a_matter_of_order_and_those_of_a_line_are_not():
+    """In time the bands come as b1, b2, b0, b3; neighbours in wavelength are b0 and b1."""
+    step = small_excess(SIGNAL * np.array([0.02, 0, 0, 0.02])[:, None, None])
+    assert explain(step).family == "time-order"
+    line = small_excess(SIGNAL * np.array([0.0, 0.02, 0.013, 0])[:, None, None])
+    assert explain(line).family == "lamp-spectrum"
+
+
+def test_repeats_that_differ_speak_for_the_order_in_time():
+    levels = SIGNAL * np.array([0.02, -0.01, 0.004, 0.015])[:, None, None]
+    jumps = 0.003 * np.array([[1.0, -1], [-1, 1], [1, -1], [-1, 1]])
+    assert explain(small_excess(levels)).family != "time-order"
+    assert explain(small_excess(levels, jumps)).family == "time-order"
+
+
+def test_a_fringe_in_one_band_is_a_gain_of_that_band():
+    change = np.zeros(SIGNAL.shape)
+    change[1] = 0.02 * SIGNAL[1] * np.sin(0.9 * COLUMNS + 0.3 * ROWS)
+    found = explain(small_excess(change))
+    assert found.family in ("sensor-gain", "sensor-offset")
+    assert found.bands == ("b1",)
+
+
+def test_the_explained_change_is_the_cause():
+    """The sign too: what is left is noise."""
+    cause = SIGNAL * 0.03 * FLOOR * np.cos(COLUMNS / 15)
+    found = explain(small_excess(cause + 0.0))
+    assert np.corrcoef(found.change.ravel(), cause.ravel())[0, 1] > 0.95
+    assert np.nanstd(found.left) < 1.1
+
+
+def test_blurs_by_a_lens_are_blurs():
+    wide = gaussian_filter(SIGNAL, (0, 0.6, 0.6), mode="nearest")
+    assert explain(small_excess(wide - SIGNAL)).family == "blur"

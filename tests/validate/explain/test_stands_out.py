@@ -1,0 +1,50 @@
+"""Patterns that the picture's own errors do not make are seen below what smooth patterns must reach."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose.linear_model import LinearModel
+from cboxlab.validate.diagnose.unexplained import stands_out
+from cboxlab.validate.explain import explain
+from small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+
+DRAW = np.random.default_rng(5)
+
+
+def _model(excess):
+    """The linear model of a small excess: a lamp's scale alone is adjusted."""
+    count = excess.used.sum()
+    basis = np.append(excess.nuisances.reshape(count, 1), np.zeros((11, 1)), axis=0)
+    return LinearModel(
+        used=excess.used, interior=np.ones(count, bool), patch=np.zeros(count, int), sigma=SIGMA.ravel(),
+        priors=np.zeros((11, 11)), basis=basis, shared_errors=np.zeros((count + 11, 1), np.float32),
+        residual=np.append(excess.residual.ravel().astype(float), np.zeros(11)),
+    )  # fmt: skip
+
+
+def _seen(change, seed=3):
+    excess = small_excess(change, seed=seed)
+    model = _model(excess)
+    return stands_out(explain(excess), model, model.residual, 0.0)
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        SIGMA * DRAW.normal(0, 0.25, (1, SIZE, 1)) * np.ones((BANDS, 1, 1)),
+        SIGMA * DRAW.normal(0, 0.25, (1, 1, SIZE)) * np.ones((BANDS, 1, 1)),
+        SIGMA * 0.4 * np.cos(0.7 * COLUMNS + 0.4 * ROWS) * np.eye(BANDS)[1][:, None, None],
+    ],
+    ids=["rows", "columns", "fringes in one band"],
+)
+def test_a_pattern_of_a_quarter_of_the_noise_is_seen(pattern):
+    assert np.mean((pattern / SIGMA) ** 2) < 0.08
+    assert _seen(pattern)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_has_no_pattern(seed):
+    assert not _seen(np.zeros(SIGNAL.shape), seed)
+
+
+def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
+    assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))

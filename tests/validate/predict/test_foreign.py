@@ -1,0 +1,66 @@
+"""Another renderer's cube takes the place of our picture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.files.cube_files import write_cube
+from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
+from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.predict.foreign import ForeignPicture, foreign_picture, require_level
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+SCENE, CAMERA = cornell_box(), cornell_camera(16)
+
+
+@pytest.fixture(scope="module")
+def image():
+    return render_final_gather(SCENE, CAMERA, WAVELENGTH_NM[::10], 16, 2)
+
+
+@pytest.mark.parametrize("ending", ["nc", "exr"])
+def test_a_cube_of_ours_read_as_another_renderers_is_the_same_picture(tmp_path, image, ending):
+    path = tmp_path / f"cube.{ending}"
+    write_cube(path, image.cube())
+    other = foreign_picture(path, SCENE, CAMERA)
+    weights = np.eye(WAVELENGTH_NM.size)[:, ::10]
+    mean, variance = other.project(weights)
+    expected, error = image.project(np.eye(image.wavelength_nm.size))
+    np.testing.assert_allclose(mean, expected, rtol=2e-3, atol=1e-9)
+    if ending == "nc":
+        np.testing.assert_allclose(variance, error, rtol=1e-2, atol=1e-12)
+    np.testing.assert_array_equal(other.surface, image.surface)
+
+
+def test_another_renderers_picture_moves_as_ours_does(tmp_path):
+    """One of ours in the place of another's, with the same random numbers, becomes our own from the other camera."""
+    light = solve_light(SCENE, WAVELENGTH_NM[::10], patch_edge_mm=120.0, patch_samples=64)
+    moved = CAMERA.with_parameters(CAMERA.parameters + 0.3 * np.eye(10)[7])
+    ours = gather(light, CAMERA, 256, 4, seed=5)
+    shown = ForeignPicture(ours, CAMERA, light, tmp_path)
+    assert shown.through(CAMERA, 5) is ours
+    found, expected = shown.through(moved, 5), gather(light, moved, 256, 4, seed=5)
+    weights = np.eye(light.wavelength_nm.size)
+    for value, wanted in zip(found.project(weights), expected.project(weights), strict=True):
+        np.testing.assert_allclose(value, wanted, rtol=1e-3, atol=1e-5 * np.max(wanted))
+    np.testing.assert_array_equal(found.coverage, expected.coverage)
+    assert np.any(found.surface != ours.surface)
+
+
+def test_a_picture_under_another_lamp_is_refused(tmp_path):
+    require_level(tmp_path / "cube.nc", 1.3)
+    with pytest.raises(InputError, match="100 times as bright"):
+        require_level(tmp_path / "cube.nc", 0.01)
+
+
+def test_a_cube_that_does_not_fit_is_refused(tmp_path, image):
+    path = tmp_path / "cube.nc"
+    write_cube(path, image.cube())
+    with pytest.raises(InputError, match="16 x 16 px"):
+        foreign_picture(path, SCENE, cornell_camera(24))
+    write_cube(path, replace(image, wavelength_nm=image.wavelength_nm + 50.0).cube())
+    with pytest.raises(InputError, match="450 to 750 nm"):
+        foreign_picture(path, SCENE, CAMERA)

@@ -1,0 +1,79 @@
+"""``cbox regress`` and ``assert_same_light``: exit codes, the JSON of the plan, an error that says what changed."""
+
+import json
+
+import pytest
+import xarray as xr
+from cboxlab.render.files import write_cube
+from cboxlab.scenes import InputError
+from cboxlab.validate.commands.cli import main
+from cboxlab.validate.regress import assert_same_light
+from pictures import noisy, rendered
+
+
+@pytest.fixture(scope="module")
+def cubes(tmp_path_factory):
+    """Two equal cubes and one of a lamp 5 % brighter, as NetCDF without a surface map."""
+    folder = tmp_path_factory.mktemp("cubes")
+    clean, _ = rendered()
+    for name, side in {"a": noisy(0), "same": noisy(1), "brighter": noisy(2, 1.05 * clean)}.items():
+        dims = ("y", "x", "wavelength")
+        error = xr.Variable(dims, side.variance**0.5, {"batches": 4})
+        data = {"radiance": (dims, side.radiance), "standard_error": error}
+        write_cube(folder / f"{name}.nc", xr.Dataset(data, coords={"wavelength": side.wavelength_nm}))
+    return folder
+
+
+def ended(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    return end.value.code
+
+
+def test_equal_cubes_end_with_0(cubes, tmp_path):
+    assert ended("regress", cubes / "a.nc", cubes / "same.nc", "--json", tmp_path / "r.json") == 0
+    record = json.loads((tmp_path / "r.json").read_text())
+    assert record["same"] is True
+    assert record["named"] == []
+    assert record["would_have_seen"] > 0
+
+
+def test_another_lamp_ends_with_1_and_is_named(cubes, tmp_path):
+    assert ended("regress", cubes / "a.nc", cubes / "brighter.nc", "--json", tmp_path / "r.json") == 1
+    record = json.loads((tmp_path / "r.json").read_text())
+    assert record["same"] is False
+    assert abs(record["mean_relative_difference"] - 0.05) < 5 * record["sigma"]
+    assert record["named"][0]["change"] == "lamp-scale"
+
+
+def test_a_missing_cube_ends_with_2(cubes, tmp_path):
+    assert ended("regress", cubes / "a.nc", cubes / "none.nc", "--json", tmp_path / "r.json") == 2
+    assert not (tmp_path / "r.json").exists()
+
+
+def test_same_light_is_asserted(cubes):
+    assert assert_same_light(cubes / "a.nc", cubes / "same.nc").same
+    with pytest.raises(AssertionError, match="lamp-scale"):
+        assert_same_light(cubes / "a.nc", cubes / "brighter.nc")
+    with pytest.raises(InputError, match=r"none\.nc"):
+        assert_same_light(cubes / "none.nc", cubes / "a.nc")
+
+
+def test_what_a_cube_does_not_state_is_asked_for_and_may_be_declared(cubes, tmp_path, capsys):
+    """The message names the option to use."""
+    plain = tmp_path / "plain.nc"
+    xr.open_dataset(cubes / "a.nc", engine="h5netcdf").drop_attrs().to_netcdf(plain, engine="h5netcdf")
+    assert ended("regress", plain, cubes / "same.nc") == 2
+    assert "--declare units=" in capsys.readouterr().err.replace("\n", " ")
+    declared = [
+        "--declare",
+        "units=mW m^-2 sr^-1 nm^-1",
+        "--declare",
+        "scale=1000",
+        "--declare",
+        "wavelengths=420:700:40",
+    ]
+    assert ended("regress", plain, cubes / "same.nc", *declared) == 0
+    assert ended("regress", cubes / "a.nc", cubes / "same.nc", *declared) == 2
+    assert "states it itself" in capsys.readouterr().err.replace("\n", " ")
+    assert ended("regress", plain, cubes / "same.nc", "--declare", "unit=W") == 2

@@ -1,0 +1,173 @@
+"""Each change is named first, with its parameters; seeds are fixed, so outcomes do not vary."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from cboxlab.render.integrators import render
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validate.model import labelled_cube
+from cboxlab.validate.regress import regress_pictures, regress_sides, side_of
+from cboxlab.validate.regress.evidence import build_evidence
+from cboxlab.validate.regress.explanations import from_pictures
+from cboxlab.validate.regress.naming import named_changes
+from cboxlab.validate.regress.variants import build_variants, mismatch, with_lamp_size
+from pictures import SIZE, WAVELENGTHS, noisy, rendered
+from scipy.ndimage import convolve1d
+
+
+@cache
+def variants():
+    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
+
+
+def named(picture, **noise):
+    """First named change of a picture against an unchanged one, by pictures alone."""
+    outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02, **noise))
+    assert not outcome.same
+    return named_changes(found, None)[0]
+
+
+def bordered(clean):
+    result = clean.copy()
+    result[:, 0] *= 0.7
+    return result
+
+
+def tent(clean):
+    kernel = np.array([1, 6, 1]) / 8
+    return convolve1d(convolve1d(clean, kernel, 0, mode="nearest"), kernel, 1, mode="nearest")
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "value", "alter"),
+    [
+        ("lamp-scale", "factor", 1.02, lambda p: 1.02 * p),
+        ("lamp-spectrum", None, None, lambda p: p * np.linspace(0.97, 1.03, WAVELENGTHS.size)),
+        ("mirrored", "axis", "horizontal", lambda p: p[:, ::-1]),
+        ("shift", "dx_px", 1.0, lambda p: np.concatenate([p[:, :1], p[:, :-1]], axis=1)),
+        ("border", "left_factor", 0.7, bordered),
+        ("pixel-filter", "added_variance_px2", 0.25, tent),
+        ("wavelengths", "order", "reversed", lambda p: p[..., ::-1]),
+    ],
+)
+def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
+    first = named(alter(rendered()[0]))
+    assert first.change == change
+    assert first.probability > 0.9
+    if isinstance(value, float):
+        assert first.parameters[key] == pytest.approx(value, abs=0.05)
+    elif key is not None:
+        assert first.parameters[key] == value
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (2.0, "both sides"),
+        (np.pi, "radiosity"),
+        (1 / np.pi, "radiosity"),
+        (4 * np.pi, "intensity"),
+        (683.0, "683 lm/W"),
+        (1e-3, "prefix"),
+    ],
+)
+def test_a_unit_taken_for_another_is_told(factor, words):
+    first = named(factor * rendered()[0])
+    assert first.change == "lamp-scale"
+    assert first.parameters["factor"] == pytest.approx(factor, rel=2e-3)
+    assert words in first.parameters["meaning"]
+
+
+def test_a_factor_of_no_meaning_has_none():
+    assert "meaning" not in named(1.7 * rendered()[0]).parameters
+
+
+def test_wavelengths_with_wrong_labels_are_told():
+    candidate = replace(noisy(2), wavelength_nm=WAVELENGTHS + 20)
+    outcome = regress_pictures(noisy(1), candidate)
+    assert outcome.named[0].change == "wavelengths"
+    assert outcome.named[0].parameters == {"labels_off_nm": pytest.approx(20)}
+
+
+def test_bin_edges_taken_for_points_are_told():
+    """Rendered at wavelengths 20 nm lower than its labels say."""
+    image = render(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7)
+    picture, _ = image.project(np.eye(WAVELENGTHS.size))
+    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
+    first = named_changes(found, variants())[0]
+    assert first.change == "wavelengths"
+
+
+@pytest.mark.parametrize("depth", [3, 7])
+def test_light_after_too_many_reflections_is_missed(depth):
+    """Depth rendered anew: none of the explanation's own rays are in the picture."""
+    picture, _ = rendered(depth)
+    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
+    first = named_changes(found, variants())[0]
+    assert (first.change, first.parameters) == ("path-depth", {"max_bounces": depth})
+
+
+def test_glossy_white_paint_is_named_gloss():
+    """White as rough plastic of Mitsuba, path traced: its diffuse part changes, too, which paint and caches imitate.
+
+    The roughness found here is 0.05, the true one 0.15: why is not known. Named right, sized wrong.
+    """
+    box = cornell_box()
+    bsdf = {"type": "roughplastic", "alpha": 0.15, "int_ior": 1.5, "diffuse_reflectance": "reflectance"}
+    glossy = {**box.materials, "white": replace(box.materials["white"], bsdf=bsdf)}
+    sides = []
+    for seed, scene in enumerate((box, replace(box, materials=glossy))):
+        image = render(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed, integrator="path")
+        sides.append(side_of([labelled_cube(image)], [f"seed {seed}"]))
+    _, found = regress_sides(*sides)
+    first = named_changes(found, variants())[0]
+    assert (first.change, first.parameters["material"]) == ("gloss", "white")
+    assert first.parameters["roughness"] < 0.35
+    assert first.parameters["specular"] > 0.5
+
+
+def test_half_a_pixel_is_named_shift():
+    """Rendered anew through a moved camera: no pixel is interpolated."""
+    camera = cornell_camera(SIZE)
+    half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
+    image = render(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6)
+    first = named(image.project(np.eye(WAVELENGTHS.size))[0])
+    assert first.change == "shift"
+    assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
+
+
+def test_what_no_explanation_fits_is_unknown():
+    """A stain in the middle of the back wall."""
+    clean, _ = rendered()
+    rows, columns = np.indices(clean.shape[:2])
+    stain = np.exp(-((rows - 18) ** 2 + (columns - 24) ** 2) / 18.0) * np.sin(WAVELENGTHS[:, None, None] / 30)
+    _, found = regress_sides(
+        noisy(1, noise=0.02), noisy(2, clean * (1 + 0.4 * np.moveaxis(stain, 0, -1)), noise=0.02)
+    )
+    assert named_changes(found, variants())[0].change == "unknown"
+
+
+def test_a_right_explanation_leaves_noise():
+    """Chi-square per number is at most 1: floors make it smaller."""
+    _, found = regress_sides(noisy(1), noisy(2, 1.05 * rendered()[0]))
+    evidence = build_evidence(found)
+    best = min(from_pictures(evidence, noisy(1)), key=lambda e: e.chi2)
+    assert best.change.startswith("lamp")
+    assert 0.3 < best.chi2 / evidence.numbers < 1.2
+
+
+def test_the_published_box_is_recognised_and_another_is_not():
+    assert mismatch(variants(), noisy(1)) < 0.05
+    clean, _ = rendered()
+    assert mismatch(variants(), noisy(1, clean[:, ::-1])) > 0.05
+
+
+def test_a_larger_lamp_fills_a_larger_hole():
+    box = cornell_box()
+    grown = with_lamp_size(box, 1.2)
+    lamp, before = (scene.lamp.surface.areas_mm2.sum() for scene in (grown, box))
+    assert lamp == pytest.approx(1.44 * before)
+    lost = box.surface("ceiling").areas_mm2.sum() - grown.surface("ceiling").areas_mm2.sum()
+    assert lost == pytest.approx(lamp - before)

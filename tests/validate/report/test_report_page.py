@@ -1,0 +1,106 @@
+"""The report in a real browser: complete, readable at any width, in light and dark, and on paper."""
+
+import re
+
+import pytest
+from browser import open_browser
+from cboxlab.validate.report.page import ReportInputs, build_report
+from fake_box import FakeBox, fake_run, fake_weights
+
+BOX = FakeBox(size=48)
+
+#: Contrast of text with the ground behind it, after WCAG 2.2 (1.4.3), for every visible text; and its size.
+TEXTS = """
+(() => {
+  const light = (c) => c.map((v) => v / 255).map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const parsed = (text) => { const n = text.match(/[\\d.]+/g).map(Number); return n.length < 4 ? [...n, 1] : n; };
+  const ground = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = parsed(getComputedStyle(e).backgroundColor);
+      if (c[3] === 1) return c.slice(0, 3);
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode, e = node.parentElement, text = node.textContent.trim();
+    if (!text || !e.checkVisibility() || ['STYLE', 'SCRIPT', 'OPTION'].includes(e.tagName)) continue;
+    const style = getComputedStyle(e);
+    const inPlot = e.closest('svg');
+    const colour = parsed(inPlot ? style.fill : style.color).slice(0, 3);
+    const [a, b] = [light(colour), light(ground(e))].sort((p, q) => q - p);
+    const scale = inPlot ? inPlot.getScreenCTM().a : 1;
+    found.push([text.slice(0, 40), (a + 0.05) / (b + 0.05), parseFloat(style.fontSize) * scale]);
+  }
+  return found;
+})()
+"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    build_report(
+        path, ReportInputs(BOX.compare(seed=2, factor=1.03), fake_run(), ["One & another."], *fake_weights())
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with open_browser() as page:
+        yield page
+
+
+def _open(browser, report, width, dark=False):
+    browser.errors.clear()
+    browser.open(report, width=width, dark=dark)
+    browser.run("document.getElementById('viewer').viewer.ready.then(() => null)")
+    browser.run("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    browser.run("document.getElementById('viewer').viewer.select(20, 30)")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [1280, 400])
+def test_every_text_can_be_read(browser, report, width, dark):
+    """Contrast of WCAG AA, 11 px at least, nothing wider than the window, no error on the console."""
+    _open(browser, report, width, dark)
+    texts = browser.run(TEXTS)
+    assert len(texts) > 200
+    assert [t for t in texts if t[1] < 4.5] == []
+    assert [t for t in texts if t[2] < 10.95] == []
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.errors == []
+
+
+def test_every_control_and_picture_has_a_name(browser, report):
+    _open(browser, report, 1280)
+    nameless = browser.run(
+        "[...document.querySelectorAll('img:not([alt]), svg[role=img]:not([aria-label]), canvas:not([aria-label])'),"
+        "...[...document.querySelectorAll('button, select, input')].filter("
+        "(e) => !(e.innerText || e.labels?.length || e.ariaLabel))].map((e) => e.outerHTML.slice(0, 80))"
+    )
+    assert nameless == []
+
+
+def test_printed_it_is_complete_and_keeps_its_columns(browser, report):
+    """Folded chapters are in the PDF; pictures of a row stand side by side, and colour bars keep colours."""
+    _open(browser, report, 1280)
+    browser.run("document.querySelectorAll('details').forEach((one) => { one.open = false; })")
+    pages = len(re.findall(rb"/Type\s*/Page\b", browser.pdf()))
+    assert pages >= 6
+    assert browser.run("Array.from(document.querySelectorAll('.folded details')).every((one) => one.open)")
+    # as the printer lays it out: A4 less its margins
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    browser.size(688)
+    columns = browser.run(
+        "Array.from(document.querySelectorAll('.n3'), (e) => getComputedStyle(e).gridTemplateColumns.split(' ').length)"
+    )
+    assert columns and set(columns) == {3}
+    exact = browser.run(
+        "Array.from(document.querySelectorAll('.ramp'), (e) => getComputedStyle(e).printColorAdjust)"
+    )
+    assert len(exact) > 5 and set(exact) == {"exact"}
+    browser.call("Emulation.setEmulatedMedia", media="")

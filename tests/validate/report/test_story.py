@@ -1,0 +1,100 @@
+"""What the report says of causes: found, nothing known, adequate, not told apart."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose import Cause, Diagnosis, Ranked, Separation, Step
+from cboxlab.validate.effects import AppliedEffect, catalogue
+from cboxlab.validate.model import Model
+from cboxlab.validate.report.plots import MapRow
+from cboxlab.validate.report.story import pooled, story
+from fake_box import BANDS, FakeBox
+
+BOX = FakeBox(size=32)
+NAMED = [(4, "650 nm"), (0, "450 nm"), (1, "500 nm"), (2, "550 nm"), (3, "600 nm")]
+AS_GIVEN, MENDED = BOX.compare(seed=1, factor=1.03), BOX.compare(seed=1)
+GLARE, LEAK = {"fraction": 0.0301}, {"fraction": 0.01}
+
+
+def _cause(name, values, cosine, first, behind):
+    signature = AS_GIVEN.maps["residual_over_sigma"].values.astype(np.float32)
+    return Cause(name, values, {"fraction": 0.0012}, signature, cosine, first, behind)
+
+
+def _diagnosis(selected, causes=(), separations=()):
+    found = [
+        AppliedEffect(catalogue()[name], catalogue_values(name)) for name in selected if name != "unknown"
+    ]
+    steps = [Step((), (), 1.0, 3.0, AS_GIVEN)]
+    if found:
+        steps.append(Step(tuple(found), tuple({"fraction": 0.0012} for _ in found), 0.0, 3.0, MENDED))
+    ranking = [Ranked(c.effect, dict(c.values), {}, 2.0, 0.4) for c in causes]
+    return Diagnosis(
+        adequate=not selected, chi2_per_dof=8.0, final_chi2_per_dof=1.0, ranking=tuple(ranking), selected=selected,
+        indistinguishable=(), path=tuple(steps), heldout_pixels=0.9, heldout_bands=np.nan, separations=separations,
+        model=Model(), residual=AS_GIVEN.maps["residual_over_sigma"].values.astype(np.float32), causes=tuple(causes),
+    )  # fmt: skip
+
+
+def catalogue_values(name):
+    return {p.name: GLARE.get(p.name, p.low) for p in catalogue()[name].parameters}
+
+
+CAUSES = [
+    _cause("veiling-glare", GLARE, 0.93, 1.0, 0.0),
+    _cause("dark-offset", {"level": 3.0}, 0.41, 0.38, 21.4),
+]
+
+
+def test_the_first_sentence_is_the_cause_and_its_size():
+    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    assert told.headline.sentence == "The model lacks veiling-glare (fraction 0.0301 ± 0.0012)."
+    assert [p.caption for p in told.headline.pictures.panels] == [
+        "What the photograph shows", "What veiling-glare would show",
+    ]  # fmt: skip
+    assert told.falling is not None
+
+
+def test_the_runner_up_is_answered():
+    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    (why,) = [text for text in told.missing.paragraphs if text.startswith("Why not")]
+    assert "dark-offset in place of veiling-glare" in why and "21.4 standard deviations" in why
+    assert "cosine between the two patterns is 0.38" in why
+    rows = [block for block in told.missing.blocks if isinstance(block, MapRow)]
+    assert len(rows) == 3
+    assert all([p.caption for p in row.panels] == [name for _, name in NAMED] for row in rows)
+    assert {(row.scale.low, row.scale.high) for row in rows} == {(-5, 5)}
+    assert any("No further capture is needed" in step for step in told.next.steps)
+
+
+def test_what_cannot_be_told_apart_has_its_further_capture():
+    close = [CAUSES[0], _cause("dark-offset", {"level": 3.0}, 0.92, 0.98, 2.1)]
+    one = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
+    told = story(_diagnosis(("veiling-glare",), close, (one,)), NAMED)
+    steps = " ".join(told.next.steps)
+    assert "2.1 standard deviations apart, 5 are needed" in steps
+    assert "frames with the lens capped (120 s, expected 20.0)" in steps
+    assert "No further capture" not in steps
+
+
+@pytest.mark.parametrize(
+    ("selected", "sentence"), [(("unknown",), "Nothing known fits"), ((), "The model is adequate")]
+)
+def test_without_a_cause_the_first_sentence_says_so(selected, sentence):
+    told = story(_diagnosis(selected, CAUSES if selected else ()), NAMED)
+    assert told.headline.sentence.startswith(sentence)
+    assert len(told.headline.pictures.panels) == 1 and told.falling is None
+
+
+def test_chi_square_of_the_ranking_is_told_as_a_part_of_the_excess():
+    """8 to 2 per degree of freedom, where 1 is noise: 6 of 7. No second definition of chi-square is shown."""
+    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    table = told.missing.blocks[-1]
+    assert not any("χ²" in title for title in table.header)
+    assert table.rows[0][2] == "85.7"
+
+
+def test_bands_together_have_the_noise_of_one():
+    noise = np.random.default_rng(0).standard_normal((len(BANDS), 50, 50))
+    noise[0, :10] = np.nan
+    assert pooled(noise).std() == pytest.approx(1, abs=0.05)
+    assert np.isnan(pooled(np.full((2, 3, 3), np.nan))).all()

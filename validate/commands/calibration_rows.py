@@ -1,0 +1,139 @@
+"""A calibration as rows of a table for the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from cboxlab.calibration.colour import ColourError, ColourStudy, PatchErrors, PatchTable, patch_xyz
+from cboxlab.calibration.geometry import CameraFit
+from cboxlab.calibration.result import Calibration
+from cboxlab.scenes.camera import Camera
+
+__all__ = ["calibration_rows", "colour_rows", "patch_rows"]
+
+Row = tuple[str, str, str, str]
+
+_CAMERA_ROWS = (
+    ("camera x", "mm"), ("camera y", "mm"), ("camera z", "mm"),
+    ("camera rotation x", "deg"), ("camera rotation y", "deg"), ("camera rotation z", "deg"),
+    ("focal length", "px"), ("principal point u", "px"), ("principal point v", "px"), ("distortion k1", "1"),
+)  # fmt: skip
+
+
+def _row(name: str, value: float | None, sigma: float | None, unit: str) -> Row:
+    """A row with value and sigma rounded to two significant digits of the sigma."""
+    if value is None or not np.isfinite(value):
+        return name, "–", "", unit
+    if sigma is None or not np.isfinite(sigma) or sigma <= 0:
+        return name, f"{value:.6g}", "", unit
+    digits = 1 - int(np.floor(np.log10(sigma)))
+    if digits > 8:
+        return name, f"{value:.6g}", f"{sigma:.2g}", unit
+    return name, f"{value:.{max(digits, 0)}f}", f"{sigma:.{max(digits, 0)}f}", unit
+
+
+def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
+    covariance = camera.covariance
+    sigmas = np.full(len(camera.parameters), np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+    rows = [
+        _row(name, value, sigma, unit)
+        for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
+    ]
+    points = f"{int(fit.kept.sum())} of {len(fit.kept)} points"
+    rows.append(
+        (f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px")
+    )
+    return rows
+
+
+def calibration_rows(calibration: Calibration) -> list[Row]:
+    """(what, value, one sigma, unit) of all results of a calibration; a dash for missing values."""
+    rows = []
+    if calibration.camera is not None and calibration.camera_fit is not None:
+        rows += _camera(calibration.camera, calibration.camera_fit)
+    if calibration.target_fit is not None:
+        target = calibration.target_fit
+        rows.append(("reprojection rms on targets", f"{target.reprojection_rms_px:.3f}", "", "px"))
+    noise, scale, linearity = calibration.noise, calibration.radiometry, calibration.linearity
+    rows.append(_row("gain", noise.gain_e_per_dn, noise.gain_sigma, "e-/DN"))
+    rows.append(_row("read noise", noise.read_noise_e, noise.read_noise_sigma, "e-"))
+    if scale.constant is not None and scale.nominal is not None:
+        sigma = None if scale.sigma is None else scale.sigma / scale.nominal
+        rows.append(_row("C over its nominal value", scale.constant / scale.nominal, sigma, "1"))
+    else:
+        rows.append(("C", "–" if scale.constant is None else f"{scale.constant:.5g}", "", "mm² m² DN/e-"))
+    if scale.by_band:
+        rows.append(("C equal in all bands: probability", f"{scale.probability:.3f}", "", "1"))
+    if linearity is not None:
+        rows.append(_row("black level", linearity.black_level_dn, linearity.black_level_sigma, "DN"))
+        rows.append(
+            _row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s")
+        )
+        worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
+        if worst is not None:
+            rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
+    transfer, curve = calibration.sensor.transfer, calibration.sensor.curve
+    if transfer is not None:
+        rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-"))
+        rows.append(_row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%"))
+        rows.append(_row("full well", transfer.saturation_e, None, "e-"))
+    if curve is not None:
+        rms, line = 100 * curve.statistics["rms"], 100 * curve.line_rms
+        rows.append(
+            (f"calibration curve: rms residual (straight line: {line:.2g})", f"{rms:.2g}", "", "% of full")
+        )
+    if calibration.weights is not None:
+        gain = calibration.weights.noise_gain
+        rows += [
+            (f"noise of {axis} relative to the bands", f"{gain[i]:.2f}", "", "1")
+            for i, axis in enumerate("XYZ")
+        ]
+    return rows
+
+
+def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[str, ...]]:
+    """(label, X, Y, Z, sigma of Y, known Y, largest reflectance error, Delta E*ab, CIEDE2000) of every patch.
+
+    The white patch has Y = 100; a dash for patches without a known reflectance. The last two rows are mean and maximum.
+    """
+    values, sigmas = patch_xyz(patches)
+    judged = {} if errors is None else {label: i for i, label in enumerate(errors.labels)}
+    rows: list[tuple[str, ...]] = []
+    for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True):
+        own: tuple[str, ...] = ("–", "–", "–", "–")
+        if errors is not None and label.label in judged:
+            i = judged[label.label]
+            own = (
+                f"{errors.known_xyz[i, 1]:.2f}", f"{np.abs(errors.reflectance[i]).max():.3f}",
+                f"{errors.delta_e_ab[i]:.1f}", f"{errors.delta_e_2000[i]:.1f}",
+            )  # fmt: skip
+        rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own))
+    if errors is not None:
+        for name, summary in (("mean", np.mean), ("largest", np.max)):
+            figures = (np.abs(errors.reflectance), errors.delta_e_ab, errors.delta_e_2000)
+            shown = [f"{summary(f):.{digits}f}" for f, digits in zip(figures, (4, 2, 2), strict=True)]
+            rows.append((f"{name} of {len(errors.labels)}", "", "", "", "", "", *shown))
+    return rows
+
+
+def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
+    """Rows by method and by best subset of the bands: rms error of X, Y, Z in %, mean / largest colour differences."""
+
+    everything = next(iter(study.weights.values())).bands
+
+    def row(name: str, error: ColourError) -> tuple[str, ...]:
+        differences = (error.delta_e_ab, error.delta_e_2000)
+        return (
+            name,
+            *(f"{100 * rms:.1f}" for rms in error.rms),
+            *(f"{d.mean():.2f} / {d.max():.1f}" for d in differences),
+        )
+
+    methods = [
+        row(method + (" (used)" if method == study.recommended else ""), error)
+        for method, error in study.errors.items()
+    ]
+    subsets = [
+        row(f"without {', '.join(b for b in everything if b not in choice.bands)}", choice.error)
+        for choice in study.choices[2:-1]
+    ]
+    return methods + subsets[::-1]

@@ -1,0 +1,263 @@
+"""Commands that simulate a model: render, capture, reveal."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from cboxlab.scenes.errors import InputError
+
+from .console import (
+    JsonOption,
+    bar,
+    choose_device,
+    console,
+    data_table,
+    give_json,
+    options,
+    positive_number,
+    require_compiled,
+    require_folder,
+    say,
+    this_run,
+    wavelengths,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from cboxlab.render.laboratory import CaptureSettings
+    from cboxlab.scenes.camera import Camera
+
+    from ..effects import AppliedEffect
+    from ..model import Model
+    from ..synthetic import Answer, Score
+
+__all__ = ["capture", "render", "reveal"]
+
+ModelArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box.", show_default=False
+    ),
+]
+
+#: Largest number of effects drawn until one can have the requested strength.
+_DRAWS = 8
+
+#: Largest number of pixels per side.
+LARGEST_SIZE = 8192
+
+
+def render(
+    model: ModelArgument,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="The cube: .nc (with standard errors), .exr, .hdr (ENVI) or .png.", show_default=False
+        ),
+    ],
+    *,
+    at: Annotated[
+        str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")
+    ] = "400:700:10",
+    size: Annotated[
+        int, typer.Option(help="Pixels per side, for the published camera.", min=2, max=LARGEST_SIZE)
+    ] = 256,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            help="In place of --size: a camera file (.json), or a capture folder with its calibrated camera and lamp."
+        ),
+    ] = None,
+    noise: Annotated[
+        str, typer.Option(help="Relative standard error per pixel and wavelength, at which rendering stops.")
+    ] = "0.3%",
+    percentile: Annotated[
+        float, typer.Option(help="Percentile of the pixels' errors to which --noise applies.", min=1, max=100)
+    ] = 50.0,
+    samples: Annotated[
+        int | None, typer.Option(help="Samples per pixel and batch, instead of --noise.", min=1)
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the random numbers; default that of the model.", min=0)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler whose workers share the passes.")
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(help="cpu or cuda; default the environment variable CBOX_DEVICE, else cpu.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Render a spectral cube of a model: the light before filters and sensor.
+
+    If interrupted, the same command resumes after the last finished pass (kept beside the cube as CUBE.passes).
+    """
+    choose_device(device)
+    from cboxlab.render.files import WRITABLE
+    from cboxlab.scenes.cornell_box import cornell_camera
+
+    from ..model import load_model
+    from ..results import CubeSettings, render_file
+
+    if out.suffix.lower() not in WRITABLE:
+        raise InputError(out, f"the ending '{out.suffix}'", f"one of {', '.join(WRITABLE)}")
+    grid, error = wavelengths(at), positive_number(noise, "--noise")
+    require_folder(out.parent)
+    chosen = load_model(model)
+    require_compiled()
+    settings = CubeSettings(grid, error, percentile, samples, seed, scheduler, this_run.command)
+    with options(scheduler="--scheduler"), bar("rendering") as report:
+        size_px, notes = render_file(out, chosen, camera or cornell_camera(size), settings, report)
+    for note in notes:
+        say(f"• {note}")
+    found = {"cube": out, "width_px": size_px[0], "height_px": size_px[1], "wavelength_nm": grid.tolist()}
+    give_json(json, {**found, "notes": notes})
+    say(f"Cube: {out} ({size_px[0]} x {size_px[1]} px, {grid.size} wavelengths)")
+
+
+def capture(
+    model: ModelArgument,
+    out: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
+    *,
+    size: Annotated[int, typer.Option(help="Pixels per side.", min=16, max=1024)] = 128,
+    seed: Annotated[int | None, typer.Option(help="Seed of camera and noise; default random.", min=0)] = None,
+    noise: Annotated[str, typer.Option(help="Relative standard error of the render, median.")] = "0.1%",
+    hide: Annotated[
+        bool, typer.Option("--hide", help="Seal the effects: those of the model, or a random one.")
+    ] = False,
+    effects: Annotated[str | None, typer.Option(help="With --hide: draw one of these (id,id).")] = None,
+    strength: Annotated[
+        str | None, typer.Option(help="With --hide: weak, medium or strong, by chi2 at this size.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Write a synthetic capture by the forward model, open or with a hidden effect and a sealed answer.
+
+    With --hide the camera, exposures and survey of the laboratory vary too, and the blocks differ slightly from their
+    surveyed positions. Some effects are not in the light but in the model, which stops too early: the capture's folder
+    then contains that model.
+    """
+    import numpy as np
+    from cboxlab.render.chain import PHOTOGRAPHED
+    from cboxlab.render.laboratory import CaptureSettings
+    from cboxlab.scenes.files import replacing_folder
+
+    from ..model import load_model, write_model
+    from ..synthetic import perturbed_camera, seal, settled, varied_settings, write_model_capture
+
+    error = positive_number(noise, "--noise")
+    for option, value in (("--effects", effects), ("--strength", strength)):
+        if value is not None and not hide:
+            hint = "`cbox add` adds an effect to a model openly."
+            raise InputError(option, "no --hide", f"{option} together with --hide", hint)
+    require_folder(out.parent)
+    chosen = load_model(model)
+    number = secrets.randbits(63) if seed is None else seed
+    generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
+    camera = perturbed_camera(size, number)
+    settings = varied_settings(number) if hide else CaptureSettings()
+    require_compiled()
+    truncated = None
+    if hide and (effects is not None or strength is not None or not chosen.effects):
+        names = tuple(effects.split(",")) if effects else ()
+        with options(effects="--effects", strength="--strength"):
+            drawn = _drawn(chosen, names, strength, generator, camera, settings, number)
+        if drawn.stage == "settings":
+            bounces = int(generator.integers(1, 4))
+            truncated = replace(chosen, render=replace(chosen.render, max_bounces=bounces), name="truncated")
+        chosen = chosen.with_effect(drawn)
+    with replacing_folder(out) as temporary:
+        with bar("rendering") as report:
+            inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
+            write_model_capture(
+                temporary, replace(chosen, effects=tuple(inside)), camera, settings, number,
+                relative_error=error, progress=report,
+                box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
+            )  # fmt: skip
+        if truncated is not None:
+            write_model(temporary / "model.toml", truncated)
+        digest = seal(temporary, chosen.effects, generator) if hide else ""
+    secret = {"sha256": digest} if hide else {"seed": number}
+    give_json(json, {"capture": out, "size_px": size, "sealed": hide, **secret})
+    if hide:
+        say(f"Sealed. Keep this hash to detect any change of the answer: {digest}")
+        say(f"Open the answer with: cbox reveal {out}")
+        if truncated is not None:
+            say(f"Diagnose it with its own model: cbox diagnose {out} --model {out / 'model.toml'}")
+    elif chosen.effects:
+        say(f"Effects: {', '.join(effect.id for effect in chosen.effects)}")
+    say(f"Capture: {out} ({size} x {size} px" + ("" if hide else f", seed {number}") + ")")
+
+
+def _drawn(
+    model: Model, names: tuple[str, ...], strength: str | None, generator: np.random.Generator, camera: Camera,
+    settings: CaptureSettings, seed: int,
+) -> AppliedEffect:  # fmt: skip
+    """A random effect of the requested strength. Raises InputError if the named effects cannot have it."""
+    from ..synthetic import STRENGTHS, at_strength, draw_effect, scale_of
+
+    if strength is None:
+        return draw_effect(generator, names)
+    if strength not in STRENGTHS:
+        raise InputError("--strength", repr(strength), f"one of {', '.join(STRENGTHS)}")
+    first = draw_effect(generator, names)
+    with bar("computing strengths"):
+        scale = scale_of(model, camera, settings, seed)
+        for _ in range(_DRAWS):
+            found = at_strength(first, STRENGTHS[strength], scale)
+            if found is not None:
+                return found
+            first = draw_effect(generator, names)
+    raise InputError(
+        "--strength", f"'{strength}', which {first.id} does not reach", "a weaker one, or another effect"
+    )
+
+
+def reveal(
+    folder: Annotated[Path, typer.Argument(help="A capture made with --hide.", show_default=False)],
+    diagnosis: Annotated[
+        Path | None, typer.Option(help="File of `cbox diagnose --json`, to be scored.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Open a sealed answer, and score a diagnosis against it."""
+    from ..synthetic import open_seal, read_diagnosis, score
+
+    with options("`cbox diagnose --json` writes one."):
+        found = None if diagnosis is None else read_diagnosis(diagnosis)
+    with options("`cbox capture --hide` makes one."):
+        answer = open_seal(folder)
+    say("The seal is intact." if answer.effects else "The seal is intact; no effect was hidden.")
+    result = None if found is None else score(answer, found)
+    _print_answer(answer, result)
+    hidden = [{"effect": name, "parameters": dict(values)} for name, values in answer.effects]
+    give_json(json, {"hidden": hidden, "score": None if result is None else result.to_dict()})
+
+
+def _print_answer(answer: Answer, result: Score | None) -> None:
+    table = data_table(
+        "Hidden", "effect", "parameters", *(() if result is None else ("rank", "selected", "error of each"))
+    )
+    for index, (name, parameters) in enumerate(answer.effects):
+        cells = [
+            name,
+            ", ".join(
+                f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in parameters.items()
+            ),
+        ]
+        if result is not None:
+            row = result.effects[index]
+            errors = ", ".join(f"{key} {100 * error:+.1f}%" for key, error in row.errors.items())
+            cells += [str(row.rank or "–"), "yes" if row.selected else "no", errors or "–"]
+        table.add_row(*cells)
+    if answer.effects:
+        console.print(table)
+    if result is not None:
+        first, selection = ("right" if sound else "wrong" for sound in (result.first, result.exact))
+        say(f"First of the ranking: {first}. Selection: {selection}.")
+        if result.falsely_selected:
+            say(f"Selected, but not hidden: {', '.join(result.falsely_selected)}")

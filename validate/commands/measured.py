@@ -1,0 +1,279 @@
+"""Commands on captures: demo, validate, calibrate, compare."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .console import (
+    DeclareOption,
+    JsonOption,
+    bar,
+    console,
+    data_table,
+    declared_files,
+    give_json,
+    options,
+    require_compiled,
+    require_folder,
+    say,
+)
+
+if TYPE_CHECKING:
+    from cboxlab.calibration.capture import FirstManifest
+    from cboxlab.calibration.result import Calibration
+
+    from ..compare import StackComparison
+
+__all__ = ["NoCacheOption", "RenderOption", "calibrate", "compare", "demo", "validate"]
+
+CaptureFolder = Annotated[
+    Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
+]
+
+RenderOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Spectral cube of another renderer (.nc, .exr, .hdr), with the capture's calibrated camera."
+    ),
+]
+NoCacheOption = Annotated[
+    bool, typer.Option("--no-cache", help="Do not use or write rendered pictures in the user's cache folder.")
+]
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the report and the pictures.")] = Path("demo-report"),
+) -> None:
+    """Run the whole chain on the bundled capture."""
+    from .demo import run_demo
+
+    require_folder(out)
+    require_compiled()
+    run_demo(out)
+
+
+def validate(
+    capture: CaptureFolder,
+    *,
+    model: Annotated[Path | None, typer.Option(help="Model file (TOML); default the published box.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
+        "validation"
+    ),
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
+    declare: DeclareOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Calibrate a capture, render the model, compare and write a report."""
+    from ..predict import default_cache
+    from ..results import as_model
+    from ..results import validate as run
+    from .summary import print_validation
+
+    require_folder(out)
+    declared = declared_files(declare)
+    chosen, cache = as_model(model), None if no_cache else default_cache()
+    require_compiled()
+    with options(render="--render"), bar("calibrating") as report:
+        result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        report.stage("writing the report")
+        result.write(out)
+    print_validation(result.validation)
+    give_json(json, result.to_dict())
+    say(f"Report: {out / 'report.html'}")
+
+
+def calibrate(
+    capture: CaptureFolder,
+    out: Annotated[Path, typer.Option(help="Folder for calibration.json, plots and patches.csv.")] = Path(
+        "calibration-report"
+    ),
+    init: Annotated[
+        bool, typer.Option("--init", help="Write a first capture.toml for a folder of frames, and stop.")
+    ] = False,
+    refine_geometry: Annotated[
+        bool,
+        typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
+    ] = False,
+    reference_uncertainty: Annotated[
+        float,
+        typer.Option(
+            help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0
+        ),
+    ] = 0.0,
+    json: JsonOption = None,
+) -> None:
+    """Calibrate camera, noise, linearity, filter weights and absolute scale, as far as a capture allows."""
+    if init:
+        _write_first_manifest(capture, json)
+        return
+    from ..results import calibrate as run
+    from .summary import print_suspicions
+
+    require_folder(out)
+    with bar("calibrating"):
+        result = run(capture, reference_uncertainty=reference_uncertainty)
+    result.write(out)
+    calibration = result.calibration
+    _print_calibration(calibration)
+    print_suspicions(calibration)
+    for note in calibration.notes:
+        say(f"• {note}")
+    if refine_geometry:
+        _refine_geometry(calibration, out)
+    give_json(json, result.to_dict())
+    say(f"Calibration: {out / 'calibration.json'}")
+
+
+def _refine_geometry(calibration: Calibration, out: Path) -> None:
+    from cboxlab.calibration.result import refine_geometry, write_geometry
+
+    camera, errors = refine_geometry(calibration)
+    write_geometry(camera, errors, out)
+    table = data_table(
+        "Geometry from edges: photograph minus model", "object", "x, mm", "y, mm", "z, mm", "samples",
+        "rms, px", "rms after fit, px",
+    )  # fmt: skip
+    for error in errors:
+        sigma = error.covariance.diagonal() ** 0.5
+        pairs = zip(error.shift_mm, sigma, strict=True)
+        shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "fixed" for shift, one in pairs]
+        table.add_row(
+            error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
+        )
+    console.print(table)
+    say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
+
+
+def _write_first_manifest(folder: Path, json: Path | None) -> None:
+    from cboxlab.calibration.capture import write_first_manifest
+
+    with bar("reading frames"):
+        first = write_first_manifest(folder)
+    say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
+    _print_missing("Missing. Every command refuses the capture until these are there:", first, required=True)
+    _print_missing("Can be added, and is then used:", first, required=False)
+    give_json(
+        json, {"manifest": first.path, "tables": first.tables, "missing": [asdict(k) for k in first.missing]}
+    )
+
+
+def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:
+    alike: dict[tuple[str, str, str], list[str]] = {}  # the same key of several tables is one line
+    for key in first.missing:
+        if key.required == required:
+            alike.setdefault((key.where.partition(" of ")[0], key.example, key.why), []).append(str(key))
+    lines = [f"• {same[0]}" + (f" (and {len(same) - 1} more)" if same[1:] else "") for same in alike.values()]
+    for line in [title, *lines] if lines else []:
+        say(line)
+
+
+def _print_calibration(calibration: Calibration) -> None:
+    from cboxlab.calibration.colour import patch_errors
+
+    from .calibration_rows import calibration_rows, colour_rows, patch_rows
+
+    table = data_table(
+        calibration.capture.manifest.name or calibration.capture.folder.name, "", "value", "± 1 σ", "unit"
+    )
+    for row in calibration_rows(calibration):
+        table.add_row(*row)
+    console.print(table)
+    if calibration.colour is not None:
+        errors = data_table(
+            "Filter weights: rms error, mean and largest colour difference", "weights", "X, %", "Y, %", "Z, %",
+            "ΔE*ab", "CIEDE2000",
+        )  # fmt: skip
+        for method in colour_rows(calibration.colour):
+            errors.add_row(*method)
+        console.print(errors)
+    if calibration.patches is not None:
+        colours = data_table("Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00")
+        errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
+        for patch in patch_rows(calibration.patches, errors_of_patches):
+            colours.add_row(*patch)
+        console.print(colours)
+
+
+def compare(
+    a: Annotated[
+        Path,
+        typer.Argument(
+            help="Cube or picture (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False
+        ),
+    ],
+    b: Annotated[Path, typer.Argument(help="The reference, of the same kind.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
+    declare: DeclareOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Compare two cubes, maps or captures: maps and tables of (A − B) / B."""
+    from cboxlab.render.files import require_used
+
+    from ..compare import compare_stacks, comparison_record, read_stack, write_comparison
+
+    if out is not None:
+        require_folder(out)
+    declared = declared_files(declare)
+    with options(), bar("comparing"):
+        first, second = (read_stack(path, declared) for path in (a, b))
+        require_used(declared, [*first.declared, *second.declared])
+        comparison = compare_stacks(first, second)
+    if out is not None:
+        write_comparison(out, comparison)
+    _print_comparison(comparison)
+    give_json(json, comparison_record(comparison))
+    if out is not None:
+        say(f"Maps: {out}")
+
+
+def _shown(value: float | None, form: str) -> str:
+    """The formatted value; a dash for None and NaN."""
+    return "–" if value is None or value != value else format(value, form)
+
+
+def _print_comparison(comparison: StackComparison) -> None:
+    table = data_table(
+        f"{comparison.first.source.name} against {comparison.second.source.name}, in {comparison.first.unit}",
+        "plane", "mean A", "mean B", "mean difference, %", "rms, %", "pixels", "χ²/pixel",
+    )  # fmt: skip
+    for row in comparison.rows:
+        table.add_row(
+            row.name,
+            f"{row.mean_first:.4g}",
+            f"{row.mean_second:.4g}",
+            _shown(100 * row.relative_mean, "+.3f"),
+            _shown(100 * row.relative_rms, ".3f"),
+            str(row.pixels),
+            _shown(row.chi2_per_pixel, ".3f"),
+        )
+    console.print(table)
+    if comparison.means:
+        means = data_table(
+            "Means over all wavelengths, (A - B) / B", "part", "difference, %", "± %", "pixels"
+        )
+        for mean in comparison.means:
+            means.add_row(
+                mean.name, f"{100 * mean.difference:+.3f}", f"{100 * mean.sigma:.3f}", str(mean.pixels)
+            )
+        console.print(means)
+    worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
+    for pixel in comparison.worst:
+        worst.add_row(
+            pixel.plane,
+            str(pixel.x),
+            str(pixel.y),
+            f"{pixel.first:.4g}",
+            f"{pixel.second:.4g}",
+            f"{pixel.size:+.4g}",
+        )
+    if comparison.residual_over_sigma is not None:
+        say(f"Noise alone gives a χ² per pixel of {comparison.expected_chi2:.2f}.")
+    if comparison.worst:
+        console.print(worst)
+    for note in comparison.notes:
+        say(f"• {note}")

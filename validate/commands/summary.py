@@ -1,0 +1,76 @@
+"""Prints a validation or a diagnosis in the terminal: verdict, headline figures, tables."""
+
+from __future__ import annotations
+
+from cboxlab.calibration.result import Calibration
+
+from ..compare import Validation, failures
+from ..diagnose import Diagnosis
+from ..report import finding_sentences, ranked_values, step_name, verdict
+from .console import console, data_table, say
+
+__all__ = ["print_diagnosis", "print_failures", "print_suspicions", "print_validation"]
+
+
+def print_validation(result: Validation) -> None:
+    """Print suspected errors of the capture, the verdict, the headline figures, the tables, where the model fails."""
+    print_suspicions(result.prepared.calibration)
+    c = result.comparison
+    console.print(verdict(c).headline, style="bold")
+    say(
+        f"χ² per degree of freedom {c.chi2.per_dof:.3f} (interiors {c.chi2_interiors.per_dof:.3f}, edges "
+        f"{c.chi2_edges.per_dof:.3f}); mean ΔE*ab {c.delta_e_ab.mean:.2f} (noise alone "
+        f"{c.delta_e_ab_noise.mean:.2f}); render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; "
+        f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
+    )
+    table = data_table(
+        f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %",
+        "surface", *c.bands, "ΔE*ab", "χ²/dof",
+    )  # fmt: skip
+    for name, row in c.by_surface.items():
+        table.add_row(
+            name,
+            *(f"{100 * v:+.2f}" for v in row.relative),
+            f"{row.delta_e_ab:.2f}",
+            f"{row.chi2.per_dof:.2f}",
+        )
+    console.print(table)
+    print_failures(result)
+
+
+def print_failures(result: Validation) -> None:
+    """Print the ranked list of where the model fails."""
+    for rank, failure in enumerate(failures(result)[1], 1):
+        say(f"{rank}. {failure.sentence}")
+
+
+def print_suspicions(calibration: Calibration) -> None:
+    """Print the suspected errors of the capture, if any."""
+    if calibration.suspicions:
+        console.print("Suspected errors of the capture:", style="bold")
+    for suspicion in calibration.suspicions:
+        say(f"! {suspicion}")
+
+
+def print_diagnosis(diagnosis: Diagnosis) -> None:
+    """Print the findings, the ranking and the path."""
+    for sentence in finding_sentences(diagnosis):
+        say(sentence)
+    table = data_table("Effects tried alone", "effect", "parameters", "χ²/dof", "probability")
+    table.columns[1].no_wrap = False
+    for r in diagnosis.ranking[:6]:
+        table.add_row(r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
+    console.print(table)
+    path = data_table(
+        "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp: deviation, σ"
+    )
+    for step in diagnosis.path:
+        c = step.comparison
+        path.add_row(
+            step_name(step),
+            f"{c.chi2.per_dof:.3f}",
+            f"{c.delta_e_ab.mean:.3f}",
+            f"{c.delta_e_ab_noise.mean:.3f}",
+            f"{step.prior_pull:.1f}",
+        )
+    console.print(path)

@@ -1,0 +1,66 @@
+"""Comparison of measured and modelled images: nuisances, residuals, colour differences, where the model fails."""
+
+from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
+from .comparison import ChiSquare, Comparison, RelativeDifference
+from .excess import OUTSIDE, Region, regions_of
+from .failure import Failure, Part
+from .maps import write_maps
+from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
+from .pipeline import (
+    Predicted,
+    Prepared,
+    Rendered,
+    Validation,
+    band_centres,
+    compared,
+    failures,
+    prepare,
+    refitted_picture,
+    rendered_from,
+    solved_light,
+    under_model,
+    validate,
+    validated,
+)
+from .regions import INTERIOR_DISTANCE_PX
+from .stacks import StackComparison, compare_stacks, comparison_record, read_stack, write_comparison
+
+__all__ = [
+    "INTERIOR_DISTANCE_PX",
+    "OUTSIDE",
+    "ChiSquare",
+    "Comparison",
+    "DifferenceStatistics",
+    "Failure",
+    "NuisanceFit",
+    "Nuisances",
+    "Part",
+    "Predicted",
+    "Prepared",
+    "Region",
+    "RelativeDifference",
+    "Rendered",
+    "StackComparison",
+    "Validation",
+    "band_centres",
+    "camera_jacobian",
+    "compare_stacks",
+    "compared",
+    "comparison_record",
+    "failures",
+    "fit_lamp_scale",
+    "held_lamp_scale",
+    "prepare",
+    "read_stack",
+    "refitted_picture",
+    "regions_of",
+    "rendered_from",
+    "solved_light",
+    "srgb_matrix",
+    "srgb_preview",
+    "under_model",
+    "validate",
+    "validated",
+    "write_comparison",
+    "write_maps",
+]

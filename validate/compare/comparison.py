@@ -1,0 +1,298 @@
+"""Comparison of measured and rendered images: residuals relative to noise, colour differences, maps and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.correction import Mask
+from cboxlab.scenes.frozen import OwnMappings
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2 as chi2_distribution
+
+from .colour_difference import (
+    DifferenceStatistics,
+    White,
+    delta_e_2000,
+    delta_e_ab,
+    expected_from_noise,
+    lab,
+    statistics,
+    white_of,
+)
+from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
+
+__all__ = ["BandRow", "ChiSquare", "Comparison", "RelativeDifference", "SurfaceRow", "compare"]
+
+
+@dataclass(frozen=True)
+class ChiSquare:
+    """Sum of squared residuals over sigma, and its expectation from noise.
+
+    value : the sum. count : number of residuals. dof : count minus their share of the fitted parameters.
+    """
+
+    value: float
+    count: int
+    dof: float
+
+    @property
+    def per_dof(self) -> float:
+        """Reduced chi-square: 1 is expected from noise; NaN without pixels."""
+        return self.value / self.dof if self.dof > 0 else float("nan")
+
+    @property
+    def per_dof_sigma(self) -> float:
+        """Standard deviation of ``per_dof`` under pure Gaussian noise, sqrt(2 / dof)."""
+        return float(np.sqrt(2.0 / self.dof)) if self.dof > 0 else float("nan")
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a value at least as large from noise alone."""
+        return float(chi2_distribution.sf(self.value, self.dof)) if self.dof > 0 else float("nan")
+
+    @property
+    def excess(self) -> float:
+        """Value minus its expectation from noise; it can be negative."""
+        return self.value - self.dof
+
+
+@dataclass(frozen=True)
+class RelativeDifference:
+    """(measured - rendered) / rendered over pixels: mean, rms, and the rms expected from noise alone."""
+
+    mean: float
+    rms: float
+    rms_noise: float
+
+
+@dataclass(frozen=True)
+class BandRow:
+    """One band. beyond_noise : rms residual in excess of noise, relative to the rms rendered signal."""
+
+    chi2: ChiSquare
+    relative: RelativeDifference
+    beyond_noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRow:
+    """One surface. chi2 covers all its pixels, all other values its interior.
+
+    measured, rendered, sigma : (band,) interior means in DN and the standard error of their difference.
+    relative, relative_sigma : (band,) (measured - rendered) / rendered and its standard error.
+    delta_e_noise : mean Delta E*ab between these means expected from noise alone. All NaN without interior pixels.
+    """
+
+    chi2: ChiSquare
+    interior_pixels: int
+    measured: NDArray[np.float64]
+    rendered: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    relative: NDArray[np.float64]
+    relative_sigma: NDArray[np.float64]
+    delta_e_ab: float
+    delta_e_2000: float
+    delta_e_noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(OwnMappings):
+    """The outcome of one comparison; immutable.
+
+    maps : Dataset of (band, y, x) measured, rendered, sigma (DN), residual_over_sigma, mask; (y, x, xyz)
+        xyz_measured, xyz_rendered; (y, x) delta_e_ab, delta_e_2000, luminance_relative_difference, surface,
+        edge_distance_px. NaN where a pixel was left out, except for signals and XYZ.
+    xyz_per_dn : (3, band) X, Y, Z per count.
+    share_of_excess_at_edges : 0 to 1, of the excess chi2; NaN without excess.
+    masked : pixels left out in at least one band, by reason; a pixel may have several.
+    """
+
+    bands: tuple[str, ...]
+    maps: xr.Dataset
+    xyz_per_dn: NDArray[np.float64]
+    white: White
+    chi2: ChiSquare
+    chi2_edges: ChiSquare
+    chi2_interiors: ChiSquare
+    share_of_excess_at_edges: float
+    by_band: Mapping[str, BandRow]
+    by_surface: Mapping[str, SurfaceRow]
+    delta_e_ab: DifferenceStatistics
+    delta_e_2000: DifferenceStatistics
+    delta_e_ab_noise: DifferenceStatistics
+    delta_e_2000_noise: DifferenceStatistics
+    luminance: RelativeDifference
+    render_sigma_over_sensor_sigma: float
+    pixels_used: int
+    masked: Mapping[str, int]
+
+
+def _relative(
+    measured: NDArray[np.float64], rendered: NDArray[np.float64], variance: NDArray[np.float64],
+    where: NDArray[np.bool_],
+) -> RelativeDifference:  # fmt: skip
+    r = rendered[where & (rendered > 0)]
+    if r.size == 0:
+        return RelativeDifference(np.nan, np.nan, np.nan)
+    ratio = measured[where & (rendered > 0)] / r - 1.0
+    noise = variance[where & (rendered > 0)] / r**2
+    return RelativeDifference(
+        float(ratio.mean()), float(np.sqrt(np.mean(ratio**2))), float(np.sqrt(noise.mean()))
+    )
+
+
+def _surface(
+    chi2: ChiSquare, inside: NDArray[np.bool_], measured: NDArray[np.float64], rendered: NDArray[np.float64],
+    variance: NDArray[np.float64], *, xyz_per_dn: NDArray[np.float64], white: White, seed: int,
+) -> SurfaceRow:  # fmt: skip
+    n = int(inside.sum())
+    if n == 0:
+        nothing = np.full(measured.shape[0], np.nan)
+        return SurfaceRow(chi2, 0, nothing, nothing, nothing, nothing, nothing, np.nan, np.nan, np.nan)
+    mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
+    sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(mean_rendered > 0, mean_measured / mean_rendered - 1.0, np.nan)
+        relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
+    seen, expected = lab(xyz_per_dn @ mean_measured, white), lab(xyz_per_dn @ mean_rendered, white)
+    noise, _ = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
+    return SurfaceRow(
+        chi2, n, mean_measured, mean_rendered, sigma, relative, relative_sigma,
+        float(delta_e_ab(seen, expected)), float(delta_e_2000(seen, expected)), noise.mean,
+    )  # fmt: skip
+
+
+def _check(images: xr.Dataset, other: xr.Dataset, shape: tuple[int, ...], used: NDArray[np.bool_],
+           variance: NDArray[np.float64]) -> None:  # fmt: skip
+    if list(images.band.values) != list(other.band.values):
+        raise ValueError(f"bands differ: {list(images.band.values)} and {list(other.band.values)}")
+    for index, band in enumerate(images.band.values):
+        values = (images.signal.values[index], other.signal.values[index], variance[index])
+        finite = all(np.isfinite(v[used[index]]).all() for v in values)
+        if not finite or (variance[index][used[index]] <= 0).any():
+            raise ValueError(
+                f"band {band}: an unmasked pixel with a signal that is not finite or has no variance"
+            )
+    if images.signal.shape[1:] != shape:
+        raise ValueError(f"surface image {shape} does not fit band images {images.signal.shape}")
+
+
+def compare(
+    measured: xr.Dataset,
+    rendered: xr.Dataset,
+    sensor_variance: ArrayLike,
+    *,
+    xyz_per_dn: ArrayLike,
+    lamp_xyz: ArrayLike,
+    surface: ArrayLike,
+    surface_names: Sequence[str],
+    single_surface: ArrayLike,
+    fitted_parameters: int = 0,
+    seed: int = 0,
+) -> Comparison:
+    """Compare two sets of band images (see ``band_images``) of the same exposures.
+
+    sensor_variance : (band, y, x) DN^2 of the camera's noise; the Monte Carlo variance of the render is
+        ``rendered.variance``. Both are taken as independent between pixels and bands.
+    xyz_per_dn : (3, band) X, Y, Z per count, 683 b_i / K_i, the same for measured and rendered.
+    lamp_xyz : (3,) of the lamp with the same weights, any scale. surface, single_surface : see ``regions``; the lamp
+        must be masked. fitted_parameters : subtracted from the degrees of freedom.
+
+    The statistics of a band use the pixels not masked in that band; colours use those not masked in any band. Pixels
+    with surface -1 (a black background) are used only in chi2. Raises ValueError if layouts differ or an unmasked
+    value is not finite.
+    """
+    surface, single_surface = np.asarray(surface), np.asarray(single_surface, bool)
+    weights = np.asarray(xyz_per_dn, float)
+    seen, model = measured.signal.values, rendered.signal.values
+    sensor, noise = np.asarray(sensor_variance, float), rendered.variance.values
+    mask = measured.mask.values | rendered.mask.values
+    used = mask == 0
+    variance = sensor + noise
+    _check(measured, rendered, surface.shape, used, variance)
+    bands = tuple(str(b) for b in measured.band.values)
+    if weights.shape != (3, len(bands)):
+        raise ValueError(f"xyz_per_dn has shape {weights.shape}, expected (3, {len(bands)})")
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residual = np.where(used, (seen - model) / np.sqrt(variance), np.nan)
+        sigma_ratio = np.sqrt(noise / sensor)[used]
+    parameters_each = fitted_parameters / max(int(used.sum()), 1)
+
+    def chi_square(where: NDArray[np.bool_]) -> ChiSquare:
+        values = residual[np.broadcast_to(where, residual.shape) & used]
+        return ChiSquare(float(np.sum(values**2)), values.size, values.size * (1.0 - parameters_each))
+
+    distance = edge_distance_px(surface, single_surface)
+    inner = distance >= INTERIOR_DISTANCE_PX
+    chi2_edges, chi2_interiors = chi_square(~inner), chi_square(inner)
+    excess = max(chi2_edges.excess, 0.0), max(chi2_interiors.excess, 0.0)
+
+    whole = used.all(axis=0)
+    on_surface = surface >= 0
+    coloured = whole & on_surface
+    xyz_seen = np.einsum("cb,byx->yxc", weights, seen)
+    xyz_model = np.einsum("cb,byx->yxc", weights, model)
+    white = white_of(lamp_xyz, xyz_model[on_surface, 1])
+    lab_seen, lab_model = lab(xyz_seen, white), lab(xyz_model, white)
+    blank = np.where(coloured, 0.0, np.nan)
+    e_ab, e_2000 = (blank + f(lab_seen, lab_model) for f in (delta_e_ab, delta_e_2000))
+    e_ab_noise, e_2000_noise = expected_from_noise(
+        model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed
+    )
+    luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, variance)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = xyz_seen[..., 1] / xyz_model[..., 1]
+        luminance_map = blank + np.where(xyz_model[..., 1] > 0, ratio - 1.0, np.nan)
+
+    by_band = {}
+    for i, band in enumerate(bands):
+        where = used[i] & on_surface
+        unexplained = float(np.sum(((seen[i] - model[i]) ** 2 - variance[i])[where]))
+        power = float(np.sum(model[i][where] ** 2))
+        by_band[band] = BandRow(
+            chi_square(np.arange(len(bands))[:, None, None] == i),
+            _relative(seen[i], model[i], variance[i], where),
+            float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan"),
+        )
+    by_surface = {
+        name: _surface(chi_square(surface == i), coloured & inner & (surface == i), seen, model, variance,
+                       xyz_per_dn=weights, white=white, seed=seed)
+        for i, name in enumerate(surface_names)
+    }  # fmt: skip
+
+    image, stack = ("y", "x"), ("band", "y", "x")
+    maps = xr.Dataset(
+        {
+            "measured": (stack, seen, {"units": "DN"}),
+            "rendered": (stack, model, {"units": "DN"}),
+            "sigma": (stack, np.sqrt(variance), {"units": "DN"}),
+            "residual_over_sigma": (stack, residual, {"units": "1"}),
+            "mask": (stack, mask, measured.mask.attrs),
+            "xyz_measured": ((*image, "xyz"), xyz_seen),
+            "xyz_rendered": ((*image, "xyz"), xyz_model),
+            "delta_e_ab": (image, e_ab, {"units": "1"}),
+            "delta_e_2000": (image, e_2000, {"units": "1"}),
+            "luminance_relative_difference": (image, luminance_map, {"units": "1"}),
+            "surface": (image, surface.astype(np.int16)),
+            "edge_distance_px": (image, distance, {"units": "px"}),
+        },
+        coords={"band": list(bands), "xyz": ["X", "Y", "Z"]},
+        attrs={"surface_names": list(surface_names)},
+    )
+    return Comparison(
+        bands=bands, maps=maps, xyz_per_dn=weights, white=white,
+        chi2=chi_square(np.array(True)), chi2_edges=chi2_edges, chi2_interiors=chi2_interiors,
+        share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
+        by_band=by_band, by_surface=by_surface,
+        delta_e_ab=statistics(e_ab), delta_e_2000=statistics(e_2000),
+        delta_e_ab_noise=e_ab_noise, delta_e_2000_noise=e_2000_noise,
+        luminance=_relative(xyz_seen[..., 1], xyz_model[..., 1], luminance_variance, coloured),
+        render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
+        pixels_used=int(whole.sum()),
+        masked={reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
+                for reason in Mask if reason.name},
+    )  # fmt: skip

@@ -1,0 +1,61 @@
+"""The excess chi2 by region: partitions of the picture, every residual in one row, every share summing to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .comparison import ChiSquare, Comparison
+from .failure import SIGNIFICANT
+from .regions import INTERIOR_DISTANCE_PX
+
+__all__ = ["OUTSIDE", "Region", "regions_of"]
+
+#: What the camera sees beside the box, in a row of its own.
+OUTSIDE = "outside the box"
+
+
+@dataclass(frozen=True)
+class Region:
+    """One row of a partition. share_of_residuals : 0 to 1.
+
+    share_of_excess : of the chi2 above expectation; the rows sum to 1, and a row below expectation is negative. NaN
+    where noise explains the whole picture.
+    """
+
+    words: str
+    chi2: ChiSquare
+    share_of_residuals: float
+    share_of_excess: float
+
+
+def regions_of(c: Comparison) -> Mapping[str, tuple[Region, ...]]:
+    """Partitions of the residuals by "place" (interiors, edges, outside the box), "surface" and "band"."""
+    index, distance = c.maps["surface"].values, c.maps["edge_distance_px"].values
+    residual = c.maps["residual_over_sigma"].values
+    used = np.isfinite(residual)
+    square = np.where(used, residual, 0.0) ** 2
+    dof_each = c.chi2.dof / max(c.chi2.count, 1)
+
+    def region(words: str, where: NDArray[np.bool_]) -> Region:
+        here = np.broadcast_to(where, used.shape) & used
+        count = int(here.sum())
+        chi2 = ChiSquare(float(square[here].sum()), count, count * dof_each)
+        share = chi2.excess / c.chi2.excess if c.chi2.p_value < SIGNIFICANT else float("nan")
+        return Region(words, chi2, count / max(c.chi2.count, 1), share)
+
+    inside, near = index >= 0, distance < INTERIOR_DISTANCE_PX
+    bands = np.arange(len(c.bands))[:, None, None]
+    outside = region(OUTSIDE, ~inside)
+    return {
+        "place": (
+            region("interiors of surfaces", inside & ~near),
+            region(f"surfaces within {INTERIOR_DISTANCE_PX:g} px of an edge", inside & near),
+            outside,
+        ),
+        "surface": (*(region(name, index == i) for i, name in enumerate(c.by_surface)), outside),
+        "band": tuple(region(band, bands == i) for i, band in enumerate(c.bands)),
+    }

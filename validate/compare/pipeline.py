@@ -1,0 +1,362 @@
+"""The complete validation: from a capture and a model to their comparison."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.colour import LUMINOUS_EFFICACY, FilterWeights
+from cboxlab.calibration.correction import Mask, band_images
+from cboxlab.calibration.geometry import CameraFit
+from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.result import Calibration, calibrate
+from cboxlab.render.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
+from cboxlab.render.device import variant
+from cboxlab.render.files import AS_STATED, Declared
+from cboxlab.render.image import RenderedImage, light_shares
+from cboxlab.render.perturbation import warp_change
+from cboxlab.render.radiosity import LightField, solve_light
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import NDArray
+
+from ..effects import AppliedEffect
+from ..model import Model, seen_through, with_further_distortion
+from ..predict import (
+    ForeignPicture,
+    Predictor,
+    build_predictor,
+    foreign_picture,
+    render_plainly,
+    render_to_noise,
+    require_level,
+    sensing,
+)
+from .comparison import Comparison, compare
+from .failure import Failure, Part, parts, ranked_failures
+from .nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances, held_lamp_scale
+
+__all__ = [
+    "Predicted", "Prepared", "Rendered", "Validation", "band_centres", "compared", "failures", "prepare", "refitted",
+    "refitted_picture", "rendered_from", "solved_light", "under_model", "validate", "validated",
+]  # fmt: skip
+
+#: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
+#: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions.
+_DRAFT_NOISE = 0.7
+#: The share of the progress from which to which each draft goes.
+_DRAFTS = ((0.1, 0.2), (0.2, 0.3))
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
+
+    camera_fit, responses, weights : of the calibration, which has them all. lamp_sigma : relative standard deviation
+    of the lamp's stated power, None if not stated. picture : another renderer's picture through the calibrated camera,
+    used instead of rendering. cache : folder of rendered pictures, or None.
+    """
+
+    calibration: Calibration
+    camera_fit: CameraFit
+    responses: tuple[BandResponse, ...]
+    weights: FilterWeights
+    scene: Scene
+    lamp_sigma: float | None
+    picture: ForeignPicture | None = None
+    cache: Path | None = None
+
+    @property
+    def calibrated_camera(self) -> Camera:
+        """The camera of the survey, with its covariance."""
+        return self.camera_fit.camera
+
+    def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
+        """The surveyed camera moved by the effects that act on the camera (in its ten parameters), with the
+        covariance of the survey.
+        """
+        return replace(seen_through(self.calibrated_camera, effects), further_distortion=None)
+
+    @property
+    def measured(self) -> NDArray[np.float64]:
+        """(band, y, x) DN, the measured signal."""
+        return self.calibration.images.signal.values
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(band, y, x) True for pixels that the capture does not mask."""
+        return self.calibration.images.mask.values == 0
+
+    def lamp_scale(self, signal: NDArray, variance: NDArray, used: NDArray) -> tuple[float, float]:
+        """As ``fit_lamp_scale``; of another renderer's picture held to what is stated, lest it hides missing light."""
+        scale, sigma = fit_lamp_scale(self.measured, signal, variance, used, self.lamp_sigma)
+        return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error.
+
+    signal : (band, y, x) DN with the model's effects, at the lamp's stated power. used : (band, y, x) True for pixels
+    used.
+    """
+
+    image: RenderedImage
+    fit: NuisanceFit
+    signal: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    used: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted(Rendered):
+    """A picture with the predictor of what effects make of it; it takes a compiled variant."""
+
+    predictor: Predictor
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """The result of ``validate``. rendered : a ``Predicted`` under a compiled variant. seconds : wall time."""
+
+    prepared: Prepared
+    model: Model
+    rendered: Rendered
+    comparison: Comparison
+    seconds: float
+
+    @property
+    def light(self) -> LightField | None:
+        """The radiosity solution that the picture was gathered from; None without a compiled variant."""
+        return self.rendered.predictor.light if isinstance(self.rendered, Predicted) else None
+
+    @property
+    def image(self) -> RenderedImage:
+        """The base picture, without the effects that act after the scene."""
+        return self.rendered.image
+
+    @property
+    def fit(self) -> NuisanceFit:
+        """Camera and lamp as fitted to the picture."""
+        return self.rendered.fit
+
+
+def prepare(folder: Path, model: Model) -> Prepared:
+    """Load and calibrate a capture and put its lamp into the model's scene.
+
+    Raises InputError if the capture lacks data that a comparison with a render needs.
+    """
+    capture = load_capture(folder)
+    calibration = calibrate(capture)
+    manifest = folder / "capture.toml"
+    lamp = capture.manifest.lamp
+    camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights
+    lacking = [
+        name
+        for name, value in (
+            ("[geometry] with points", camera_fit),
+            ("[lamp] with radiance", lamp),
+            ("data for the sensor equation (gain, lens, quantum efficiency, filters)", responses),
+        )
+        if value is None
+    ]
+    if camera_fit is None or lamp is None or responses is None or weights is None:
+        raise InputError(
+            manifest,
+            f"no {'; no '.join(lacking)}",
+            "these data, which a comparison with a render needs",
+            "A calibration does not need them.",
+        )
+    scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
+    return Prepared(calibration, camera_fit, responses, weights, scene, lamp.relative_uncertainty)
+
+
+def under_model(prepared: Prepared, model: Model) -> Prepared:
+    """The same calibrated capture with another model's scene."""
+    return replace(
+        prepared, scene=load_scene(model.scene).with_lamp(prepared.scene.lamp.radiance), picture=None
+    )
+
+
+def solved_light(
+    prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]
+) -> LightField:
+    """The radiosity solution of the scene with the effects that act on scene or settings."""
+    scene = after_stage(prepared.scene, effects, "scene")
+    settings = after_stage(settings, effects, "settings")
+    return solve_light(scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
+
+
+def validate(
+    folder: Path, model: Model, progress: Progress = QUIET, picture: Path | None = None,
+    cache: Path | None = None, declared: Declared = AS_STATED,
+) -> Validation:  # fmt: skip
+    """Calibrate, render, fit the nuisances, compare.
+
+    progress : called with the completed share, 0 to 1. picture : a spectral cube of another renderer, used instead of
+    the rendered picture without effects. cache : folder of rendered pictures, reused by later runs.
+    declared : what the file of the picture does not state.
+    """
+    start = time.perf_counter()
+    progress.stage("calibrating")
+    prepared = replace(prepare(folder, model), cache=cache)
+    if picture is not None:
+        if not variant.compiled():
+            raise InputError("render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+        light = solved_light(prepared, model.render, ())
+        image = foreign_picture(picture, prepared.scene, prepared.calibrated_camera, declared)
+        prepared = replace(
+            prepared, picture=ForeignPicture(image, prepared.calibrated_camera, light, picture)
+        )
+    return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
+
+
+def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:
+    """Render a model of a prepared capture's scene, fit the nuisances, compare.
+
+    progress : called with shares from 0.05 on; what comes before is the calibration.
+    """
+    start = time.perf_counter()
+    progress.stage("rendering")
+    progress.part(0.05)
+    if not variant.compiled():
+        plain = _rendered_plainly(prepared, model, share(progress, 0.05, 0.95))
+        comparison = compared(prepared, plain, plain.fit.lamp_scale * plain.signal)
+        return Validation(prepared, model, plain, comparison, time.perf_counter() - start)
+    light = solved_light(prepared, model.render, model.effects)
+    camera = prepared.expected_camera(model.effects)
+    for first, last in _DRAFTS:
+        settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
+        part = share(progress, first, last)
+        rendered = rendered_from(prepared, light, camera, settings, model.effects, part)
+        if prepared.picture is not None:
+            seen = prepared.measured[rendered.used].sum() / rendered.signal[rendered.used].sum()
+            require_level(prepared.picture.path, float(seen))
+        camera = refitted(prepared, rendered, model.effects).camera
+    final = rendered_from(prepared, light, camera, model.render, model.effects, share(progress, 0.3, 0.9))
+    progress.stage("comparing")
+    rendered = refitted_picture(prepared, final, model.effects)
+    comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
+    progress.part(1.0)
+    return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
+
+
+def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
+    calibration, effects = prepared.calibration, model.effects
+    camera = prepared.expected_camera(effects)
+    if later := [e.id for e in effects if e.stage == "transport"]:
+        expected = "effects that need no compiled variant"
+        raise InputError("model", f"the effect {later[0]}", expected, variant.HINT)
+    scene = after_stage(prepared.scene, effects, "scene")
+    settings = after_stage(model.render, effects, "settings")
+    there = with_further_distortion(camera, effects)
+    image = render_plainly(scene, there, settings.max_bounces, model.render.seed, progress)
+    bands = render_bands(image, prepared.responses)
+    signal = expected_signal(image, sensing(calibration, camera), effects, camera)
+    return _scaled(prepared, image, camera, signal, bands)
+
+
+def _scaled(
+    prepared: Prepared, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset
+) -> Rendered:
+    used = prepared.usable & (bands.mask.values == 0)
+    if not (signal[used] > 0).any():
+        hint = "Set max_bounces in the model file to 1 or more, or leave it out"
+        raise InputError("the model's picture", "no light outside the lamp", "light to compare", hint)
+    variance = prepared.calibration.predicted_variance(signal) + bands.variance.values
+    scale, sigma = prepared.lamp_scale(signal, variance, used)
+    return Rendered(image, NuisanceFit(camera, scale, sigma), signal, bands.variance.values, used)
+
+
+def rendered_from(
+    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
+    progress: Progress = QUIET,
+) -> Predicted:  # fmt: skip
+    """Render the picture through ``camera`` to the noise of the settings, and fit the lamp's scale.
+
+    light : of the same effects (see ``solved_light``).
+    """
+    calibration, responses = prepared.calibration, prepared.responses
+    if prepared.picture is not None:
+        image, included = prepared.picture.through(camera, settings.seed), []
+        bands = render_bands(image, responses)
+    else:
+        image, bands = render_to_noise(
+            light, camera, responses, calibration.predicted_variance, prepared.usable, noise=settings.noise,
+            seed=settings.seed, progress=progress, cache=prepared.cache,
+        )  # fmt: skip
+        included = [e for e in effects if e.stage in stages_between("scene", "settings")]
+    predictor = build_predictor(
+        light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
+    )
+    plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
+    return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, predictor)
+
+
+def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
+    """Camera and lamp fitted to the measured picture, starting from a render with these effects."""
+    predictor = rendered.predictor
+    signal = predictor.signal(effects)
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    return fit_nuisances(
+        prepared.measured, variance, rendered.used, signal, predictor.warp, prepared.expected_camera(effects),
+        prepared.lamp_sigma,
+    )  # fmt: skip
+
+
+def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
+    """Refit camera and lamp, and warp the picture to this camera (about 0.01 px) instead of rendering it again."""
+    fit = refitted(prepared, rendered, effects)
+    signal = rendered.signal + warp_change(rendered.predictor.warp, fit.camera)
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    scale, sigma = prepared.lamp_scale(signal, variance, rendered.used)
+    return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal)
+
+
+def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
+    """Comparison of the measured picture with a modelled ``signal`` (band, y, x) in DN, lamp scale included."""
+    calibration, image, responses = prepared.calibration, rendered.image, prepared.responses
+    variance = rendered.variance * rendered.fit.lamp_scale**2
+    mask = np.where(rendered.used | ~prepared.usable, 0, int(Mask.LAMP))
+    xyz_per_dn = LUMINOUS_EFFICACY * prepared.weights.weights / np.array([r.factor for r in responses])
+    lamp = prepared.scene.lamp.radiance.at(responses[0].wavelength_nm)
+    return compare(
+        calibration.images,
+        band_images([r.band for r in responses], signal, variance, mask),
+        calibration.predicted_variance(signal),
+        xyz_per_dn=xyz_per_dn,
+        lamp_xyz=xyz_per_dn @ [response.signal(lamp) for response in responses],
+        surface=np.where(image.surface < 0, -1, image.surface),
+        surface_names=image.surface_names,
+        single_surface=image.single_surface,
+        fitted_parameters=Nuisances.count,
+    )
+
+
+def band_centres(responses: Sequence[BandResponse]) -> tuple[float, ...]:
+    """(band,) nm: the mean wavelength of every band's response."""
+    weights = np.stack([r.response for r in responses], axis=-1)
+    return tuple(float(nm) for nm in (responses[0].wavelength_nm @ weights) / weights.sum(axis=0))
+
+
+def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]:
+    """The subsets of residuals considered, and the ranked list of where the model fails."""
+    scene, c = result.prepared.scene, result.comparison
+    responses = result.prepared.responses
+    weights = np.stack([r.response for r in responses], axis=-1)
+    centres = band_centres(responses)
+    shares = None
+    if isinstance(result.rendered, Predicted) and result.prepared.picture is None:
+        shares = light_shares(result.image, result.rendered.predictor.light.tracer.scene, weights)
+    material = {surface.name: surface.material for surface in scene.surfaces}
+    known = tuple(parts(c, material, centres, shares))
+    return known, ranked_failures(c, known)

@@ -1,0 +1,50 @@
+"""Regions of the picture: distance from edges of surfaces, interiors and edges.
+
+``surface`` is an integer image [y, x] of indices into the surface names; -1 for the lamp and outside the box.
+``single_surface`` [y, x] is False where a pixel sees several surfaces, or several faces of one surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
+
+__all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px", "edges", "interiors"]
+
+#: Smallest distance of interior pixels from an edge.
+INTERIOR_DISTANCE_PX = 3.0
+
+
+def edge_distance_px(surface: ArrayLike, single_surface: ArrayLike) -> NDArray[np.float64]:
+    """Lower bound (y, x), in px, of the distance from a pixel's centre to the nearest edge of the surface it sees.
+
+    It is the distance to the nearest pixel centre that sees several surfaces or another one, minus 0.5 px; 0 for
+    pixels that see several surfaces, infinite if the picture shows only one. The border of the picture is not an edge.
+    Raises ValueError if the shapes differ.
+    """
+    surface, single_surface = np.asarray(surface), np.asarray(single_surface, bool)
+    if surface.ndim != 2 or surface.shape != single_surface.shape:
+        shapes = f"{surface.shape} and {single_surface.shape}"
+        raise ValueError(f"surface and single_surface need equal (y, x) shapes, got {shapes}")
+    distance = np.zeros(surface.shape)
+    for label in np.unique(surface):
+        inside = (surface == label) & single_surface
+        if inside.all():
+            return np.full(surface.shape, np.inf)
+        distance[inside] = distance_transform_edt(inside)[inside] - 0.5
+    return distance
+
+
+def interiors(
+    surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
+) -> NDArray[np.bool_]:
+    """(y, x) True for pixels of a surface at least ``distance_px`` from its edges."""
+    return (edge_distance_px(surface, single_surface) >= distance_px) & (np.asarray(surface) >= 0)
+
+
+def edges(
+    surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
+) -> NDArray[np.bool_]:
+    """(y, x) True for pixels less than ``distance_px`` from an edge, on either side of it."""
+    return edge_distance_px(surface, single_surface) < distance_px

@@ -1,0 +1,21 @@
+"""Which effect the model lacks: hypotheses, screening, fits, selection, held-out tests."""
+
+from .causes import Cause
+from .diagnosis import Diagnosis, Ranked, Step, diagnose
+from .effect_fit import fit_effect, fit_effects
+from .further_captures import Separation
+from .linear_model import nuisance_priors
+from .search import judged_by_priors
+
+__all__ = [
+    "Cause",
+    "Diagnosis",
+    "Ranked",
+    "Separation",
+    "Step",
+    "diagnose",
+    "fit_effect",
+    "fit_effects",
+    "judged_by_priors",
+    "nuisance_priors",
+]

@@ -1,0 +1,323 @@
+"""Which physical effect does the model lack? From a validation to ranked effects and the path of the falling error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.render.chain import RenderSettings, after_stage, stages_between
+from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.scenes.progress import QUIET, Progress, share
+from numpy.typing import NDArray
+
+from ..compare import (
+    Comparison,
+    Validation,
+    compared,
+    refitted_picture,
+    rendered_from,
+    solved_light,
+)
+from ..effects import AppliedEffect
+from ..explain import Explanation
+from ..model import Model
+from .alternatives import SelectedEffect, confirmed_where_held_out, groups, with_better_alternatives
+from .causes import Cause, likeliest_causes
+from .evidence import (
+    LEAST_EXPLAINED,
+    LEAST_EXPLAINED_EACH,
+    SHAPE_ERROR,
+    explained_part,
+    first_significant,
+    prior_pull,
+    something_remains,
+    square,
+)
+from .foreign_side import ForeignSide, foreign_side
+from .further_captures import Separation, separations
+from .hypotheses import hypotheses
+from .linear_model import LinearModel, smooth_excess
+from .linearised_fit import (
+    LinearisedFit,
+    linearised_fit,
+    refitted_together,
+    residual_with,
+    residual_with_rendered,
+)
+from .search import Candidate, Signature, signature
+from .selection import backward_elimination, best_singles, pairs_replaced
+from .unexplained import beats, explained, stands_out
+
+__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose", "refitted"]
+
+#: What is selected where something remains that no effect of the catalogue explains.
+UNKNOWN = "unknown"
+
+#: Probability that nothing is missing where no effect was accepted.
+NOTHING_MISSING = 0.95
+
+#: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
+_MOST_EFFECTS = 3
+_FITTED_FIRST = 6
+
+#: The base picture is rendered again where the refit with an effect moves the box's corners by more than this (rms);
+#: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
+#: rendered several times, at most so often.
+_STALE_PX, _MOST_RENDERINGS = 0.01, 3
+
+
+@dataclass(frozen=True)
+class Ranked(OwnMappings):
+    """One effect tried alone. values : its parameters. sigma : standard deviations of those fitted."""
+
+    effect: str
+    values: Mapping[str, str | float]
+    sigma: Mapping[str, float]
+    chi2_per_dof: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Step(OwnMappings):
+    """The model with the first effects selected. effects : these. sigma : standard deviations of their numbers.
+
+    smooth_excess : see ``linear_model``. prior_pull : standard deviations by which the fitted camera and lamp miss what
+    is known of them. comparison : measured against this model, camera and lamp fitted.
+    """
+
+    effects: tuple[AppliedEffect, ...]
+    sigma: tuple[Mapping[str, float], ...]
+    smooth_excess: float
+    prior_pull: float
+    comparison: Comparison
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a model lacks.
+
+    adequate : whether the model as given is. ranking : every effect tried alone, best first. selected :
+    effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
+    the model as given and with the selected effects, nuisances fitted, the base picture's own error counted.
+    indistinguishable : groups this capture cannot separate. heldout_pixels, heldout_bands : gain where held out
+    from the fit over that where fitted, the least of all selected effects; NaN where it cannot be tried.
+    separations : the captures that would separate those groups. model : the given one with the selected effects.
+    residual : (band, y, x) measured less the model as given, over sigma, without what camera and lamp can imitate; NaN
+    where not used. causes : the likeliest ones tried alone, to be seen beside it.
+    explanation : what a family of fields says about what no effect explains; None where nothing remains.
+    render : what another renderer's picture lacks by itself; None for our own.
+    """
+
+    adequate: bool
+    chi2_per_dof: float
+    final_chi2_per_dof: float
+    ranking: tuple[Ranked, ...]
+    selected: tuple[str, ...]
+    indistinguishable: tuple[tuple[str, ...], ...]
+    path: tuple[Step, ...]
+    heldout_pixels: float
+    heldout_bands: float
+    separations: tuple[Separation, ...]
+    model: Model
+    residual: NDArray[np.float32]
+    causes: tuple[Cause, ...]
+    explanation: Explanation | None = None
+    render: ForeignSide | None = None
+
+
+def diagnose(validation: Validation, progress: Progress = QUIET) -> Diagnosis:
+    """Find which effects of the catalogue explain a validation's residual.
+
+    Raises InputError where nothing could be compiled and so nothing can be predicted.
+    """
+    validation, render = foreign_side(validation)
+    prepared, model = validation.prepared, validation.model
+    given = model.effects
+    linearised = linearised_fit(prepared, validation.rendered, given)
+    progress.stage("trying every effect")
+    signatures = _signatures(linearised, given, model.render, share(progress, 0.0, 0.6))
+    first = linearised
+    problem, start, residual = linearised.problem(()), linearised.model, linearised.model.residual
+    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
+    progress.stage("choosing among effects")
+    progress.part(0.75)
+    chosen: list[Candidate] = []
+    while (
+        best := first_significant(
+            candidates, residual, problem.model, residual_with_rendered(linearised, chosen)
+        )
+    ) is not None:
+        linearised = refitted(validation, linearised, [*chosen, best])
+        chosen = refitted_together(linearised, [*chosen, best])
+        residual = residual_with(linearised, chosen)
+        hopeless = explained_part(linearised.model, residual) < LEAST_EXPLAINED_EACH * len(chosen)
+        if hopeless and something_remains(
+            linearised.model, residual, residual_with_rendered(linearised, chosen)
+        ):
+            chosen = []
+            break
+        reached = 0.75 + 0.2 * len(chosen) / _MOST_EFFECTS
+        progress.part(reached)
+        if len(chosen) == _MOST_EFFECTS:
+            break
+        if best.hypothesis.effect.stage == "settings":
+            # with more light reflected the signatures of the other effects differ
+            signatures = _signatures(
+                linearised, (*given, best.applied), model.render, share(progress, reached, reached)
+            )
+        taken = {c.hypothesis.effect.id for c in chosen}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
+        problem = linearised.problem(chosen)
+        candidates = best_singles(problem, rest, residual, 3)
+    chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
+    chosen, known = with_better_alternatives(linearised, chosen, signatures)
+    chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
+    if not chosen:
+        linearised = first
+    residual = residual_with(linearised, chosen)
+    left = something_remains(linearised.model, residual, residual_with_rendered(linearised, chosen))
+    progress.stage("explaining what remains")
+    explanation: Explanation | None = None
+    by_effects = start.chi2 - square(residual)
+    remains = explained(prepared, linearised, residual)
+    if left or stands_out(remains, linearised.model, residual, by_effects):
+        left, explanation = True, remains
+    selected = tuple(c.hypothesis.effect.id for c in chosen)
+    if left:
+        enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
+        selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
+    if chosen and (left or len(chosen) > 1):
+        whole = explained(prepared, first, start.residual)
+        if selected == (UNKNOWN,) or beats(whole, start, square(residual)):
+            explanation, selected, left = whole, (UNKNOWN,), True
+    if selected == (UNKNOWN,):
+        linearised, chosen, known, residual = first, [], [], start.residual
+    added = tuple(c.applied for c in chosen)
+    steps = [
+        Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)
+    ]
+    for count in range(1, len(chosen) + 1):
+        steps.append(
+            _step(
+                validation,
+                linearised,
+                refitted_together(linearised, chosen[:count]) if count < len(chosen) else chosen,
+            )
+        )
+    progress.part(1.0)
+    return Diagnosis(
+        adequate=not selected,
+        chi2_per_dof=start.chi2 / start.count,
+        final_chi2_per_dof=float(residual @ residual) / linearised.model.count,
+        ranking=_ranking(singles, known, start, left, selected),
+        selected=selected,
+        indistinguishable=groups(known),
+        path=tuple(steps),
+        heldout_pixels=_least([p.heldout_pixels for p in known]),
+        heldout_bands=_least([p.heldout_bands for p in known]),
+        separations=separations(prepared, linearised, known),
+        model=replace(model, effects=(*model.effects, *added)),
+        residual=start.image(start.residual).astype(np.float32),
+        causes=likeliest_causes(start, singles, [c.hypothesis.effect.id for c in chosen]) if selected else (),
+        explanation=explanation,
+        render=render,
+    )
+
+
+def _least(gains: Sequence[float]) -> float:
+    return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
+
+
+def _signatures(
+    linearised: LinearisedFit, given: Sequence[AppliedEffect], settings: RenderSettings, progress: Progress
+) -> list[Signature]:
+    scene = linearised.predictor.scene
+    bands = linearised.predictor.sensing.curves.bands
+    known = hypotheses(bands, scene, after_stage(settings, given, "settings"))
+    found, rough = [], linearised.predictor.rough()
+    for index, hypothesis in enumerate(known):
+        one = signature(rough, given, linearised.rendered.used, hypothesis)
+        if one is not None:
+            found.append(one)
+        progress.part((index + 1) / len(known))
+    return found
+
+
+def refitted(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> LinearisedFit:
+    """Refit the camera with these effects in the model; render again where it moved or the light changed."""
+    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.predictor
+    effects = (*linearised.given, *(c.applied for c in chosen))
+    settings = validation.model.render
+    altered = refitted_picture(prepared, replace(rendered, signal=predictor.signal(effects)), effects)
+    corners = prepared.scene.corners_mm
+    resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in chosen)
+    light = None if resolve else validation.light
+    camera = predictor.camera
+    for _ in range(_MOST_RENDERINGS):
+        moved = altered.fit.camera.project(corners) - camera.project(corners)
+        if not resolve and np.sqrt(np.nanmean(moved**2)) <= _STALE_PX:
+            break
+        light = light or solved_light(prepared, settings, effects)
+        camera, resolve = altered.fit.camera, False
+        altered = refitted_picture(
+            prepared, rendered_from(prepared, light, camera, settings, effects), effects
+        )
+    # the signatures hold the pixels that were used at first
+    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given)
+
+
+def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> Step:
+    """The model with these effects, compared; the lamp's scale is fitted with them in place."""
+    prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, chosen)
+    applied = tuple(c.applied for c in chosen)
+    signal = linearised.predictor.signal((*linearised.given, *applied)) + linearised.refit_change
+    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
+    return Step(
+        effects=applied,
+        sigma=tuple(dict(c.sigma) for c in chosen),
+        smooth_excess=smooth_excess(linearised.model, residual),
+        prior_pull=prior_pull(residual),
+        comparison=compared(prepared, rendered, scale * signal),
+    )
+
+
+def _ranking(
+    singles: Sequence[Candidate], known: Sequence[SelectedEffect], start: LinearModel, left: bool,
+    selected: tuple[str, ...],
+) -> tuple[Ranked, ...]:  # fmt: skip
+    """The selected effects by the chi2 that leaving them out costs, then their alternatives, then all others.
+
+    A selected effect and its alternatives share the probability among them. Where no effect was selected, that
+    nothing is missing has NOTHING_MISSING of it.
+    """
+    unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
+    entries = {c.hypothesis.effect.id: _ranked(c, start, 0.0) for c in reversed(singles)}
+    if set(selected) - {UNKNOWN}:
+        for effect in sorted(known, key=lambda e: e.chi2_without):
+            everyone = [effect.candidate, *effect.alternatives]
+            for candidate, share in zip(everyone, _shares(everyone, effect.chi2_without), strict=True):
+                entry = _ranked(candidate, start, (1 - unknown) * share)
+                other = entries.get(entry.effect)
+                if candidate is effect.candidate or other is None or entry.probability > other.probability:
+                    entries[entry.effect] = entry
+    else:
+        rest = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
+        for candidate, share in zip(singles, _shares(singles, start.chi2), strict=True):
+            entries[candidate.hypothesis.effect.id] = _ranked(candidate, start, rest * share)
+    lowest = min((c.chi2 for c in singles), default=start.chi2)
+    entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
+    return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
+
+
+def _ranked(candidate: Candidate, start: LinearModel, probability: float) -> Ranked:
+    values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
+    return Ranked(candidate.hypothesis.effect.id, values, sigma, candidate.chi2 / start.count, probability)
+
+
+def _shares(candidates: Sequence[Candidate], chi2_without: float) -> list[float]:
+    """Probabilities from the differences of chi2, of which the error of the effects' shapes may make a part."""
+    chi2 = np.array([c.chi2 for c in candidates])
+    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (1.0 + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
+    return [float(w) for w in weights / weights.sum()]

@@ -1,0 +1,123 @@
+"""What counts as evidence for an effect, and when something unexplained is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ..compare import Nuisances
+from .linear_model import LinearModel, smooth_excess, smooth_part
+from .search import Candidate
+
+__all__ = [
+    "INDISTINGUISHABLE",
+    "LEAST_EXPLAINED",
+    "LEAST_EXPLAINED_EACH",
+    "SHAPE_ERROR",
+    "SMALLEST_GAIN",
+    "explained_part",
+    "first_significant",
+    "least_gain",
+    "least_gain_of",
+    "penalised",
+    "prior_pull",
+    "something_remains",
+    "square",
+]  # fmt: skip
+
+#: An effect must lower chi2 per sample by at least this much. The base picture's own errors could make less: they are
+#: smooth. What changes edges alone is not imitated by them, and the errors of edges are counted in the variance.
+SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
+
+#: A relative error e of an effect's shape leaves e^2 of the chi2 that the effect explains. This part allows for an
+#: error of a tenth; between two effects in each other's stead it allows for errors of a twentieth each. A further
+#: effect must gain more than this part of what those already selected explain.
+SHAPE_ERROR = 0.01
+
+#: An effect that imitates a nuisance must relieve the priors by more than chance does with this probability.
+_PRIOR_CHANCE = 3e-4
+
+#: Something unexplained is left where the squares of block means of interiors exceed what noise makes of them by more
+#: than the first, or those of all pixels by more than the second, in units of chi2 per sample; either must exceed the
+#: third part of the excess without effects, too, which the errors of their shapes may leave.
+_REMAINS, _REMAINS_ANYWHERE, _REMAINS_PART = 0.03, 0.15, 0.03
+
+#: Effects that explain less than this part of the excess over noise may resemble its cause by coincidence.
+LEAST_EXPLAINED = 0.9
+
+#: The search is given up where effects explain less than this part of the excess each.
+LEAST_EXPLAINED_EACH = 0.25
+
+#: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
+INDISTINGUISHABLE = 9.2
+
+
+def first_significant(
+    candidates: Sequence[Candidate], residual: NDArray, model: LinearModel, rendered: NDArray
+) -> Candidate | None:
+    """The best candidate with a significant gain. One that relieves the priors gains little chi2, and need not be best.
+
+    residual, rendered : (n + 11,) with the effects already selected, and with those of them with which the picture is
+    rendered again. model : in which the candidates were fitted.
+    """
+    explained = square(rendered) - square(residual)
+    residual = model.project(residual)
+    return next((c for c in candidates if _significant(c, residual, model, explained)), None)
+
+
+def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, explained: float) -> bool:
+    """Whether a gain exceeds what errors of the base picture or of the selected effects' shapes could give, or
+    relieves the priors. explained : chi2 by effects whose shapes have errors."""
+    gain = square(residual) - candidate.chi2
+    if candidate.hypothesis.effect.imitates_nuisance:
+        relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2
+        relieved = gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
+        if relieved or candidate.by_priors:
+            return bool(relieved)
+    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
+
+
+def least_gain(candidate: Candidate, model: LinearModel) -> float:
+    """Chi2 that errors of the base picture could let an effect gain, by how smooth the effect is."""
+    return least_gain_of(candidate.predicted, model)
+
+
+def least_gain_of(change: NDArray, model: LinearModel) -> float:
+    """The same of a change (n + 11,) over sigma."""
+    smooth = smooth_part(model, change)
+    return model.count * (_SMALLEST_GAIN_AT_EDGES + smooth * (SMALLEST_GAIN - _SMALLEST_GAIN_AT_EDGES))
+
+
+def penalised(candidate: Candidate) -> float:
+    """Chi2, and half the least distinguishable difference for each free number."""
+    return candidate.chi2 + INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
+
+
+def prior_pull(residual: NDArray) -> float:
+    """Standard deviations by which the fitted camera and lamp miss what is known of them, of a residual (n + 11,)."""
+    return float(np.linalg.norm(residual[-Nuisances.count :]))
+
+
+def something_remains(model: LinearModel, residual: NDArray, rendered: NDArray) -> bool:
+    """Whether a residual (n + 11,) exceeds noise and the errors of the base picture and of the effects' shapes.
+
+    rendered : (n + 11,) with those of the effects only with which the picture is rendered again.
+    """
+    first, excess = (square(vector) / model.count - 1 for vector in (rendered, residual))
+    return smooth_excess(model, residual) > max(
+        _REMAINS, _REMAINS_PART * smooth_excess(model, rendered)
+    ) or excess > max(_REMAINS_ANYWHERE, _REMAINS_PART * first)
+
+
+def explained_part(model: LinearModel, residual: NDArray) -> float:
+    """The part of the excess of chi2 over its expectation that the effects explain."""
+    left = square(residual)
+    return (model.chi2 - left) / max(model.chi2 - model.count, model.chi2 - left, 1e-9)
+
+
+def square(vector: NDArray) -> float:
+    """Sum of squares of a vector (n,)."""
+    return float(vector @ vector)

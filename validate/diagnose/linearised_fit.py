@@ -1,0 +1,115 @@
+"""The fit of camera and lamp to a rendered picture, linearised: what effects are fitted and judged on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.render.chain import stages_between
+from cboxlab.render.device import variant
+from cboxlab.render.perturbation import warp_change
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from ..compare import Predicted, Prepared, Rendered, camera_jacobian
+from ..effects import AppliedEffect
+from ..model import displacement
+from ..predict import Predictor
+from .linear_model import LinearModel, build_linear_model, model_variance
+from .search import Candidate, Problem, build_problem, fit, steps_of
+
+__all__ = ["LinearisedFit", "linearised_fit", "refitted_together", "residual_with", "residual_with_rendered"]
+
+#: Stages with whose effects the picture is rendered again: their shapes have no error of their own.
+_RENDERED = stages_between("scene", "settings")
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedFit:
+    """A rendered picture, and the linear model of its residual about the fitted camera and lamp.
+
+    given : the model's own effects. base : (band, y, x) DN predicted under them, from which changes by further
+    effects are counted. refit_change : (band, y, x) DN that the last refit of the camera adds to it.
+    derivative : (10, band, y, x) of the signals with respect to the camera's parameters.
+    """
+
+    rendered: Predicted
+    predictor: Predictor
+    model: LinearModel
+    given: tuple[AppliedEffect, ...]
+    base: NDArray[np.float64]
+    refit_change: NDArray[np.float64]
+    derivative: NDArray[np.float64]
+
+    @property
+    def scale(self) -> float:
+        """The fitted factor on the lamp's power."""
+        return self.rendered.fit.lamp_scale
+
+    def problem(self, chosen: Sequence[Candidate]) -> Problem:
+        """What a further effect is fitted to, with these in place and their numbers marginalised over."""
+        applied = [c.applied for c in chosen]
+        changes = []
+        for index, one in enumerate(chosen):
+            rest = self._problem(self.model, [*applied[:index], *applied[index + 1 :]])
+            here = rest.change(one.applied)
+            changes += [rest.change(step.after.applied) - here for step in steps_of(one)]
+        return self._problem(self.model.marginalised_over(changes), applied)
+
+    def _problem(self, model: LinearModel, others: Sequence[AppliedEffect]) -> Problem:
+        return build_problem(
+            self.predictor, model, (*self.given, *others), self.scale, self.rendered.variance
+        )
+
+
+def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> LinearisedFit:
+    """Linearise about the fitted camera and lamp. The picture may hold more effects than ``given``.
+
+    Raises InputError where nothing could be compiled and so nothing can be predicted.
+    """
+    if not isinstance(rendered, Predicted):
+        raise InputError("diagnosis", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+    fit_, predictor = rendered.fit, rendered.predictor
+    base = predictor.signal(given)
+    refit_change = warp_change(predictor.warp, fit_.camera)
+    # the variance at the signal with the best effects known: a model without interreflection predicts too dark a
+    # picture, and too little noise
+    best, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
+    variance = prepared.calibration.predicted_variance(best) + noise + model_variance(best)
+    derivative = camera_jacobian(predictor.warp, fit_.camera)
+    model = build_linear_model(
+        measured=prepared.measured, base=base + refit_change, variance=variance, used=rendered.used,
+        coverage=rendered.image.coverage, camera_derivative=derivative, fit=fit_,
+        calibrated=prepared.expected_camera(given), lamp_sigma=prepared.lamp_sigma,
+    )  # fmt: skip
+    return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, derivative)
+
+
+def residual_with(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(n + 11,) projected residual with these effects in place."""
+    if not chosen:
+        return linearised.model.residual
+    added = [c.applied for c in chosen]
+    signal = linearised.predictor.signal((*linearised.given, *added))
+    model, camera = linearised.model, linearised.predictor.camera
+    change = model.whiten(linearised.scale * (signal - linearised.base))
+    return model.residual - change - model.camera_change(displacement(camera, linearised.given, added))
+
+
+def residual_with_rendered(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(n + 11,) projected residual with those of these effects in place with which the picture is rendered again."""
+    return residual_with(linearised, [c for c in chosen if c.hypothesis.effect.stage in _RENDERED])
+
+
+def refitted_together(
+    linearised: LinearisedFit, chosen: Sequence[Candidate], rounds: int = 2
+) -> list[Candidate]:
+    """Fit all chosen effects' numbers in turn, each with the others in place."""
+    current = list(chosen)
+    for _ in range(rounds if len(current) > 1 else 1):
+        for index, candidate in enumerate(current):
+            others = [c for i, c in enumerate(current) if i != index]
+            left = residual_with(linearised, others)
+            current[index] = fit(linearised.problem(others), candidate, left)
+    return current

@@ -1,0 +1,352 @@
+"""How well a hypothesis explains the residual: screening to first order, then a fit of its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from cboxlab.render.chain import stages_between
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.frozen import OwnMappings
+from numpy.typing import NDArray
+
+from ..effects import AppliedEffect, Parameter
+from ..model import displacement, with_further_distortion
+from ..predict import Predictor
+from .hypotheses import Hypothesis
+from .linear_model import LinearModel
+
+__all__ = [
+    "Candidate",
+    "FitProblem",
+    "NumberStep",
+    "Problem",
+    "Signature",
+    "build_problem",
+    "fit",
+    "judged_by_priors",
+    "parameter_variance",
+    "screen",
+    "signature",
+    "steps_of",
+]
+
+#: Rounds of Gauss-Newton at most.
+_ROUNDS = 4
+
+#: All further rounds together are taken to gain at most this multiple of the gain of the last one.
+_MOST_FURTHER_GAIN = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate(OwnMappings):
+    """A hypothesis with numbers. numbers : fitted. sigma : their standard deviations. chi2 : minimised over the
+    nuisances. predicted : (n + 11,) projected change it makes, over sigma. by_priors : see ``judged_by_priors``."""
+
+    hypothesis: Hypothesis
+    numbers: Mapping[str, float]
+    sigma: Mapping[str, float]
+    chi2: float
+    predicted: NDArray[np.float64]
+    by_priors: bool = False
+
+    @property
+    def applied(self) -> AppliedEffect:
+        """The effect with its fitted numbers."""
+        return self.hypothesis.at(self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class NumberStep:
+    """A small step of one number. size : in the coordinate of its scale. after : the candidate with its numbers changed
+    so; its chi2, sigma and predicted change are those before."""
+
+    parameter: Parameter
+    size: float
+    after: Candidate
+
+
+def steps_of(candidate: Candidate) -> list[NumberStep]:
+    """A step of each of a candidate's numbers, inside its bounds."""
+    found = []
+    for p in candidate.hypothesis.effect.numbers:
+        if p.name in candidate.numbers:
+            here, (_, high) = p.to_coordinate(candidate.numbers[p.name]), p.coordinate_bounds
+            from_null = 0.0 if p.null is None else abs(here - p.null_coordinate)
+            size = max(abs(p.coordinate_step), 0.1 * from_null)
+            size = size if here + size <= high else -size
+            numbers = {**candidate.numbers, p.name: p.from_coordinate(here + size)}
+            found.append(NumberStep(p, size, replace(candidate, numbers=numbers)))
+    return found
+
+
+def _moved(candidate: Candidate, steps: Sequence[NumberStep], by: NDArray[np.float64]) -> Candidate:
+    """A candidate with its numbers moved by multiples of steps, inside their bounds."""
+    numbers = dict(candidate.numbers)
+    for step, times in zip(steps, by, strict=True):
+        p = step.parameter
+        there = np.clip(p.to_coordinate(numbers[p.name]) + times * step.size, *p.coordinate_bounds)
+        numbers[p.name] = p.from_coordinate(float(there))
+    return replace(candidate, numbers=numbers)
+
+
+def _deviations(
+    candidate: Candidate, steps: Sequence[NumberStep], variance: NDArray[np.float64]
+) -> dict[str, float]:
+    """Standard deviations of its numbers from the variances of the multiples of steps."""
+    return {
+        s.parameter.name: s.parameter.deviation(
+            candidate.numbers[s.parameter.name], abs(s.size) * float(np.sqrt(max(v, 0.0)))
+        )
+        for s, v in zip(steps, variance, strict=True)
+    }
+
+
+def _in_picture(applied: AppliedEffect, camera: Camera) -> bool:
+    """Whether an effect changes the picture otherwise than by the camera's ten parameters."""
+    return applied.effect.stage != "camera" or with_further_distortion(camera, (applied,)) is not camera
+
+
+def judged_by_priors(applied: AppliedEffect, camera: Camera) -> bool:
+    """Whether the fit of camera and lamp can do all that an effect does to the picture.
+
+    Then only what is known of them speaks against it: the survey, the lamp's stated power.
+    """
+    return applied.effect.imitates_lamp_power or not _in_picture(applied, camera)
+
+
+class FitModel(Protocol):
+    """What a fit asks of the linear model of one capture, or of several."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def patch(self) -> NDArray[np.int64]: ...
+    @property
+    def shared_errors(self) -> NDArray[np.float32]: ...
+    def project(self, vector: NDArray[np.float64], /) -> NDArray[np.float64]: ...
+    def whiten_used(self, change: NDArray, /) -> NDArray[np.float64]: ...
+
+
+class FitProblem(Protocol):
+    """What an effect is fitted to, in one capture (``Problem``) or in several."""
+
+    @property
+    def model(self) -> FitModel: ...
+    @property
+    def scale(self) -> float: ...
+    def change(self, applied: AppliedEffect, /) -> NDArray[np.float64]: ...
+    def camera_change(self, applied: AppliedEffect, /) -> NDArray[np.float64]: ...
+    def noise_averaging_gain(self, applied: AppliedEffect, /) -> float: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a further effect is fitted to. others : effects in the model already. scale : factor on the lamp's power.
+
+    base : (band, y, x) DN predicted with the others. noise : (band, y, x) DN before optics, a draw of the base
+    picture's Monte Carlo error.
+    """
+
+    predictor: Predictor
+    model: LinearModel
+    others: tuple[AppliedEffect, ...]
+    scale: float
+    base: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    def change(self, applied: AppliedEffect) -> NDArray[np.float64]:
+        """(n + 11,) projected whitened change that an effect makes on top of the others."""
+        if not _in_picture(applied, self.predictor.camera):
+            return self.camera_change(applied)
+        picture = self.scale * (self.predictor.signal((*self.others, applied)) - self.base)
+        return self.model.whiten(picture) + self.camera_change(applied)
+
+    def camera_change(self, applied: AppliedEffect) -> NDArray[np.float64]:
+        """The part of ``change`` that the effect makes by changing the camera's ten parameters; 0 if it cannot."""
+        if applied.stage != "camera":
+            return np.zeros_like(self.model.residual)
+        return self.model.camera_change(displacement(self.predictor.camera, self.others, (applied,)))
+
+    def noise_averaging_gain(self, applied: AppliedEffect) -> float:
+        """Chi2 that an effect gains by averaging the base picture's noise, as a blur does of any picture."""
+        if applied.stage not in stages_between("optics", "counts"):
+            return 0.0
+        return self._own_noise - self._noise_with(self.others, applied)
+
+    @cached_property
+    def _own_noise(self) -> float:
+        return self._noise_with(self.others)
+
+    def _noise_with(self, others: Sequence[AppliedEffect], *more: AppliedEffect) -> float:
+        noise = self.predictor.noise((*others, *more), self.noise)[self.model.used]
+        return float(np.sum((self.scale * noise / self.model.sigma) ** 2))
+
+
+def build_problem(
+    predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float, variance: NDArray
+) -> Problem:
+    """What a further effect is fitted to. variance : (band, y, x) DN^2 of the base picture's Monte Carlo error."""
+    draw = np.random.default_rng(predictor.settings.seed).standard_normal(variance.shape)
+    return Problem(predictor, model, tuple(others), scale, predictor.signal(others), np.sqrt(variance) * draw)
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels; None where only
+    the camera's ten parameters change (see ``Problem.change``). by_priors : see ``judged_by_priors``."""
+
+    hypothesis: Hypothesis
+    steps: tuple[float, ...]
+    changes: NDArray[np.float32] | None
+    by_priors: bool = False
+
+    @property
+    def stepped(self) -> list[AppliedEffect]:
+        """The effect a step from null in one number after the other; the effect itself where none is free."""
+        return [
+            self.hypothesis.at({p.name: p.from_coordinate(p.null_coordinate + step)})
+            for p, step in zip(self.hypothesis.free, self.steps, strict=False)
+        ] or [self.hypothesis.at({})]
+
+
+def signature(
+    predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
+) -> Signature | None:
+    """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here."""
+    known = Signature(hypothesis, tuple(p.coordinate_step for p in hypothesis.free) or (1.0,), None)
+    by_priors = all(judged_by_priors(effect, predictor.camera) for effect in known.stepped)
+    known = replace(known, by_priors=by_priors)
+    if not any(_in_picture(effect, predictor.camera) for effect in known.stepped):
+        return known
+    base = predictor.signal(given)
+    try:
+        changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]
+    except InputError:
+        return None
+    return replace(known, changes=np.array(changes, np.float32))
+
+
+def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
+    """Fit a hypothesis to first order. A single number is kept within its bounds."""
+    model, hypothesis = problem.model, known.hypothesis
+    residual = model.project(residual)
+    if known.changes is None:
+        columns = np.array([problem.change(effect) for effect in known.stepped]).T
+    else:
+        pairs = zip(known.changes, known.stepped, strict=True)
+        columns = np.array(
+            [model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
+        ).T
+    smoothed = np.array([problem.noise_averaging_gain(effect) for effect in known.stepped])
+    amplitude, covariance = _solve(columns, residual, smoothed)
+    if not hypothesis.free:
+        amplitude = np.ones(1)
+    elif len(amplitude) == 1:
+        p = hypothesis.free[0]
+        ends = sorted((end - p.null_coordinate) / known.steps[0] for end in p.coordinate_bounds)
+        amplitude = np.clip(amplitude, ends[0], ends[1])
+    numbers = {
+        p.name: p.from_coordinate(p.null_coordinate + a * step)
+        for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)
+    }
+    sigma = {
+        p.name: p.deviation(numbers[p.name], abs(step) * float(c**0.5))
+        for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)
+    }
+    predicted = columns @ amplitude
+    left = residual - predicted
+    chi2 = float(left @ left + smoothed @ amplitude)
+    return Candidate(hypothesis, numbers, sigma, chi2, predicted, known.by_priors)
+
+
+def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
+    """The a that minimises |residual - columns a|^2 + slope a, and the inverse of half the second derivatives."""
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0] = 1.0
+    unit = columns / size
+    covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
+    return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
+
+
+def parameter_variance(
+    model: FitModel, design: NDArray, inverse: NDArray, residual: NDArray
+) -> NDArray[np.float64]:
+    """(parameter,) variances by noise, by residuals correlated within patches of the image, and by shared errors.
+
+    Correlated residuals are counted with patches, over all bands, as clusters: Liang and Zeger, "Longitudinal data
+    analysis using generalized linear models", Biometrika 73(1), 1986. Errors that a band or a face shares may be fitted
+    away by the numbers and leave no residual, so they are added at their known size.
+    """
+    scores = design[: model.count] * residual[: model.count, None]
+    sums = np.array([np.bincount(model.patch, weights=column) for column in scores.T])
+    neighbours = np.diag(inverse @ (sums @ sums.T) @ inverse)
+    followed = inverse @ (design.T @ model.shared_errors)
+    return np.maximum(np.diag(inverse), neighbours) + np.square(followed).sum(axis=1)
+
+
+def fit(
+    problem: FitProblem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf
+) -> Candidate:
+    """Refine a screened candidate by Gauss-Newton on its exact predictions, numbers without null included.
+
+    known : chi2 that another effect reaches; the fit ends early where it would not come near it.
+    """
+    hypothesis, residual = start.hypothesis, problem.model.project(residual)
+    if not hypothesis.free:
+        return start
+    current = {
+        p.name: float(start.numbers.get(p.name, hypothesis.fixed.get(p.name, 0.0)))
+        for p in hypothesis.effect.numbers
+        if p.name in start.numbers or (p.null is None and p.name not in hypothesis.held)
+    }
+    best = _evaluate(problem, replace(start, numbers=current), residual)
+    for trial in _other_starts(hypothesis, start):
+        other = _evaluate(problem, replace(start, numbers={**current, **trial}), residual)
+        if other.chi2 < best.chi2:
+            best = other
+    for _ in range(_ROUNDS):
+        steps = steps_of(best)
+        left = residual - best.predicted
+        design = np.array([problem.change(s.after.applied) - best.predicted for s in steps]).T
+        smoothed = problem.noise_averaging_gain(best.applied)
+        slope = np.array([problem.noise_averaging_gain(s.after.applied) - smoothed for s in steps])
+        shift, covariance = _solve(design, left, slope)
+        variance = parameter_variance(problem.model, design, covariance, left)
+        best = replace(best, sigma=_deviations(best, steps, variance))
+        improved = False
+        for damping in (1.0, 0.4, 0.15):
+            trial_candidate = _evaluate(problem, _moved(best, steps, damping * shift), residual)
+            if trial_candidate.chi2 < best.chi2:
+                gain = best.chi2 - trial_candidate.chi2
+                best = trial_candidate
+                improved = gain > max(1.0, 1e-4 * best.chi2) and best.chi2 - _MOST_FURTHER_GAIN * gain < known
+                break
+        if not improved:
+            break
+    return best
+
+
+def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, float]]:
+    """A start at the square root of the first-order amplitude, for effects that grow with the square (blurs)."""
+    if len(hypothesis.free) != 1:
+        return []
+    p = hypothesis.free[0]
+    null, probe = p.null_coordinate, p.coordinate_step
+    ratio = (p.to_coordinate(start.numbers[p.name]) - null) / probe
+    return [{p.name: p.from_coordinate(null + probe * float(np.sqrt(ratio)))}] if ratio > 0 else []
+
+
+def _evaluate(problem: FitProblem, candidate: Candidate, residual: NDArray) -> Candidate:
+    """Chi2 and predicted change of a candidate at its numbers."""
+    try:
+        change = problem.change(candidate.applied)
+    except InputError:
+        return replace(candidate, chi2=np.inf, predicted=np.zeros_like(residual))
+    left = residual - change
+    chi2 = float(left @ left) + problem.noise_averaging_gain(candidate.applied)
+    return replace(candidate, chi2=chi2, predicted=change)

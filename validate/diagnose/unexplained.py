@@ -1,0 +1,155 @@
+"""What the catalogue leaves, handed to the families of ``explain``, and whether one of them beats the catalogue."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from cboxlab.calibration.capture import Capture
+from cboxlab.render.radiosity import solve
+from cboxlab.scenes.camera import PARAMETER_NAMES
+from numpy.typing import NDArray
+
+from ..compare import Prepared
+from ..explain import NONE, Excess, Explanation, Transport, explain
+from .evidence import SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
+from .linear_model import LinearModel
+from .linearised_fit import LinearisedFit
+
+__all__ = ["beats", "excess_of", "explained", "stands_out"]
+
+#: Probability that a family stands out of noise alone, all families and their forms together.
+_FALSE_ALARM = 0.005
+
+#: Part of the chi2 that effects explain which errors of their shapes may leave in patterns.
+_SHAPES_LEAVE = 0.03
+
+
+def explained(prepared: Prepared, linearised: LinearisedFit, residual: NDArray[np.float64]) -> Explanation:
+    """The family that explains a residual (n + 11,), projected, over sigma."""
+    return explain(excess_of(linearised, residual, prepared.calibration.capture))
+
+
+def beats(explanation: Explanation, model: LinearModel, chi2_left: float) -> bool:
+    """Whether a family alone explains more of the excess of the model as given than the effects that leave chi2_left.
+
+    It must do so by more than the errors of the effects' shapes, and of the picture.
+    """
+    by_effects = model.chi2 - chi2_left
+    more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
+    return explanation.family != NONE and explanation.evidence > by_effects + more
+
+
+def stands_out(
+    explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float
+) -> bool:
+    """Whether a pattern is left in a residual (n + 11,) that is neither noise nor an error of the picture.
+
+    Smooth patterns in all bands, and blurs, are judged by ``something_remains``: the picture has such errors itself.
+    Noise alone lets evidence exceed a factor k with a probability of 1 / k at most; a family must exceed that for all
+    forms together, and must gain as much chi2 as an effect must. by_effects : chi2 that effects explain already.
+    """
+    if explanation.family == NONE or not explanation.sharp:
+        return False
+    change = model.whiten(explanation.change)
+    gain = 2 * float(change @ residual) - square(change)
+    least = max(least_gain_of(change, model), _SHAPES_LEAVE * by_effects)
+    return explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM) and gain > least
+
+
+def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
+    """The arrays that the families need."""
+    model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
+    columns, left = _nuisance_columns(model, residual)
+    used, image = model.used, rendered.image
+    first = PARAMETER_NAMES.index("principal_u_px")
+    levels, sigma = _repeats(capture)
+    stack = np.zeros((*used.shape, columns.shape[1]))
+    stack[used] = columns
+    return Excess(
+        residual=_filled(residual[: model.count], used).astype(np.float32),
+        weighed=_filled(left, used),
+        used=used,
+        sigma=_filled(model.sigma, used),
+        signal=linearised.scale * rendered.signal,
+        nuisances=stack,
+        unknown=model.basis.shape[1],
+        moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),
+        flat=predictor.sensing.flat,
+        surface=np.where(image.surface < 0, -1, image.surface),
+        names=tuple(image.surface_names),
+        materials=tuple(predictor.scene.materials),
+        bands=tuple(predictor.sensing.curves.bands),
+        nm=predictor.effective_nm,
+        minutes=predictor.sensing.minutes,
+        repeats=levels,
+        repeat_sigma=sigma,
+        transport=_transport(linearised),
+    )
+
+
+def _nuisance_columns(
+    model: LinearModel, residual: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, m) columns W of the ``Excess``, and the residual (n,) less what shared errors explain of it.
+
+    Camera and lamp are projected out already; errors shared by bands or faces have unit variance, which the Woodbury
+    identity takes off the information.
+    """
+    shared = model.shared_errors.astype(float)
+    shared -= model.basis @ (model.basis.T @ shared)
+    factor = np.linalg.cholesky(np.eye(shared.shape[1]) + shared.T @ shared)
+    shared = np.linalg.solve(factor, shared.T).T
+    left = residual - shared @ (shared.T @ residual)
+    return np.hstack([model.basis, shared])[: model.count], left[: model.count]
+
+
+def _repeats(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(band, repeat) relative differences of frames' levels from their band's mean, NaN beyond a band's last frame,
+    and (band,) their standard deviations by noise.
+
+    A level is the regression of a frame on the mean of its band's frames above dark.
+    """
+    tables = [capture.band(band) for band in capture.band_ids]
+    found = np.full((len(tables), max(len(table.frames) for table in tables)), np.nan)
+    sigma = np.full(len(tables), np.inf)
+    for index, table in enumerate(tables):
+        frames = capture.frames(table).astype(float)
+        if len(frames) < 2:
+            continue
+        mean = frames.mean(axis=0)
+        pattern = mean - np.percentile(mean, 0.5)
+        pattern = np.where(mean < 0.98 * capture.saturation_dn, pattern, 0.0)
+        power = float(np.sum(pattern**2))
+        levels = np.array([float(np.sum(pattern * (frame - mean))) / power for frame in frames])
+        noise = [
+            np.sum(pattern**2 * (frame - mean - level * pattern) ** 2)
+            for frame, level in zip(frames, levels, strict=True)
+        ]
+        found[index, : len(frames)] = levels
+        sigma[index] = np.sqrt(float(np.mean(noise))) / power
+    return found, sigma
+
+
+def _filled(values: NDArray[Any], used: NDArray[np.bool_]) -> NDArray[np.float64]:
+    picture = np.zeros(used.shape)
+    picture[used] = values
+    return picture
+
+
+def _transport(linearised: LinearisedFit) -> Transport:
+    predictor = linearised.predictor
+    traced = predictor.transport
+    exchange, patches = traced.light.exchange, traced.light.patches
+    nm = predictor.effective_nm
+    reflectance = predictor.scene.reflectances(nm)
+    first = np.repeat(exchange.direct[:, None], len(nm), axis=1)
+    radiance = solve(exchange, reflectance[patches.material], first).astype(np.float32)
+    arriving = traced.direct[:, None] + traced.gather @ radiance
+    return Transport(
+        pixel=traced.pixel, coverage=traced.coverage, surface=traced.surface, material=traced.material,
+        position=traced.position, gather=traced.gather, patch_surface=patches.surface,
+        patch_material=patches.material, patch_position=patches.centre, form_factors=exchange.form_factors,
+        reflectance=reflectance, arriving=arriving, patch_arriving=first + exchange.form_factors @ radiance,
+        picture=traced.pixels(reflectance[traced.material] * arriving),
+    )  # fmt: skip

@@ -1,0 +1,83 @@
+"""What is known of things in one place: how dust, stains, light, gloss and objects look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .excess import Excess
+from .form import Form, changed
+
+__all__ = ["fits_the_place"]
+
+#: What a wrong depth, a wrong sign or an odd outline costs, 2 ln of the odds.
+_TOO_DEEP = 300.0
+_UNLIKELY = 60.0
+_ODD = 15.0
+
+#: A thing in front changes the picture by more than this part in its core, a stain or dust by less.
+_OPAQUE = 0.25
+
+
+def fits_the_place(excess: Excess, form: Form) -> float:
+    """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others."""
+    if not form.local:
+        return 0.0
+    change = changed(excess, form)
+    weight = np.sum((change * excess.weight) ** 2, axis=0)
+    core = weight > 0.3 * weight.max()
+    relative = change[:, core].sum(axis=1) / excess.signal[:, core].sum(axis=1)
+    strongest = float(relative[np.argmax(np.abs(relative))])
+    deep = float(np.abs(relative).max()) > _OPAQUE
+    found = 0.0
+    if form.family == "sensor-offset" and not _at_the_border(weight):
+        found -= _ODD
+    if form.family == "object":
+        return 0.0 if deep else -_UNLIKELY
+    if deep:
+        found -= _TOO_DEEP
+    if form.family in ("extra-light", "reflection-lobe") and strongest < 0:
+        found -= _UNLIKELY
+    if form.family == "reflectance-map" and strongest > 0:
+        found -= _ODD
+    if form.family == "sensor-gain":
+        found -= _UNLIKELY if strongest > 0 else 0.0
+        if not rounder_in_the_picture(excess, weight):
+            found -= _ODD
+    return found
+
+
+def _at_the_border(weight: NDArray[Any]) -> bool:
+    """Whether a glow is brightest at the border of the picture, where amplifiers sit."""
+    peak = np.unravel_index(np.argmax(weight), weight.shape)
+    return any(
+        place < 0.05 * size or place > 0.95 * size for place, size in zip(peak, weight.shape, strict=True)
+    )
+
+
+def rounder_in_the_picture(excess: Excess, weight: NDArray[Any]) -> bool:
+    """Whether a spot is rounder in the picture than on the surface that it is seen on."""
+    rows, columns = np.indices(weight.shape)
+    total = weight.sum()
+    centre = (columns * weight).sum() / total, (rows * weight).sum() / total
+    offsets = np.array([columns - centre[0], rows - centre[1]])
+    shape = np.einsum("iyx,jyx,yx->ij", offsets, offsets, weight) / total
+    owner = excess.surface[round(float(centre[1])), round(float(centre[0]))]
+    t = excess.transport
+    near = (t.surface == owner) & (t.coverage > 0.99)
+    y, x = np.divmod(t.pixel, weight.shape[1])
+    near &= np.hypot(x - centre[0], y - centre[1]) < 6
+    if near.sum() < 12:
+        return True
+    design = np.array([np.ones(near.sum()), x[near] - centre[0], y[near] - centre[1]]).T
+    slopes = np.linalg.lstsq(design, t.position[near], rcond=None)[0][1:]
+    on_surface = slopes @ slopes.T @ shape
+    return elongation(shape) <= elongation(on_surface)
+
+
+def elongation(matrix: NDArray[Any]) -> float:
+    """Larger over smaller of two positive eigenvalues."""
+    values = np.sort(np.abs(np.linalg.eigvals(matrix)))
+    return float(values[1] / max(values[0], 1e-12))

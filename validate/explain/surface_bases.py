@@ -1,0 +1,120 @@
+"""Changes of the picture by maps on surfaces, with all light that is reflected further on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
+from scipy.spatial import cKDTree
+
+from .excess import Excess, Transport
+
+__all__ = ["Maps", "lamp_dn", "surface_maps"]
+
+_ORDER, _CORNER = 4, 2.0
+
+#: Relative extent below which a surface is flat in a direction.
+_FLAT = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Smooth maps on every surface; the first of each surface is 1 everywhere on it.
+
+    surface : (k,) index of each map's surface. reflectance : (band, k, pixel) DN for a relative change of the
+    reflectance by the map. light : (band, k, pixel) DN for irradiance over pi, relative to the lamp's radiance.
+    lobe : (band, k, pixel) DN for radiance in the lamp's colour that is only seen.
+    """
+
+    surface: NDArray[np.int64]
+    reflectance: NDArray[np.float32]
+    light: NDArray[np.float32]
+    lobe: NDArray[np.float32]
+
+
+def surface_maps(excess: Excess) -> Maps:
+    """All maps of all surfaces that the picture shows."""
+    t = excess.transport
+    everything = np.concatenate([t.position, t.patch_position])
+    owner = np.concatenate([t.surface, t.patch_surface])
+    found, surfaces = [], []
+    for index in range(len(excess.names)):
+        if not (t.surface == index).any():
+            continue
+        own = owner == index
+        for values in _smooth(everything[own]):
+            image = np.zeros(len(owner))
+            image[own] = values
+            found.append(image)
+            surfaces.append(index)
+    fragments, patches = np.split(np.array(found).T, [len(t.surface)])
+    height, width = excess.shape
+    bands = len(excess.bands)
+    shape = bands, len(surfaces), height * width
+    reflectance, light = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    lobe = np.empty(shape, np.float32)
+    seen = _pixels(t, fragments, height * width)
+    some, nearest = _every_fourth(t, width)
+    for b in range(bands):
+        rho, patch_rho = t.reflectance[t.material, b], t.reflectance[t.patch_material, b]
+        dn = lamp_dn(excess, b)
+        factors = lu_factor(
+            np.eye(len(patch_rho), dtype=np.float32) - patch_rho.astype(np.float32)[:, None] * t.form_factors
+        )
+        for target, here, there in (
+            (reflectance, t.arriving[:, b], t.patch_arriving[:, b]),
+            (light, np.ones(len(rho)), np.ones(len(patch_rho))),
+        ):
+            onward = lu_solve(factors, (patches * (patch_rho * there)[:, None]).astype(np.float32))
+            values = rho[:, None] * (fragments * here[:, None] + (t.gather[some] @ onward)[nearest])
+            target[b] = dn * _pixels(t, values, height * width)
+        lobe[b] = dn * seen
+    return Maps(np.array(surfaces), reflectance, light, lobe)
+
+
+def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Fragments of every other row and column, and for each fragment the nearest of them on its surface.
+
+    Light reflected further on varies slowly.
+    """
+    coarse = (t.pixel // width % 2 == 0) & (t.pixel % width % 2 == 0)
+    some, nearest = np.flatnonzero(coarse), np.empty(len(t.pixel), np.int64)
+    for index in np.unique(t.surface):
+        own = t.surface == index
+        known = np.flatnonzero(own[some])
+        if not len(known):
+            known = np.arange(len(some))
+        nearest[own] = known[cKDTree(t.position[some[known]]).query(t.position[own])[1]]
+    return some, nearest
+
+
+def lamp_dn(excess: Excess, band: int) -> float:
+    """DN per radiance relative to the lamp's."""
+    picture, signal = excess.transport.picture[band], excess.signal[band]
+    lit = excess.used[band] & (picture > 0.05 * np.median(picture))
+    return float(np.median(signal[lit] / picture[lit]))
+
+
+def _pixels(t: Transport, values: NDArray[Any], count: int) -> NDArray[np.float32]:
+    weighted = t.coverage[:, None] * values
+    return np.array(
+        [np.bincount(t.pixel, column, minlength=count) for column in weighted.T],
+        np.float32,
+    )
+
+
+def _smooth(position: NDArray[Any]) -> list[NDArray[np.float64]]:
+    """Products of cosines along the directions in which a surface extends."""
+    low, extent = position.min(axis=0), np.ptp(position, axis=0)
+    wide = [axis for axis in range(3) if extent[axis] > _FLAT * extent.max()]
+    order = _ORDER if len(wide) < 3 else _ORDER - 1
+    place = (position - low) / np.maximum(extent, 1e-9)
+    found = []
+    for powers in np.ndindex(*(order + 1,) * len(wide)):
+        if sum(powers) <= order:
+            waves = [np.cos(np.pi * n * place[:, axis]) for n, axis in zip(powers, wide, strict=True)]
+            found.append(np.prod(waves, axis=0) / (1 + (np.linalg.norm(powers) / _CORNER) ** 2))
+    return found

@@ -1,0 +1,17 @@
+"""The model: a scene, the effects added to it, and how to render it."""
+
+from .model_file import Model, checked_effects, load_model, model_text, write_model
+from .stages import displacement, labelled_cube, model_cube_inputs, seen_through, with_further_distortion
+
+__all__ = [
+    "Model",
+    "checked_effects",
+    "displacement",
+    "labelled_cube",
+    "load_model",
+    "model_cube_inputs",
+    "model_text",
+    "seen_through",
+    "with_further_distortion",
+    "write_model",
+]

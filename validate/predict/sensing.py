@@ -1,0 +1,109 @@
+"""The constants of a capture's way from light to counts, as its calibration found them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask
+from cboxlab.calibration.correction import Mask
+from cboxlab.calibration.radiometry import capture_factors, optical_factor
+from cboxlab.calibration.result import Calibration
+from cboxlab.render.chain import Sensing, over_field
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
+from numpy.typing import NDArray
+
+__all__ = ["sensing"]
+
+
+def _minutes(capture: Capture) -> NDArray[np.float64]:
+    """(band,) to the middle of each band's frames; without ``start_s`` a band follows the last at once."""
+    readout, free, middles = capture.manifest.camera.readout_s, 0.0, []
+    for band in capture.manifest.band:
+        start = free if band.start_s is None else band.start_s
+        period = band.exposure_s + readout
+        middles.append(start + (len(band.frames) - 1) / 2 * period + band.exposure_s / 2)
+        free = start + len(band.frames) * period
+    return np.array(middles) / 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    flat: FlatTable | None
+    reference: ReferenceTable | None
+    weight: float
+    flat_radiance: NDArray[np.float64]
+    reference_radiance: NDArray[np.float64]
+
+
+def _sources(calibration: Calibration, band: str) -> _Band:
+    """The uniform sources of a band; the first table counts where there are several."""
+    capture = calibration.capture
+    flat = next(iter(capture.flats(band)), None)
+    radiometry = calibration.radiometry
+    measured = [w for c, w in zip(radiometry.by_band, radiometry.weights, strict=True) if c.band == band]
+    reference = next(iter(capture.references(band)), None) if measured else None
+    ones = np.ones_like(WAVELENGTH_NM)
+    named = next((table.radiance for table in capture.references(band)), None)
+    own = ones if named is None else capture.light(named).at(WAVELENGTH_NM)
+    uniform = own if flat is None or flat.radiance is None else capture.light(flat.radiance).at(WAVELENGTH_NM)
+    return _Band(flat, reference, float(sum(measured)), uniform, own)
+
+
+def _channels(calibration: Calibration) -> NDArray[np.bool_]:
+    """(band, y, x) the pixels of each band's channel; all of them without a mosaic."""
+    capture, mosaic = calibration.capture, calibration.capture.manifest.mosaic
+    if calibration.channels is None or mosaic is None:
+        return np.ones((len(capture.band_ids), *capture.shape), bool)
+    letters = [calibration.channels[band] for band in capture.band_ids]
+    return np.stack([channel_mask(mosaic.pattern, capture.shape, letter) for letter in letters])
+
+
+def sensing(calibration: Calibration, camera: Camera) -> Sensing:
+    """The constants of a capture. camera : for the range of field angles.
+
+    Raises InputError where the capture lacks what a prediction of counts takes.
+    """
+    capture, constant = calibration.capture, calibration.radiometry.constant
+    if constant is None:
+        found = "neither usable reference frames nor focal length, pixel pitch and gain"
+        raise InputError(capture.folder / "capture.toml", found, "one of them, for the constant C")
+    bands = calibration.bands
+    unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
+    mask = bands.images["mask"].values
+    flats = [bands.flats[band] for band in capture.band_ids]
+    usable = ~np.stack([flat.saturated for flat in flats]) & _channels(calibration)
+    sources = [_sources(calibration, band) for band in capture.band_ids]
+    exposures = {
+        "scene": np.array([band.exposure_s for band in capture.manifest.band]),
+        "flat": np.array([s.flat.exposure_s if s.flat else 1.0 for s in sources]),
+        "reference": np.array([s.reference.exposure_s if s.reference else 1.0 for s in sources]),
+    }
+    sound = (mask & unusable) == 0
+
+    def dark(of: str) -> NDArray[np.float64]:
+        levels = zip(exposures[of], sound, strict=True)
+        return np.array([float(calibration.dark.at(t)[s].mean()) if s.any() else 0.0 for t, s in levels])
+
+    factors = [0.0 if s.reference is None else optical_factor(capture, s.reference) or 0.0 for s in sources]
+    return Sensing(
+        curves=over_field(capture_factors(capture, constant, calibration.channels, FILTER_GRID), camera),
+        flat_radiance=np.stack([s.flat_radiance for s in sources]),
+        reference_radiance=np.stack([s.reference_radiance for s in sources]),
+        flat=np.stack([flat.response for flat in flats]),
+        usable=usable,
+        good=usable & sound,
+        flat_level=np.array([flat.mean_dn if np.isfinite(flat.mean_dn) else 0.0 for flat in flats]),
+        reference_factor=constant * np.array(factors),
+        reference_weight=np.array([s.weight for s in sources]),
+        dark_scene=dark("scene"),
+        dark_flat=dark("flat"),
+        dark_reference=dark("reference"),
+        exposure_scene=exposures["scene"],
+        exposure_flat=exposures["flat"],
+        exposure_reference=exposures["reference"],
+        minutes=_minutes(capture),
+        full_scale=float(capture.saturation_dn),
+    )

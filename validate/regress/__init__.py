@@ -1,0 +1,34 @@
+"""Did a change of a rendering algorithm change its answer, and how?"""
+
+from .grids import Common
+from .inputs import View, assert_same_light, regress_inputs, regress_pictures
+from .outcome import NamedChange, Outcome
+from .pooled import SYSTEMATIC, PooledMean
+from .reports import github_lines, summary, write_junit
+from .sides import Side, SurfaceMap, cube_paths, in_common_quantity, read_side, side_of
+from .strata import strata_of
+from .verdict import FALSE_ALARMS, regress_sides
+
+__all__ = [
+    "FALSE_ALARMS",
+    "SYSTEMATIC",
+    "Common",
+    "NamedChange",
+    "Outcome",
+    "PooledMean",
+    "Side",
+    "SurfaceMap",
+    "View",
+    "assert_same_light",
+    "cube_paths",
+    "github_lines",
+    "in_common_quantity",
+    "read_side",
+    "regress_inputs",
+    "regress_pictures",
+    "regress_sides",
+    "side_of",
+    "strata_of",
+    "summary",
+    "write_junit",
+]

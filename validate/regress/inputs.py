@@ -1,0 +1,211 @@
+"""From what the command line names to an outcome: cubes read, models rendered, the scene found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.geometry import calibrate_camera
+from cboxlab.render.files import AS_STATED, Declared, require_used
+from cboxlab.render.integrators import BATCHES, render
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.cornell_box import cornell_camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene_file import packaged_scenes
+
+from ..model import labelled_cube, load_model, model_cube_inputs
+from .naming import named_changes
+from .outcome import NamedChange, Outcome
+from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
+from .variants import Variants, build_variants, mismatch
+from .verdict import FALSE_ALARMS, regress_sides
+
+__all__ = ["assert_same_light", "regress_inputs", "regress_pictures"]
+
+#: Pictures that deviate less from the published box's (see ``mismatch``) show it.
+_RECOGNISED = 0.05
+#: Of models rendered on the fly where both sides are models.
+_SIZE_PX, _WAVELENGTHS_NM = 128, np.arange(400.0, 701.0, 20.0)
+_SAMPLES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The scene that both sides show. stated : whether the user says so; else it has to be recognised."""
+
+    scene: Scene
+    camera: Camera
+    stated: bool
+
+
+def regress_inputs(
+    baseline: str,
+    candidate: str,
+    model: str | None = None,
+    camera: Path | None = None,
+    false_alarms: float = FALSE_ALARMS,
+    progress: Progress = QUIET,
+    *,
+    declared: Declared = AS_STATED,
+) -> Outcome:
+    """Compare what two arguments of the command line name, and name the change where they differ.
+
+    Each is a spectral cube, several joined by commas, a folder of cubes, a model file or a packaged scene; models
+    are rendered at the other side's size and wavelengths. model, camera : what the cubes show; where left out, the
+    published box through the published camera, if the baseline shows it. declared : what the files do not state.
+    Raises InputError for what cannot be read or compared.
+    """
+    sides = [
+        None if _is_model(text) else read_side(cube_paths(text), declared) for text in (baseline, candidate)
+    ]
+    require_used(declared, [name for side in sides if side is not None for name in side.declared])
+    known = next((side for side in sides if side is not None), None)
+    stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
+    size = _SIZE_PX if known is None else known.shape
+    view = None if stated is None else _view(stated, camera, size)
+    grid = _WAVELENGTHS_NM if known is None or known.in_colour else known.wavelength_nm
+    ready = [
+        _rendered(text, camera, size, grid, seed) if side is None else side
+        for seed, (text, side) in enumerate(zip((baseline, candidate), sides, strict=True))
+    ]
+    return regress_pictures(ready[0], ready[1], view, false_alarms, progress)
+
+
+def regress_pictures(
+    baseline: Side,
+    candidate: Side,
+    view: View | None = None,
+    false_alarms: float = FALSE_ALARMS,
+    progress: Progress = QUIET,
+) -> Outcome:
+    """Verdict and, where the sides differ, the named change. view : the scene, else the published one if it fits."""
+    progress.part(0.02)
+    baseline, candidate = in_common_quantity(baseline, candidate)
+    notes: list[str] = []
+    surfaces = baseline.surfaces or candidate.surfaces
+    variants = None
+    if surfaces is None:
+        variants = _variants(view, baseline, notes)
+        surfaces = None if variants is None else variants.surface_map()
+    outcome, found = regress_sides(baseline, candidate, surfaces, false_alarms)
+    progress.part(0.2)
+    named: tuple[NamedChange, ...] = ()
+    if not outcome.same:
+        variants = variants or _variants(view, baseline, notes)
+        named = _mislabelled(baseline, candidate, surfaces, false_alarms) or named_changes(
+            found, variants, progress
+        )
+        if variants is None:
+            notes.append(
+                "the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named"
+            )
+    return replace(outcome, named=named, notes=(*outcome.notes, *notes))
+
+
+def assert_same_light(
+    baseline: str | Path,
+    candidate: str | Path,
+    *,
+    model: str | None = None,
+    camera: Path | None = None,
+    false_alarms: float = FALSE_ALARMS,
+) -> Outcome:
+    """The outcome where both show the same light; otherwise AssertionError that tells where, and what changed.
+
+    Arguments as ``regress_inputs``. Raises InputError for a missing baseline.
+    """
+    outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms)
+    if outcome.same:
+        return outcome
+    whole = outcome.whole
+    lines = [f"{candidate} differs from {baseline}: mean light {whole.difference:+.3%} ± {whole.sigma:.3%}"]
+    lines += [
+        f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}" for row in outcome.deciding[:5]
+    ]
+    lines += [f"  named: {n.change} {n.parameters} ({n.probability:.2f})" for n in outcome.named[:3]]
+    raise AssertionError("\n".join(lines))
+
+
+def _is_model(text: str) -> bool:
+    return text.endswith(".toml") or (text in packaged_scenes() and not Path(text).exists())
+
+
+def _camera(folder: Path | None, size: int | Sequence[int]) -> Camera:
+    """Raises InputError where the pictures are not of the camera's size."""
+    rows, columns = (size, size) if isinstance(size, int) else size
+    if folder is None:
+        if rows != columns:
+            raise InputError(
+                "camera", f"pictures of {columns} x {rows} px", "a capture folder with their camera"
+            )
+        return cornell_camera(rows)
+    fit, target, _ = calibrate_camera(load_capture(folder))
+    found = target.survey_camera if target is not None and target.survey_camera is not None else None
+    if found is None and fit is not None:
+        found = fit.camera
+    if found is None:
+        raise InputError(folder, "no [geometry] with points", "surveyed points, for the camera")
+    if not isinstance(size, int) and (found.height_px, found.width_px) != (rows, columns):
+        raise InputError(
+            folder, f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
+        )
+    return found
+
+
+def _view(text: str, camera: Path | None, size: int | Sequence[int]) -> View:
+    scene, view, _ = model_cube_inputs(load_model(text), _camera(camera, size))
+    return View(scene, view, True)
+
+
+def _rendered(text: str, camera: Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
+    chosen = load_model(text)
+    scene, view, bounces = model_cube_inputs(chosen, _camera(camera, size))
+    image = render(
+        scene, view, grid, _SAMPLES, BATCHES, seed=chosen.render.seed + 7 * seed, max_bounces=bounces
+    )
+    return side_of([labelled_cube(image)], [text])
+
+
+def _variants(view: View | None, baseline: Side, notes: list[str]) -> Variants | None:
+    """Of the stated scene, or of the published one where the baseline shows it."""
+    if view is None:
+        if baseline.shape[0] != baseline.shape[1]:
+            return None
+        view = replace(_view("cornell-box", None, baseline.shape), stated=False)
+    try:
+        variants = build_variants(view.scene, view.camera, baseline)
+    except InputError as error:
+        notes.append(f"changes that need the scene cannot be named: {error}")
+        return None
+    off = mismatch(variants, baseline)
+    if view.stated and off > _RECOGNISED:
+        notes.append(
+            f"the baseline deviates from the stated model by {off:.0%}: is it the right model and camera?"
+        )
+    if view.stated:
+        return variants
+    if off > _RECOGNISED:
+        return None
+    notes.append(
+        f"the baseline shows the published box through the published camera (within {off:.1%}), whose surfaces and "
+        "light are used"
+    )
+    return variants
+
+
+def _mislabelled(
+    baseline: Side, candidate: Side, surfaces: object, false_alarms: float
+) -> tuple[NamedChange, ...]:
+    """Wavelengths that differ between the files though the pictures, plane by plane, do not."""
+    a, b = candidate.wavelength_nm, baseline.wavelength_nm
+    if baseline.in_colour or a.size != b.size or np.allclose(a, b, atol=1e-3):
+        return ()
+    outcome, _ = regress_sides(baseline, replace(candidate, wavelength_nm=b), surfaces, false_alarms)  # type: ignore[arg-type]
+    if not outcome.same:
+        return ()
+    return (NamedChange("wavelengths", {"labels_off_nm": float((a - b).mean())}, 0.99),)

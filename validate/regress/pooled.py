@@ -1,0 +1,229 @@
+"""Tests of pooled means: each a ratio of sums over pixels, over its standard deviation, as Student's t.
+
+The probability of a false alarm that the verdict may have is shared out among kinds of pools beforehand, most of
+it to the whole picture; within a kind the shares are equal (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.stats import norm, t
+
+from .noise import Noise, high_pass, smooth_variance
+from .outliers import Trimmed
+from .strata import BLOCKS, Strata
+
+__all__ = ["SHARES", "SYSTEMATIC", "PooledMean", "Pooling", "pool_of", "pooled_means", "quieter_part"]
+
+#: Parts of the false-alarm rate.
+SHARES = {"whole": 0.40, "surface": 0.20, "band": 0.10, "stratum": 0.05, "pattern": 0.10, "block": 0.15}
+
+#: Relative standard deviation of any pooled mean that no noise explains: the estimators' own accuracy.
+SYSTEMATIC = 1.0e-4
+
+#: Fewer pixels make no pool.
+_FEWEST = 12
+#: Small pools of skewed noise are judged as Student's t with no more degrees of freedom than this.
+_BLOCK_DEGREES = 12.0
+#: Power is stated for this part of all runs.
+_POWER = 0.9
+
+
+@dataclass(frozen=True)
+class PooledMean:
+    """One pool. difference : of the means over the baseline's mean (of patterns: of its own unit, see ``unit``).
+
+    sigma : its standard deviation. statistic : their ratio. probability : two-sided, of a statistic this large in
+    equal pictures. critical : probability below which this pool alone makes the verdict "different".
+    detectable : size of a difference found in 90 of 100 runs like this.
+    """
+
+    kind: str
+    name: str
+    pixels: int
+    difference: float
+    sigma: float
+    degrees: float
+    statistic: float
+    probability: float
+    critical: float
+    detectable: float
+    unit: str = "1"
+
+    @property
+    def different(self) -> bool:
+        """Whether this pool alone decides."""
+        return self.probability < self.critical
+
+
+@dataclass(frozen=True, eq=False)
+class Pooling:
+    """What all pools share. interpolation : (w,) relative standard deviation from differing wavelength grids.
+
+    quieter : candidate's part in the mean of both pictures whose noise is independent of their difference's, 0 to 1.
+    """
+
+    trimmed: Trimmed
+    noise: Noise
+    strata: Strata
+    false_alarms: float
+    interpolation: NDArray[np.float64]
+    quieter: float = 0.5
+
+
+def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
+    """The candidate's weight in the mean of two pictures (y, x), each weighted by the other's variance.
+
+    The variances are those of neighbouring pixels inside smooth parts.
+    """
+    inner = minimum_filter(smooth, 3)
+    if inner.sum() < _FEWEST:
+        return 0.5
+    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
+    own = [float(np.minimum(s, 30 * np.median(s)).mean()) for s in squares]
+    return own[0] / sum(own) if sum(own) > 0 else 0.5
+
+
+def pooled_means(pooling: Pooling, names_of_bands: Sequence[str]) -> tuple[PooledMean, ...]:
+    """The whole picture, each surface, each band, edges, border and lamp, a grid of blocks, and two patterns."""
+    strata, bands = pooling.strata, len(names_of_bands)
+    ones = np.ones(bands)
+    found = [pool_of(pooling, "whole", "whole picture", strata.body, ones, 1)]
+    names = strata.surfaces
+    found += [pool_of(pooling, "surface", n, mask, ones, len(names)) for n, mask in names.items()]
+    found += [
+        pool_of(pooling, "band", name, strata.body, row, bands)
+        for name, row in zip(names_of_bands, np.eye(bands), strict=True)
+    ]
+    parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
+    found += [pool_of(pooling, "stratum", n, mask, ones, len(parts)) for n, mask in parts.items()]
+    found += [
+        pool_of(pooling, "block", f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}",
+                strata.smooth & (strata.block == i), ones, BLOCKS**2)
+        for i in range(BLOCKS**2)
+    ]  # fmt: skip
+    return (*(row for row in found if row is not None), *_patterns(pooling))
+
+
+def pool_of(
+    pooling: Pooling, kind: str, name: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], count: int
+) -> PooledMean | None:
+    """The mean of one pool, one of ``count`` of its kind; None where it holds too few pixels or no light."""
+    trimmed, noise = pooling.trimmed, pooling.noise
+    level = float((trimmed.level[mask] @ weights).sum())
+    pixels = int(mask.sum())
+    if pixels < _FEWEST or level <= 0:
+        return None
+    difference = float((trimmed.difference[mask] @ weights).sum())
+    each = noise.total[mask] if weights.all() else noise.over(weights)[mask]
+    quiet = np.where(trimmed.outlier[mask], np.median(each), each)
+    stated = float(quiet.sum())
+    scatter = _scatter(pooling, kind, mask, weights, difference / level)
+    variance = max(stated, scatter) * noise.clustering
+    # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
+    share = float(weights.sum() / weights.size)
+    bound = trimmed.level[mask].sum(axis=-1)
+    aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * share
+    allowed = (
+        float(np.mean(pooling.interpolation)) if weights.all() else float(pooling.interpolation @ weights)
+    )
+    variance += aside**2 + (SYSTEMATIC * level) ** 2 + (allowed * level) ** 2
+    degrees = max(2.0, min(stated**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
+    if kind in ("block", "stratum"):
+        degrees = min(degrees, _BLOCK_DEGREES)
+    return _row(
+        pooling,
+        kind,
+        name,
+        pixels,
+        difference=difference / level,
+        sigma=float(np.sqrt(variance)) / level,
+        degrees=degrees,
+        count=count,
+    )
+
+
+def _scatter(
+    pooling: Pooling, kind: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], mean: float
+) -> float:
+    """Variance of the sum as the pool's own pixels tell."""
+    own = pooling.trimmed.difference @ weights
+    if kind == "stratum":
+        return float(((own - mean * (pooling.trimmed.level @ weights))[mask] ** 2).sum())
+    inner = mask & pooling.strata.smooth
+    if inner.sum() < _FEWEST:
+        return 0.0
+    squares = high_pass(own)[inner] ** 2
+    # cut where a corner of the pattern touches an edge
+    return float(np.minimum(squares, 30 * np.median(squares)).mean()) * int(mask.sum())
+
+
+def _row(
+    pooling: Pooling, kind: str, name: str, pixels: int, *, difference: float, sigma: float, degrees: float,
+    count: int, unit: str = "1",
+) -> PooledMean:  # fmt: skip
+    critical = pooling.false_alarms * SHARES[kind] / count
+    statistic = difference / sigma
+    threshold = float(t.isf(critical / 2, degrees))
+    return PooledMean(
+        kind, name, pixels, difference, sigma, degrees, statistic, float(2 * t.sf(abs(statistic), degrees)), critical,
+        (threshold + float(norm.ppf(_POWER))) * sigma, unit,
+    )  # fmt: skip
+
+
+def _patterns(pooling: Pooling) -> list[PooledMean]:
+    """How far edges moved along x and y, px, and by how much variance they are blurred, px^2.
+
+    Each edge pixel tells with its own sign; the sum over its own root sum of squares is the statistic, which
+    needs no variance to be known and which heavy tails make smaller, not larger.
+    """
+    strata, trimmed = pooling.strata, pooling.trimmed
+    level, total = trimmed.level.sum(axis=-1), trimmed.difference.sum(axis=-1)
+    # slopes from a mean whose noise does not go with that of the difference, or noise would look like sharper edges
+    half = level + total * pooling.quieter
+    quiet = median_filter(half, 3, mode="nearest")
+    span = maximum_filter(half, 3) - minimum_filter(half, 3)
+    sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
+    down, right = np.gradient(half)
+    curved = -_laplacian(half)
+    own = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
+    places = strata.used & own & (strata.edges | strata.lamp)
+    weight = np.where(places, 1 / np.maximum(span**2 + 9 * sigma, 1e-300), 0.0)
+    scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
+    left = total - scale * level
+    found = []
+    for name, slope, unit, clear in (
+        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0), ("blur", -curved / 2, "px^2", 0.5),
+    ):  # fmt: skip
+        where = places & (np.abs(slope) > clear * span)
+        terms = (weight * slope * left)[where]
+        norms = (weight * slope**2)[where]
+        root = float(np.sqrt((terms**2).sum() * pooling.noise.clustering))
+        if where.sum() < 2 * _FEWEST or root == 0 or (terms**2).sum() ** 2 < 10 * (terms**4).sum():
+            continue
+        size, sigma_of = float(terms.sum() / norms.sum()), root / float(norms.sum())
+        found.append(
+            _row(
+                pooling,
+                "pattern",
+                name,
+                int(where.sum()),
+                difference=size,
+                sigma=sigma_of,
+                degrees=where.sum() - 1.0,
+                count=3,
+                unit=unit,
+            )
+        )
+    return found
+
+
+def _laplacian(picture: NDArray) -> NDArray[np.float64]:
+    """(y, x) second derivative along rows and columns together."""
+    along = np.pad(picture, 1, mode="edge")
+    return along[2:, 1:-1] + along[:-2, 1:-1] + along[1:-1, 2:] + along[1:-1, :-2] - 4 * picture

@@ -1,0 +1,87 @@
+"""Several renderers on one box: exported, run, judged, written."""
+
+from __future__ import annotations
+
+import json
+import resource
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cboxlab.render.export import Exported, read_rendered, write_export
+from cboxlab.render.files import write_cube
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.progress import QUIET, Progress, share
+
+from .judging import Judged, judge, noise_of, reference_cube, write_bias_map
+from .running import missing, run_renderer
+
+__all__ = ["ComparedRenderers", "compare_renderers"]
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedRenderers:
+    """judged : one for each renderer that ran. left_out : a sentence for each that is not installed.
+
+    costs : name, variance (see ``Judged``), CPU s and elapsed s, of ours first.
+    """
+
+    judged: tuple[Judged, ...]
+    left_out: tuple[str, ...]
+    costs: tuple[tuple[str, float, float, float], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures."""
+        keys = ("variance", "cpu_s", "wall_s")
+        return {
+            "renderers": [item.to_dict() for item in self.judged],
+            "left_out": list(self.left_out),
+            "costs": {name: dict(zip(keys, values, strict=True)) for name, *values in self.costs},
+        }
+
+
+def compare_renderers(
+    exported: Exported, names: Sequence[str], out: Path | None = None, progress: Progress = QUIET
+) -> ComparedRenderers:
+    """Run renderers on an export and judge their cubes by our own picture.
+
+    out : a new folder for the export, the cubes, the bias maps and renderers.json; None keeps nothing. Raises
+    InputError for what cannot be exported and for a renderer that fails.
+    """
+    lacking = {name: missing(name) for name in names}
+    left_out = tuple(sentence for sentence in lacking.values() if sentence)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = out or Path(temporary) / "export"
+        write_export(folder, exported)
+        cpu, wall = _times()
+        reference = reference_cube(exported, share(progress, 0.0, 0.3))
+        done = _times()
+        costs = [("ours", noise_of(reference, reference), done[0] - cpu, done[1] - wall)]
+        judged = []
+        ready = [name for name in names if not lacking[name]]
+        for index, name in enumerate(ready):
+            own = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
+            run = run_renderer(folder, name)
+            own.part(0.5)
+            cube = read_rendered(folder, name)
+            judged.append(judge(name, cube, reference, exported, run, share(own, 0.5, 1.0)))
+            costs.append((name, judged[-1].variance, run.cpu_s, run.wall_s))
+            if out is not None:
+                write_cube(out / f"{name}.nc", cube)
+                write_bias_map(out / f"bias-{name}.png", judged[-1])
+        if out is not None:
+            write_cube(out / "reference.nc", reference)
+        found = ComparedRenderers(tuple(judged), left_out, tuple(costs))
+        if out is not None:
+            with replacing(out / "renderers.json") as path:
+                path.write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
+    return found
+
+
+def _times() -> tuple[float, float]:
+    """CPU seconds of this process, and the clock."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime, time.perf_counter()

@@ -1,0 +1,23 @@
+"""A model and a camera, made ready for other renderers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cboxlab.render.export import Exported, ExportSettings, exported_scene
+from cboxlab.scenes.cornell_box import cornell_camera
+
+from ..model import Model, model_cube_inputs
+from ..results import view_of
+
+__all__ = ["exported_model"]
+
+
+def exported_model(model: Model, camera: Path | None, size_px: int, settings: ExportSettings) -> Exported:
+    """camera : a camera file or a capture folder; None for the published camera of ``size_px`` pixels a side.
+
+    Raises InputError for what cannot be read or exported.
+    """
+    view, lamp = view_of(cornell_camera(size_px) if camera is None else camera)
+    scene, view, bounces = model_cube_inputs(model, view, lamp)
+    return exported_scene(scene, view, settings, bounces)

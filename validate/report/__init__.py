@@ -1,0 +1,31 @@
+"""report.html, metrics.json, maps, and their texts."""
+
+from .blocks import ReportSection
+from .diagnosis import (
+    diagnosis_record,
+    finding_sentences,
+    path_steps,
+    ranked_values,
+    step_name,
+    write_diagnosis,
+)
+from .metrics import PathStep
+from .plots import STYLE, picture_row
+from .verdict import verdict
+from .write import validation_record, write_validation
+
+__all__ = [
+    "STYLE",
+    "PathStep",
+    "ReportSection",
+    "diagnosis_record",
+    "finding_sentences",
+    "path_steps",
+    "picture_row",
+    "ranked_values",
+    "step_name",
+    "validation_record",
+    "verdict",
+    "write_diagnosis",
+    "write_validation",
+]

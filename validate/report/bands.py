@@ -1,0 +1,23 @@
+"""Names of bands in the order of their wavelengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from cboxlab.calibration.radiometry import BandResponse
+
+from ..compare import band_centres
+
+__all__ = ["NamedBand", "named_bands"]
+
+#: Index of a band in the comparison, and its name for the page.
+NamedBand = tuple[int, str]
+
+
+def named_bands(bands: Sequence[str], responses: Sequence[BandResponse]) -> list[NamedBand]:
+    """The bands by wavelength, named by it; in the given order and by identifier where responses are not known."""
+    if not responses:
+        return list(enumerate(bands))
+    centres = band_centres(responses)
+    return [(int(i), f"{centres[i]:.0f} nm") for i in np.argsort(centres, kind="stable")]

@@ -1,0 +1,124 @@
+"""What no effect of the catalogue explains: as a record, as a sentence, as pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..explain import NONE, Explanation
+from .blocks import Cell, ReportSection, Table, number, significant
+from .plots import map_row, residual_scale
+
+__all__ = ["explanation_record", "explanation_sections", "explanation_sentence"]
+
+_WORDS = {
+    "sensor-offset": "counts added on the sensor",
+    "sensor-gain": "a gain fixed on the sensor",
+    "displacement": "a displacement of the picture",
+    "blur": "a blur",
+    "time-order": "a change between frames in the order of time",
+    "reflectance-map": "a stain or another uneven reflectance",
+    "paint-spectrum": "a paint of another spectrum",
+    "lamp-spectrum": "a lamp of another spectrum",
+    "extra-light": "light from another source",
+    "object": "an object that the model lacks",
+    "reflection-lobe": "light reflected as by a glossy surface",
+}
+
+#: Bands shown as maps at most.
+_MOST_MAPS = 4
+
+
+def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
+    """The entry of diagnosis.json; the family is ``none`` where nothing remains."""
+    if explanation is None:
+        return {
+            "family": NONE, "surface": None, "centre_px": None, "bands": [], "share": 0.0, "runner_up": None,
+        }  # fmt: skip
+    centre = explanation.centre_px
+    return {
+        "family": explanation.family,
+        "surface": explanation.surface,
+        "centre_px": None if centre is None else [round(float(c), 2) for c in centre],
+        "bands": list(explanation.bands),
+        "share": float(explanation.share),
+        "runner_up": explanation.runner_up,
+        "told_apart": bool(explanation.told_apart),
+        "form": explanation.words,
+        "relative_change": {
+            band: float(value)
+            for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
+        },
+        "heldout": float(explanation.heldout),
+        "families": [
+            {
+                "family": r.family,
+                "form": r.words,
+                "surface": r.surface,
+                "share": float(r.share),
+                "score": float(r.score),
+            }
+            for r in explanation.rivals
+        ],
+    }
+
+
+def explanation_sentence(explanation: Explanation) -> str:
+    """The finding in one or two plain sentences."""
+    if explanation.family == NONE:
+        return "No family of fields explains what remains."
+    where = f" on {explanation.surface}" if explanation.surface else ""
+    if explanation.centre_px is not None:
+        where += f" about pixel ({explanation.centre_px[0]:.0f}, {explanation.centre_px[1]:.0f})"
+    every = len(explanation.bands) == len(explanation.all_bands)
+    bands = "all bands" if every else ", ".join(explanation.bands)
+    text = (
+        f"What remains looks like {_WORDS[explanation.family]} ({explanation.family}: {explanation.words}){where}, "
+        f"in {bands}; this explains {100 * explanation.share:.0f} % of the excess."
+    )
+    if explanation.runner_up is None:
+        return text
+    other = explanation.rivals[1]
+    if explanation.told_apart:
+        return f"{text} Next comes {other.family}, with {100 * other.share:.0f} %."
+    return f"{text} This capture cannot tell it from {other.family} ({100 * other.share:.0f} %)."
+
+
+def explanation_sections(explanation: Explanation | None) -> list[ReportSection]:
+    """The section on what no effect explains: the change explained, what it leaves, and all families."""
+    if explanation is None:
+        return []
+    rows = [
+        (
+            r.family,
+            Cell(r.words, words=True),
+            r.surface or "–",
+            number(100 * r.share, 1),
+            significant(r.score, 5),
+        )
+        for r in explanation.rivals
+    ]
+    table = Table(
+        ("Family", "Form", "Surface", "Share of the excess, %", "2 ln evidence"), rows,
+        "Every family alone, its best form, with camera and lamp free. What a family lacks to the closest fit is "
+        "forgiven up to 3 % of it, for the errors of shapes.",
+    )  # fmt: skip
+    if explanation.family == NONE:
+        return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
+    strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))
+    shown = sorted(np.argsort(strength)[::-1][:_MOST_MAPS])
+    explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in shown}
+    left = {explanation.all_bands[b]: explanation.left[b] for b in shown}
+    scale = residual_scale("change / σ")
+    return [
+        ReportSection(
+            "What no effect explains",
+            [explanation_sentence(explanation)],
+            [
+                map_row(explained, scale, "The change that the family explains, over a pixel's noise."),
+                map_row(left, scale, "What it leaves, with the same colour scale."),
+                table,
+            ],
+        )
+    ]

@@ -1,0 +1,167 @@
+"""metrics.json: the results of a validation under stable keys (documented in docs/metrics.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.files import replacing
+
+from ..compare import ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
+
+__all__ = ["PathStep", "Run", "metrics", "write_metrics"]
+
+
+@dataclass(frozen=True)
+class PathStep:
+    """One model on the path from the given model to the final one. effects : identifiers in order."""
+
+    effects: tuple[str, ...]
+    chi2_per_dof: float
+    delta_e_ab_mean: float
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Data of a validation besides the comparison.
+
+    seconds : wall time. camera : as used for the render. calibrated_camera : before the refit to the image, None
+    without a refit. reprojection_rms_px : of the surveyed points, per coordinate.
+    lamp_scale, lamp_scale_sigma : fitted factor on the lamp's stated radiance. lamp_scale_prior_sigma : its
+    stated relative uncertainty. path : models tried, in order; empty without a diagnosis. failures : see
+    ``ranked_failures``.
+    """
+
+    capture: str
+    model: str
+    version: str
+    seconds: float
+    camera: Camera
+    reprojection_rms_px: float
+    lamp_scale: float
+    lamp_scale_sigma: float
+    lamp_scale_prior_sigma: float = math.nan
+    calibrated_camera: Camera | None = None
+    path: Sequence[PathStep] = ()
+    failures: Sequence[Failure] = ()
+
+
+def _chi2(chi2: ChiSquare) -> dict[str, Any]:
+    return {
+        "chi2_per_dof": chi2.per_dof, "chi2_per_dof_sigma": chi2.per_dof_sigma,
+        "residuals": chi2.count, "p_value": chi2.p_value,
+    }  # fmt: skip
+
+
+def _relative(difference: RelativeDifference) -> dict[str, Any]:
+    return {
+        "mean_relative_difference": difference.mean, "rms_relative_difference": difference.rms,
+        "rms_relative_noise": difference.rms_noise,
+    }  # fmt: skip
+
+
+def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
+    expected = {"mean": noise.mean, "p95": noise.p95, "max": noise.maximum}
+    return {"mean": seen.mean, "p95": seen.p95, "max": seen.maximum, "expected_from_noise": expected}
+
+
+def _camera(run: Run, camera: Camera) -> dict[str, Any]:
+    values, covariance = camera.parameters, camera.covariance
+    return {
+        "reprojection_rms_px": run.reprojection_rms_px,
+        "position_mm": values[:3],
+        "position_sigma_mm": [math.nan] * 3 if covariance is None else np.sqrt(np.diag(covariance)[:3]),
+        "rotation_deg": values[3:6],
+        "focal_length_px": camera.focal_length_px,
+        "principal_point_px": camera.principal_point_px,
+        "k1": camera.k1,
+        "covariance": [] if covariance is None else covariance,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Values for JSON: NaN and infinity become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The content of metrics.json as plain values. extra : further keys.
+
+    Raises ValueError if ``extra`` contains a stable key.
+    """
+    c = comparison
+    content: dict[str, Any] = {
+        "capture": run.capture, "model": run.model, "version": run.version, "seconds": run.seconds,
+        "camera": _camera(run, run.calibrated_camera or run.camera),
+        "camera_refitted": _camera(run, run.camera) if run.calibrated_camera else None,
+        "lamp_scale": {
+            "value": run.lamp_scale, "sigma": run.lamp_scale_sigma,
+            "stated_sigma": run.lamp_scale_prior_sigma,
+        },
+        **_chi2(c.chi2),
+        "render_sigma_over_sensor_sigma_median": c.render_sigma_over_sensor_sigma,
+        "pixels_used": c.pixels_used,
+        "masked": c.masked,
+        "bands": {
+            band: {**_chi2(row.chi2), **_relative(row.relative), "beyond_noise": row.beyond_noise}
+            for band, row in c.by_band.items()
+        },
+        "surfaces": {
+            name: {
+                "relative_difference": dict(zip(c.bands, row.relative, strict=True)),
+                "relative_difference_sigma": dict(zip(c.bands, row.relative_sigma, strict=True)),
+                "delta_e_ab": row.delta_e_ab, "delta_e_2000": row.delta_e_2000,
+                "delta_e_ab_expected_from_noise": row.delta_e_noise,
+                "interior_pixels": row.interior_pixels, **_chi2(row.chi2),
+            }
+            for name, row in c.by_surface.items()
+        },
+        "delta_e_ab": _delta_e(c.delta_e_ab, c.delta_e_ab_noise),
+        "delta_e_2000": _delta_e(c.delta_e_2000, c.delta_e_2000_noise),
+        "luminance": _relative(c.luminance),
+        "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
+        "edges": {"share_of_excess": c.share_of_excess_at_edges, **_chi2(c.chi2_edges)},
+        "interiors": _chi2(c.chi2_interiors),
+        "regions": {
+            kind: {
+                r.words: {
+                    **_chi2(r.chi2), "share_of_residuals": r.share_of_residuals, "share_of_excess": r.share_of_excess,
+                }
+                for r in rows
+            }
+            for kind, rows in regions_of(c).items()
+        },
+        "failures": [asdict(failure) for failure in run.failures],
+        "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.delta_e_ab.mean)]],
+    }  # fmt: skip
+    for key, value in (extra or {}).items():
+        if key in content:
+            raise ValueError(f"metrics.json: the key '{key}' exists already")
+        content[key] = value
+    return _plain(content)
+
+
+def write_metrics(
+    path: Path, comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Write metrics.json and return its content; an incomplete file is removed."""
+    content = metrics(comparison, run, extra)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    return content

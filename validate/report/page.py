@@ -1,0 +1,108 @@
+"""report.html: one self-contained page. The finding first, then the comparison, where it fails, what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cboxlab.calibration.colour import FilterWeights
+from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.suspicions import Suspicion
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.frozen import OwnMappings
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from ..compare import Comparison, band_centres
+from ..viewer import picture_data, viewer_fragment
+from .bands import named_bands
+from .blocks import Cell, ReportSection, Story, Table
+from .metrics import Run
+from .picture_sections import band_maps, maps_section, residual_section, scatter_section, weights_section
+from .plots import Drawing, MapRow
+from .story import story_without
+from .table_sections import camera_section, masks_section, tables_section, where_section
+from .verdict import verdict, warnings
+
+__all__ = ["ReportInputs", "build_report"]
+
+
+@dataclass(frozen=True, eq=False)
+class ReportInputs(OwnMappings):
+    """The content of a report.
+
+    assumptions : sentences. weights, responses : filter weights and the responses they were fitted to, left out if
+    not known. story : of a diagnosis; None where no cause was sought. viewer : data of the viewer, made from the
+    comparison where None. sections : further sections, folded. further_warnings : in addition to
+    those derived from the results. suspicions : suspected errors of the capture. provenance : what and value of each
+    thing that made the page: command, date, versions, seeds.
+    """
+
+    comparison: Comparison
+    run: Run
+    assumptions: Sequence[str]
+    weights: FilterWeights | None = None
+    responses: Sequence[BandResponse] = ()
+    story: Story | None = None
+    viewer: Mapping[str, Any] | None = None
+    sections: Sequence[ReportSection] = ()
+    further_warnings: Sequence[str] = ()
+    suspicions: Sequence[Suspicion] = ()
+    provenance: Sequence[tuple[str, str]] = ()
+
+
+def _block_kind(block: object) -> str:
+    kinds = {MapRow: "maps", Drawing: "drawing", Table: "table"}
+    return kinds[type(block)]
+
+
+def _figures(c: Comparison) -> list[tuple[str, str, str]]:
+    """(what, value, note) of the headline figures."""
+    return [
+        ("χ² per degree of freedom", f"{c.chi2.per_dof:.3g}", f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
+        ("mean ΔE*ab", f"{c.delta_e_ab.mean:.2f}", f"noise alone {c.delta_e_ab_noise.mean:.2f}"),
+        ("mean CIEDE2000", f"{c.delta_e_2000.mean:.2f}", f"noise alone {c.delta_e_2000_noise.mean:.2f}"),
+        ("mean luminance difference", f"{100 * c.luminance.mean:+.2f} %".replace("-", "−"),
+         f"rms {100 * c.luminance.rms:.2f} %, noise alone {100 * c.luminance.rms_noise:.2f} %"),
+        ("render noise / sensor noise", f"{c.render_sigma_over_sensor_sigma:.2f}",
+         "median of standard deviations"),
+        ("pixels used", f"{c.pixels_used:,}".replace(",", "\u202f"),
+         f"of {c.maps.sizes['x']} × {c.maps.sizes['y']}"),
+    ]  # fmt: skip
+
+
+def _provenance_section(rows: Sequence[tuple[str, str]]) -> ReportSection:
+    table = Table(("what", "value"), [(what, Cell(value, words=True)) for what, value in rows])
+    return ReportSection("Command, date, versions, seeds", (), (table,))
+
+
+def build_report(path: Path, inputs: ReportInputs) -> None:
+    """Write the report, which refers to no other files; an incomplete file is removed."""
+    c, run, responses = inputs.comparison, inputs.run, inputs.responses
+    bands = named_bands(c.bands, responses)
+    story = inputs.story or story_without(c, bands)
+    data = inputs.viewer or picture_data(c, band_centres(responses) if responses else None)
+    where = where_section(c, bands, run.failures, band_maps(c, bands))
+    chapters = [where, story.missing, *story.unexplained, story.falling, story.next]
+    folded = [
+        tables_section(c, bands), maps_section(c), residual_section(c), scatter_section(c), *inputs.sections,
+        camera_section(run), masks_section(c), ReportSection("Assumptions", steps=inputs.assumptions),
+    ]  # fmt: skip
+    if inputs.weights is not None:
+        folded.append(weights_section(inputs.weights, responses))
+    if inputs.provenance:
+        folded.append(_provenance_section(inputs.provenance))
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.globals["kind"] = _block_kind
+    page = environment.get_template("report.html.j2").render(
+        run=run, headline=story.headline, level=verdict(c).level, figures=_figures(c),
+        warnings=[*warnings(c, run), *inputs.further_warnings], suspicions=inputs.suspicions,
+        viewer=viewer_fragment(data, "viewer"), chapters=[one for one in chapters if one is not None], folded=folded,
+        provenance=dict(inputs.provenance),
+    )  # fmt: skip
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")

@@ -1,0 +1,222 @@
+"""Sections of the report that show pictures and plots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cboxlab.calibration.colour import FilterWeights
+from cboxlab.calibration.radiometry import BandResponse
+from matplotlib.colors import LogNorm
+from scipy.stats import norm
+
+from ..compare import Comparison
+from .bands import NamedBand, named_bands
+from .blocks import ReportSection, Table, number, significant
+from .plots import (
+    COLOUR,
+    INK,
+    LINE,
+    LUMINANCE,
+    STYLE,
+    MapRow,
+    Scale,
+    drawing,
+    map_row,
+    new_figure,
+    plain_log_ticks,
+    residual_scale,
+)
+
+__all__ = ["band_maps", "maps_section", "residual_section", "scatter_section", "weights_section"]
+
+#: So many bands have a map of their own; the viewer shows every one.
+_MOST_BANDS = 8
+
+#: Up to so many bands are named in the plot of their responses.
+_LABELLED = 9
+
+
+def maps_section(c: Comparison) -> ReportSection:
+    """Maps of colour and luminance differences."""
+    maps = c.maps
+    relative = 100 * maps["luminance_relative_difference"].values
+    xyz = np.where(
+        np.isfinite(maps["delta_e_ab"].values)[..., None],
+        100 * (maps["xyz_measured"].values - maps["xyz_rendered"].values) / c.white.luminance, np.nan,
+    )  # fmt: skip
+    return ReportSection(
+        "Maps of colour and luminance differences",
+        (
+            "Differences of single pixels, noise included. Hatched pixels are left out (masked, the lamp, or outside "
+            "the box). Values beyond a scale have the colour of its end; the scales are the same in every report.",
+        ),
+        (
+            map_row(
+                {"ΔE*ab (1976)": maps["delta_e_ab"].values, "CIEDE2000": maps["delta_e_2000"].values},
+                Scale(0.0, COLOUR, "colour difference ΔE", "cividis"),
+            ),
+            map_row(
+                {"Luminance Y, (measured − rendered) / rendered": relative},
+                Scale(-LUMINANCE, LUMINANCE, "%", "RdBu_r"),
+            ),
+            map_row(
+                {f"Δ{axis}, measured − rendered": xyz[..., i] for i, axis in enumerate("XYZ")},
+                Scale(-COLOUR, COLOUR, "% of the white's luminance Yn", "RdBu_r"),
+            ),
+        ),
+    )  # fmt: skip
+
+
+def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
+    """Residuals over sigma, a map for each of the bands with the highest chi2, by wavelength."""
+    residual = c.maps["residual_over_sigma"].values
+    rows = list(c.by_band.values())
+    most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MOST_BANDS]
+    shown = {
+        f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most
+    }
+    caption = (
+        "" if len(shown) == len(rows) else f"The {len(shown)} bands of {len(rows)} with the highest χ²/dof."
+    )
+    return map_row(shown, residual_scale("(measured − rendered) / σ"), caption)
+
+
+@matplotlib.rc_context(STYLE)
+def residual_section(c: Comparison) -> ReportSection:
+    """Residual over its standard deviation: distribution, and dependence on edge distance."""
+    residual = c.maps["residual_over_sigma"].values
+    values = residual[np.isfinite(residual)]
+    (first, left), (second, right) = new_figure(), new_figure()
+    bins = np.linspace(-8, 8, 81)
+    left.hist(np.clip(values, -7.99, 7.99), list(bins), density=True, color=LINE, label="this comparison")
+    left.plot(bins, norm.pdf(bins), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="noise alone")
+    left.set(yscale="log", ylim=(0.2 / max(values.size, 10), 9), xlabel="(measured − rendered) / σ",
+             ylabel="share per unit", title="Distribution of the residuals")  # fmt: skip
+    left.set_xticks(np.arange(-8, 9, 4), ["≤ −8", "−4", "0", "4", "≥ 8"])
+    left.legend(loc="upper left", ncols=2)
+    plain_log_ticks(left.yaxis)
+    inside = c.maps["surface"].values >= 0
+    distance = c.maps["edge_distance_px"].values
+    limits = np.array([0, 1, 2, 3, 4, 6, 8, 12, 16, 24, np.inf])
+    labels = ["<1", "1", "2", "3", "4", "6", "8", "12", "16", "≥24"]
+    ring = [residual[:, inside & (distance >= low) & (distance < high)] for low, high in pairwise(limits)]
+    ring = [r[np.isfinite(r)] for r in ring]
+    mean = np.array([np.mean(r**2) if r.size else np.nan for r in ring])
+    error = np.array([np.sqrt(2 / r.size) if r.size else np.nan for r in ring])
+    right.errorbar(np.arange(len(ring)), mean, error, fmt="o", color=LINE, markersize=5, capsize=2)
+    right.axhline(1, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+    right.axvline(2.5, color=INK, linewidth=0.7, alpha=0.5)
+    right.set_xticks(np.arange(len(ring)), labels)
+    right.set(xlabel="px from the nearest edge, from (line: 3 px)", ylabel="χ²/dof",
+              title="Surfaces by distance from edges")  # fmt: skip
+    if np.nanmax(mean, initial=1) > 5:
+        right.set_yscale("log")
+        plain_log_ticks(right.yaxis)
+    return ReportSection(
+        "Residuals: distribution, and distance from edges",
+        (
+            "σ includes the camera's noise and the render's Monte Carlo error. If noise explains the difference, the "
+            "distribution is the dashed one and the points lie at 1.",
+        ),
+        (drawing(first, second),),
+    )
+
+
+@matplotlib.rc_context(STYLE)
+def scatter_section(c: Comparison) -> ReportSection:
+    """Measured against rendered signals of all bands, as densities."""
+    used = np.isfinite(c.maps["residual_over_sigma"].values) & (c.maps["surface"].values >= 0)
+    measured, rendered = c.maps["measured"].values[used], c.maps["rendered"].values[used]
+    keep = (measured > 0) & (rendered > 0)
+    measured, rendered = measured[keep], rendered[keep]
+    (first, left), (second, right) = new_figure(3.9), new_figure(3.9)
+    if measured.size:
+        low, high = np.percentile(rendered, 0.01) * 0.8, max(measured.max(), rendered.max()) * 1.15
+        span = (np.log10(low), np.log10(high))
+        shared: dict[str, Any] = {
+            "gridsize": 60, "mincnt": 1, "cmap": "cividis", "norm": LogNorm(), "linewidths": 0,
+            "rasterized": True,
+        }  # fmt: skip
+        density = left.hexbin(rendered, measured, xscale="log", yscale="log", extent=(*span, *span), **shared)
+        left.plot([low, high], [low, high], color=INK, linewidth=0.9, alpha=0.8)
+        left.set(xlim=(low, high), ylim=(low, high), xlabel="rendered, DN", ylabel="measured, DN",
+                )  # fmt: skip
+        ratio = 100 * (measured / rendered - 1)
+        reach = float(np.percentile(np.abs(ratio), 99))
+        spread = right.hexbin(rendered, ratio, xscale="log", extent=(*span, -reach, reach), **shared)
+        right.axhline(0, color=INK, linewidth=0.9, alpha=0.8)
+        right.set(xlim=(low, high), ylim=(-reach, reach), xlabel="rendered, DN",
+                  ylabel="(measured − rendered) / rendered, %")  # fmt: skip
+        for axis in (left.xaxis, left.yaxis, right.xaxis):
+            plain_log_ticks(axis)
+        for figure, axes, shown in ((first, left, density), (second, right, spread)):
+            bar = figure.colorbar(shown, ax=axes, location="top", pad=0.02, fraction=0.05, aspect=40)
+            bar.set_label("pixels, all bands", color=INK)
+            bar.outline.set_visible(False)
+            plain_log_ticks(bar.ax.xaxis)
+    return ReportSection("Measured against rendered", (), (drawing(first, second),))
+
+
+@matplotlib.rc_context(STYLE)
+def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> ReportSection:
+    """Responses of the bands, reconstructed colour-matching functions, and the error of the weights."""
+    (first, left), (second, right) = new_figure(3.4), new_figure(3.4)
+    highest = max(r.response.max() for r in responses)
+    order = [i for i, _ in named_bands([r.band for r in responses], responses)]
+    for index in order:
+        wavelength, response = responses[index].wavelength_nm, responses[index].response / highest
+        left.plot(wavelength, response, color=LINE, linewidth=1.2)
+    if len(order) <= _LABELLED:
+        for index in order:
+            wavelength, response = responses[index].wavelength_nm, responses[index].response / highest
+            peak = int(np.argmax(response))
+            left.annotate(
+                responses[index].band,
+                (wavelength[peak], response[peak]),
+                (0, 3),
+                textcoords="offset points",
+                ha="center",
+            )
+    left.set(
+        title="Response of each band",
+        xlabel="wavelength, nm",
+        ylabel="lens × filter × Q, relative",
+        ylim=(0, 1.12),
+    )
+    thin: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
+    for axis, (name, colour) in enumerate((("x̄", "#b5534b"), ("ȳ", "#5b8f55"), ("z̄", "#4a74b4"))):
+        right.plot(w.wavelength_nm, w.target[axis], color=colour, **thin)
+        right.plot(w.wavelength_nm, w.reconstructed[axis], color=colour, label=name)
+    right.plot([], [], color=INK, label="CIE 1931", **thin)
+    right.set(title="Colour-matching functions", xlabel="wavelength, nm")
+    right.legend(ncols=2)
+    error = w.reconstructed - w.target
+    rms = np.sqrt(np.mean(error**2, axis=1) / np.mean(w.target**2, axis=1))
+    header = ["", *(w.bands[i] for i in order), "rms error of the curve, %", "noise gain"]
+    rows = [
+        [
+            axis,
+            *(significant(1e18 * w.weights[i][k]) for k in order),
+            number(100 * rms[i], 1),
+            number(w.noise_gain[i]),
+        ]
+        for i, axis in enumerate("XYZ")
+    ]
+    return ReportSection(
+        "From bands to colour: the filter weights",
+        (
+            "XYZ = 683 lm/W Σ b_i S_i / K_i. The weights reconstruct the CIE functions only approximately. This error "
+            "affects the absolute colours, but not the colour differences above, since measured and rendered colours "
+            "use the same weights.",
+        ),
+        (
+            drawing(first, second),
+            Table(header, rows,
+                  "Weights b_i in 1e-18 J per quantum; rms error relative to the rms of the CIE function; "
+                  "noise gain: relative noise of X, Y, Z for light of equal energy, divided by that of every band."),
+        ),
+    )  # fmt: skip

@@ -1,0 +1,46 @@
+"""What made a report: command, date, versions, seeds."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from ..compare import Validation
+
+__all__ = ["provenance"]
+
+#: Packages whose versions can change a figure.
+_PACKAGES = (
+    "cboxlab",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "colour-science",
+)
+
+
+def provenance(result: Validation) -> list[tuple[str, str]]:
+    """(what, value) rows. The command is that of this process; a library's caller sees its own program's."""
+    manifest = result.prepared.calibration.capture
+    name, *arguments = sys.argv or [""]
+    program = Path(name)
+    shown = f"python -m {program.parent.name}" if program.name == "__main__.py" else program.name
+    settings = result.model.render
+    return [
+        ("command", f"{shown} {shlex.join(arguments)}".strip()),
+        ("date", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"),
+        ("capture", manifest.manifest.name or manifest.folder.name),
+        ("model", f"{result.model.name}; effects {', '.join(e.id for e in result.model.effects) or 'none'}"),
+        ("render seed", str(settings.seed)),
+        ("seed of the noise in expected ΔE", "0"),
+        ("render noise asked for", f"{settings.noise:g} of the sensor's"),
+        ("time taken", f"{result.seconds:.0f} s"),
+        ("versions", ", ".join(f"{package} {version(package)}" for package in _PACKAGES)),
+        ("Python and machine", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
+    ]

@@ -1,0 +1,201 @@
+"""Sections of the report that are tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from cboxlab.scenes.camera import PARAMETER_NAMES
+from numpy.typing import NDArray
+
+from ..compare import OUTSIDE, ChiSquare, Comparison, Failure, Part, Region, regions_of
+from .bands import NamedBand
+from .blocks import Cell, ReportSection, Table, number, percent, significant, to_error
+from .metrics import Run
+from .plots import MapRow
+from .verdict import verdict
+
+__all__ = ["camera_section", "masks_section", "parts_section", "tables_section", "where_section"]
+
+
+_DEFINITION = (
+    "By place. In all of this page, χ² sums ((measured − rendered) / σ)², with the camera's and the render's noise in "
+    "σ. Noise alone gives 1 per degree of freedom (dof); the excess is what is above."
+)
+
+
+def _chi2(chi2: ChiSquare) -> Cell:
+    beyond = chi2.dof > 0 and chi2.p_value < 1e-3
+    digits = 3 if chi2.per_dof < 10 else 1
+    return Cell(number(chi2.per_dof, digits), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
+
+
+def _regions(
+    header: str, regions: Sequence[Region], caption: str, names: Sequence[str] | None = None
+) -> Table:
+    """A partition of the residuals with a row for all of them."""
+    rows = [
+        (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
+        for name, r in zip(names or [r.words for r in regions], regions, strict=True)
+    ]
+    whole = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
+    return Table(
+        (header, "χ²/dof", "share of the residuals, %", "share of the excess χ², %"),
+        [*rows, ("all", "", percent(whole[0]), percent(whole[1]))],
+        caption,
+    )
+
+
+def where_section(
+    c: Comparison, bands: Sequence[NamedBand], failures: Sequence[Failure], maps: MapRow
+) -> ReportSection:
+    """Where the model fails: the excess by place, surface and band, each to 100 %, and maps of the bands."""
+    regions = regions_of(c)
+    by_band = [regions["band"][i] for i, _ in bands]
+    sentences = ["Noise explains the difference: there is no excess to locate."]
+    if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
+        worst = max(regions["place"], key=lambda r: r.share_of_excess)
+        surface = max(regions["surface"], key=lambda r: r.share_of_excess)
+        sentences = [
+            f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.words)}, with "
+            f"{percent(worst.share_of_residuals, 0)} % of the residuals. Of the surfaces and what is beside them, "
+            f"{surface.words} has most: {percent(surface.share_of_excess, 0)} %.",
+            *(f.sentence for f in failures),
+        ]
+    return ReportSection(
+        "Where it fails",
+        sentences,
+        (
+            maps,
+            _regions("place", regions["place"], _DEFINITION),
+            _regions("surface", regions["surface"], "By surface, its edges included."),
+            _regions("band", by_band, "By band.", [name for _, name in bands]),
+        ),
+    )  # fmt: skip
+
+
+def _in_place(words: str) -> str:
+    return words if words == OUTSIDE else f"in {words}" if words.startswith("interiors") else f"on {words}"
+
+
+def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
+    """Tables of differences by band and by surface."""
+    by_band = list(c.by_band.items())
+    rows = [(name, by_band[i][1]) for i, name in bands]
+    band_table = Table(
+        ("band", "mean difference, %", "rms difference, %", "rms of noise, %", "beyond noise, %"),
+        [
+            (name, number(100 * row.relative.mean, 3, True), number(100 * row.relative.rms),
+             number(100 * row.relative.rms_noise), number(100 * row.beyond_noise, 2))
+            for name, row in rows
+        ],
+        "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms residual in "
+        "excess of noise, relative to the rms signal.",
+    )  # fmt: skip
+    surfaces = Table(
+        ("surface", *(f"{name}, %" for _, name in bands), "ΔE*ab", "CIEDE2000", "interior px"),
+        [
+            (
+                name,
+                *(Cell(number(100 * row.relative[i], 2, True), f"± {number(100 * row.relative_sigma[i])}",
+                       bool(abs(row.relative[i]) > 3.3 * row.relative_sigma[i])) for i, _ in bands),
+                Cell(number(row.delta_e_ab), f"noise {number(row.delta_e_noise)}",
+                     bool(row.delta_e_ab > 3 * row.delta_e_noise)),
+                number(row.delta_e_2000), f"{row.interior_pixels}",
+            )
+            for name, row in c.by_surface.items()
+        ],
+        "By surface: relative difference of the means over the interior (at least three pixels from any edge) with its "
+        "standard error from pixel noise, and ΔE between these means. Bold: significant differences (p < 0.001), and "
+        "ΔE*ab above three times its expectation from noise.",
+    )  # fmt: skip
+    return ReportSection("Differences by surface and by band", (), (surfaces, band_table))
+
+
+UNITS = dict(zip(PARAMETER_NAMES, ("mm",) * 3 + ("°",) * 3 + ("px",) * 3 + ("1",), strict=True))
+LABELS = dict(zip(PARAMETER_NAMES, (
+    "position x", "position y", "position z", "rotation x", "rotation y", "rotation z", "focal length",
+    "principal point u", "principal point v", "radial distortion k1"), strict=True))  # fmt: skip
+
+
+def camera_section(run: Run) -> ReportSection:
+    """Camera parameters with their uncertainty, before and after the refit, and the lamp's scale."""
+
+    def sigmas(covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        return np.full(len(PARAMETER_NAMES), np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+
+    before = run.calibrated_camera
+    header = ["parameter", "unit", "value"]
+    if run.camera.covariance is not None:
+        header.append("standard deviation")
+    if before is not None:
+        header += ["from the points only", "its standard deviation", "change, σ"]
+    rows = []
+    for i, name in enumerate(PARAMETER_NAMES):
+        value, sigma = run.camera.parameters[i], sigmas(run.camera.covariance)[i]
+        if before is None:
+            row = [LABELS[name], UNITS[name], to_error(value, sigma)]
+        else:
+            old, old_sigma = before.parameters[i], sigmas(before.covariance)[i]
+            # one more digit, since the picture determines the camera better than the points
+            row = [LABELS[name], UNITS[name], to_error(value, np.fmin(sigma, old_sigma / 10))]
+        if run.camera.covariance is not None:
+            row.append(significant(sigma, 2))
+        if before is not None:
+            row += [
+                to_error(old, old_sigma),
+                significant(old_sigma, 2),
+                number((value - old) / old_sigma, 2, True),
+            ]
+        rows.append(row)
+    pull = (run.lamp_scale - 1) / run.lamp_scale_prior_sigma
+    lamp = Table(
+        ("lamp", "fitted", "standard deviation", "stated standard deviation", "change, σ"),
+        [("scale of its radiance", number(run.lamp_scale, 5), significant(run.lamp_scale_sigma, 2),
+          significant(run.lamp_scale_prior_sigma, 2), number(pull, 2, True))],
+    )  # fmt: skip
+    return ReportSection(
+        "Camera and lamp",
+        (f"Reprojection error of the surveyed points: {significant(run.reprojection_rms_px)} px rms per coordinate.",),
+        (
+            Table(header, rows, "Rotation: Rodrigues vector relative to a camera that looks along +z with +y up."),
+            lamp,
+        ),
+    )  # fmt: skip
+
+
+def masks_section(c: Comparison) -> ReportSection:
+    """Numbers of pixels left out, by reason."""
+    total = c.maps.sizes["y"] * c.maps.sizes["x"]
+    rows = [(reason, str(n), number(100 * n / total, 2)) for reason, n in c.masked.items()]
+    rows.append(("used in every band", str(c.pixels_used), number(100 * c.pixels_used / total, 2)))
+    return ReportSection(
+        "Pixels left out",
+        (),
+        (Table(("reason", "pixels", "% of the picture"), rows,
+               "Left out in at least one band; a pixel may have several reasons."),),
+    )  # fmt: skip
+
+
+def parts_section(c: Comparison, known: Sequence[Part]) -> ReportSection:
+    """The excess in every subset of the residuals that was considered; these overlap."""
+    z = c.maps["residual_over_sigma"].values
+    used = np.isfinite(z)
+    excess = np.where(used, np.nan_to_num(z) ** 2 - 1, 0.0)
+    total = float(excess.sum())
+    rows = []
+    for part in known:
+        here = part.where & used
+        if not here.any() or part.kind in ("band", "surface", "edge distance"):
+            continue
+        share = float(excess[here].sum())
+        rows.append(
+            (part.words, number(100 * here.sum() / used.sum(), 0),
+             number(100 * share / total if total > 0 else np.nan, 0), number(1 + share / here.sum(), 3))
+        )  # fmt: skip
+    table = Table(
+        ("where", "residuals, %", "excess χ², %", "χ²/dof"), rows,
+        "These parts overlap. Light is direct if the surface seen was the first to reflect it; shares of light are "
+        "those of the model.",
+    )  # fmt: skip
+    return ReportSection("Excess by kind of light and part of the picture", (), (table,))

@@ -1,0 +1,105 @@
+"""Writes the folder of a validation: report.html, metrics.json and the maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..compare import Failure, Validation, failures, write_maps
+from ..diagnose import Diagnosis
+from ..viewer import viewer_data
+from .bands import named_bands
+from .blocks import ReportSection
+from .diagnosis import path_steps
+from .metrics import PathStep, Run, metrics, write_metrics
+from .page import ReportInputs, build_report
+from .provenance import provenance
+from .story import signature_layers, story
+from .table_sections import parts_section
+
+__all__ = ["validation_record", "write_validation"]
+
+
+def _assumptions(result: Validation) -> list[str]:
+    prepared, fit = result.prepared, result.fit
+    sigma = prepared.lamp_sigma
+    lamp = (
+        f"within its stated {100 * sigma:.2g} % (one standard deviation)"
+        if sigma
+        else "freely: no uncertainty is stated"
+    )
+    expected = prepared.expected_camera(result.model.effects)
+    moved = fit.camera.project(prepared.scene.corners_mm) - expected.project(prepared.scene.corners_mm)
+    bounces = result.model.render.max_bounces
+    light = (
+        "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
+    )
+    effects = ", ".join(effect.id for effect in result.model.effects) or "none"
+    return [
+        f"Scene: {prepared.scene.name}. Unless an effect below changes it: materials are Lambertian, the lamp is "
+        "uniform and Lambertian and does not reflect, the air is clear, the front is open and dark.",
+        f"Effects in the model: {effects}.",
+        f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
+        "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
+        f"prior. This moved the box's corners by {np.sqrt(np.nanmean(moved**2)):.2f} px (rms per coordinate).",
+        f"{light}. All results include the render's standard error.",
+        "Measured and rendered XYZ use the same filter weights, so colour differences do not include the error of the "
+        "weights relative to the CIE functions, which is shown separately.",
+    ]
+
+
+def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]) -> Run:
+    prepared, fit = result.prepared, result.fit
+    return Run(
+        capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
+        model=result.model.name,
+        version=version("cboxlab"),
+        seconds=result.seconds,
+        camera=fit.camera,
+        calibrated_camera=prepared.calibrated_camera,
+        reprojection_rms_px=prepared.camera_fit.reprojection_rms_px,
+        lamp_scale=fit.lamp_scale,
+        lamp_scale_sigma=fit.lamp_scale_sigma,
+        lamp_scale_prior_sigma=prepared.lamp_sigma if prepared.lamp_sigma is not None else float("nan"),
+        path=path,
+        failures=failed,
+    )
+
+
+def validation_record(result: Validation) -> dict[str, Any]:
+    """The content of metrics.json."""
+    return metrics(result.comparison, _run(result, failures(result)[1], ()))
+
+
+def write_validation(
+    result: Validation,
+    folder: Path,
+    diagnosis: Diagnosis | None = None,
+    sections: Sequence[ReportSection] = (),
+) -> tuple[Path, ...]:
+    """Write report.html, metrics.json and the maps into ``folder``; a diagnosis adds its story and its path.
+
+    sections : further ones of the report, folded. Returns the report, the metrics and the folder of the maps.
+    """
+    prepared, c = result.prepared, result.comparison
+    calibration = prepared.calibration
+    known, failed = failures(result)
+    run = _run(result, failed, [] if diagnosis is None else path_steps(diagnosis))
+    report, figures, maps = folder / "report.html", folder / "metrics.json", folder / "maps"
+    write_maps(maps, c)
+    write_metrics(figures, c, run)
+    build_report(
+        report,
+        ReportInputs(
+            c, run, _assumptions(result), weights=prepared.weights, responses=prepared.responses,
+            story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
+            viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
+            sections=(parts_section(c, known), *sections),
+            further_warnings=calibration.notes, suspicions=calibration.suspicions, provenance=provenance(result),
+        ),
+    )  # fmt: skip
+    return report, figures, maps

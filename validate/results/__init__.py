@@ -1,0 +1,30 @@
+"""What the public face ``cboxlab`` offers: from paths or objects to results that print, become dicts and files."""
+
+from .calibration import CalibrationResult, calibrate
+from .cube import CubeResult, CubeSettings, render, render_file, view_of
+from .diagnosis import DiagnosisResult, diagnose
+from .inputs import ModelLike, as_model
+from .raw_frame import RawFrame, simulate
+from .result import Result
+from .study import Study
+from .validation import ValidationResult, validate
+
+__all__ = [
+    "CalibrationResult",
+    "CubeResult",
+    "CubeSettings",
+    "DiagnosisResult",
+    "ModelLike",
+    "RawFrame",
+    "Result",
+    "Study",
+    "ValidationResult",
+    "as_model",
+    "calibrate",
+    "diagnose",
+    "render",
+    "render_file",
+    "simulate",
+    "validate",
+    "view_of",
+]

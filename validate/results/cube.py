@@ -1,0 +1,252 @@
+"""``cboxlab.render``: a spectral cube of a model, everything before filters and sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.capture import Capture
+from cboxlab.calibration.geometry import calibrate_camera
+from cboxlab.render.chain import stages_between
+from cboxlab.render.export import read_camera
+from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_strips
+from cboxlab.render.integrators import BATCHES, fireflies, relative_error, render_to_precision
+from cboxlab.render.integrators import render as integrate
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.cornell_box import cornell_camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.spectra import Spectrum
+from numpy.typing import ArrayLike, NDArray
+
+from ..model import Model, labelled_cube, model_cube_inputs
+from .inputs import ModelLike, as_capture, as_model
+from .provenance import provenance
+from .result import Result
+
+__all__ = ["CubeResult", "CubeSettings", "render", "render_file", "view_of"]
+
+#: Bytes of all passes of a cube from which on it is rendered and written by strips of rows.
+LARGEST_IN_MEMORY = 2**32
+
+
+@dataclass(frozen=True, eq=False)
+class CubeSettings:
+    """How a cube is rendered.
+
+    wavelength_nm : (w,), ascending. noise : relative standard error that ``percentile`` of the pixels and wavelengths
+    have at most. samples : per pixel and batch, in place of noise. seed : None for the model's. scheduler : address of
+    a Dask scheduler whose workers share the passes. command : what the cube says of how it was made.
+    """
+
+    wavelength_nm: NDArray[np.float64]
+    noise: float = 0.003
+    percentile: float = 50.0
+    samples: int | None = None
+    seed: int | None = None
+    scheduler: str | None = None
+    command: str = "cboxlab.render"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CubeResult(Result):
+    """cube : radiance and its standard error (y, x, wavelength), and the surface that each pixel sees.
+
+    standard_error, standard_error_99 : relative, of the median pixel and of 99 of 100 pixels. firefly_pixels : those
+    that owe much to a single pass, so that their error is understated. left_out : effects that act behind the scene.
+    """
+
+    cube: xr.Dataset
+    model: str
+    standard_error: float
+    standard_error_99: float
+    firefly_pixels: int
+    left_out: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Size, wavelengths and errors; the radiance itself is in ``cube``."""
+        return {
+            "model": self.model, "width_px": self.cube.sizes["x"], "height_px": self.cube.sizes["y"],
+            "wavelength_nm": self.cube["wavelength"].values.tolist(),
+            "relative_standard_error": {"median": self.standard_error, "p99": self.standard_error_99},
+            "firefly_pixels": self.firefly_pixels, "left_out": list(self.left_out),
+        }  # fmt: skip
+
+    def write(self, folder: str | Path) -> tuple[Path, ...]:
+        """cube.nc (NetCDF) in a folder; or, given a file with a cube's ending, that file (.nc, .exr, .hdr, .png)."""
+        place = Path(folder)
+        path = place if place.suffix.lower() in WRITABLE else place / "cube.nc"
+        write_cube(path, self.cube)
+        return (path,)
+
+    def lines(self) -> list[str]:
+        """Size, wavelengths and errors, then what is not in the cube."""
+        grid = self.cube["wavelength"].values
+        head = (
+            f"Spectral cube of {self.model}: {self.cube.sizes['x']} x {self.cube.sizes['y']} px, {grid.size} "
+            f"wavelengths from {grid[0]:g} to {grid[-1]:g} nm"
+        )
+        return [head, *self.notes()]
+
+    def notes(self) -> list[str]:
+        """Errors and what is not in the cube."""
+        lines = [
+            f"standard error {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 pixels)"
+        ]
+        if self.firefly_pixels:
+            lines.append(
+                f"{self.firefly_pixels} pixels owe much to a single pass (fireflies); their error is understated"
+            )
+        if self.left_out:
+            lines.append(f"not in a cube, since they act behind the scene: {', '.join(self.left_out)}")
+        return lines
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A model made ready. camera : with the model's own effects on it."""
+
+    model: Model
+    scene: Scene
+    camera: Camera
+    max_bounces: int | None
+    settings: CubeSettings
+
+    def picture(self, camera: Camera, index: int, progress: Progress, checkpoint: Path | None) -> CubeResult:
+        """The picture, or its strip number ``index``, which has random numbers of its own."""
+        s = self.settings
+        seed = (self.model.render.seed if s.seed is None else s.seed) + 104729 * index
+        if s.samples is None:
+            image = render_to_precision(
+                self.scene, camera, s.wavelength_nm, s.noise, max_bounces=self.max_bounces, seed=seed,
+                progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler,
+            )  # fmt: skip
+        else:
+            image = integrate(
+                self.scene,
+                camera,
+                s.wavelength_nm,
+                s.samples,
+                BATCHES,
+                seed=seed,
+                max_bounces=self.max_bounces,
+                progress=progress,
+            )
+        later = [e.id for e in self.model.effects if e.stage in stages_between("filter", "counts")]
+        own = provenance(self.model, self.camera, seed - 104729 * index, s.command)
+        return CubeResult(
+            labelled_cube(image).assign_attrs(own), self.model.name, relative_error(image), relative_error(image, 99.0),
+            int(fireflies(image).sum()), tuple(later),
+        )  # fmt: skip
+
+
+def _job(model: ModelLike, camera: Camera | Capture | str | Path, settings: CubeSettings) -> _Job:
+    chosen = as_model(model)
+    view, lamp = view_of(camera)
+    return _Job(chosen, *model_cube_inputs(chosen, view, lamp), settings)
+
+
+def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | None]:
+    """A camera, that of a camera file (.json), or that of a capture or its folder, with the lamp that this states.
+
+    Raises InputError.
+    """
+    if isinstance(camera, Camera):
+        return camera, None
+    if isinstance(camera, str | Path) and Path(camera).suffix.lower() == ".json":
+        return read_camera(Path(camera)), None
+    return _camera_and_lamp(as_capture(camera))
+
+
+def _camera_and_lamp(capture: Capture) -> tuple[Camera, Spectrum | None]:
+    """As calibrated; the lamp as measured, None where the capture does not state it."""
+    fit, target, _ = calibrate_camera(capture)
+    stated = capture.manifest.lamp
+    lamp = None if stated is None else capture.light(stated.radiance)
+    if target is not None and target.survey_camera is not None:
+        return target.survey_camera, lamp
+    if fit is None:
+        raise InputError(
+            capture.folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera"
+        )
+    return fit.camera, lamp
+
+
+def render(
+    model: ModelLike = None,
+    *,
+    wavelengths: ArrayLike | None = None,
+    size: int = 256,
+    camera: Camera | Capture | str | Path | None = None,
+    noise: float = 0.003,
+    percentile: float = 50.0,
+    samples: int | None = None,
+    seed: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress = QUIET,
+) -> CubeResult:
+    """A spectral cube of a model, repeatable by ``seed``.
+
+    model : a Model, a model file or a packaged scene's name; the published box where None. wavelengths : (w,) nm,
+    ascending; 400 to 700 by 10 where None. size : pixels a side, of the published camera. camera : in its place a
+    Camera, a camera file (.json), or a capture (or its folder), whose calibrated camera and measured lamp are taken.
+    noise : relative standard error that ``percentile`` of the pixels and wavelengths have at most. samples : per pixel
+    and batch, in place of noise. seed : the model's where None. scheduler : address of a Dask scheduler whose workers
+    share the passes.
+
+    Raises InputError for faulty input.
+    """
+    grid = _grid(np.arange(400.0, 701.0, 10.0) if wavelengths is None else wavelengths)
+    settings = CubeSettings(grid, noise, percentile, samples, seed, scheduler)
+    job = _job(model, cornell_camera(size) if camera is None else camera, settings)
+    return job.picture(job.camera, 0, progress, None)
+
+
+def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
+    values = np.atleast_1d(np.asarray(wavelengths, np.float64))
+    if (
+        values.ndim != 1
+        or not values.size
+        or not np.isfinite(values).all()
+        or values[0] <= 0
+        or (np.diff(values) <= 0).any()
+    ):
+        raise InputError("wavelengths", repr(wavelengths), "ascending numbers above 0, in nm")
+    return values
+
+
+def render_file(
+    path: Path,
+    model: ModelLike,
+    camera: Camera | Capture | Path,
+    settings: CubeSettings,
+    progress: Progress = QUIET,
+) -> tuple[tuple[int, int], Sequence[str]]:
+    """Render a cube into a file, by strips of rows where it is larger than memory.
+
+    Interrupted, it goes on from its last finished pass, kept beside the file as PATH.passes, when called again; a
+    cube by strips begins again. Returns width and height in pixels, and notes.
+    """
+    job = _job(model, camera, settings)
+    width, height = job.camera.width_px, job.camera.height_px
+    if BATCHES * 4 * width * height * settings.wavelength_nm.size <= LARGEST_IN_MEMORY:
+        kept = path.with_name(f"{path.name}.passes")
+        result = job.picture(job.camera, 0, progress, kept)
+        write_cube(path, result.cube)
+        kept.unlink(missing_ok=True)
+        return (width, height), result.notes()
+    parts, notes = strip_cameras(job.camera), list[str]()
+
+    def strip(index: int) -> xr.Dataset:
+        own = share(progress, index / len(parts), (index + 1) / len(parts))
+        part = job.picture(parts[index], index, own, None)
+        notes.extend(f"strip {index + 1}: {note}" for note in part.notes())
+        return part.cube
+
+    write_strips(path, height, (strip(index) for index in range(len(parts))))
+    return (width, height), notes

@@ -1,0 +1,87 @@
+"""``cboxlab.diagnose``: which physical effect the model lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cboxlab.calibration.capture import Capture
+from cboxlab.render.files import AS_STATED, Declared
+from cboxlab.scenes.progress import QUIET, Progress, share
+
+from ..compare import Validation
+from ..diagnose import Diagnosis
+from ..diagnose import diagnose as diagnosed
+from ..model import write_model
+from ..report import (
+    diagnosis_record,
+    finding_sentences,
+    ranked_values,
+    write_diagnosis,
+    write_validation,
+)
+from .inputs import ModelLike
+from .result import Result
+from .validation import ValidationResult, validate
+
+__all__ = ["DiagnosisResult", "diagnose"]
+
+_MOST_RANKED = 3
+
+#: Part of the time that the validation before a diagnosis takes.
+_VALIDATION = 0.3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagnosisResult(Result):
+    """diagnosis : ranking, path and the model with the effects found. validation : of the model as given."""
+
+    diagnosis: Diagnosis
+    validation: Validation
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of diagnosis.json (docs/diagnosis.md)."""
+        return diagnosis_record(self.diagnosis)
+
+    def write(self, folder: str | Path) -> tuple[Path, ...]:
+        """diagnosis.json, model.toml with the effects found; report.html, metrics.json and maps of the validation."""
+        place = Path(folder)
+        diagnosis, model = place / "diagnosis.json", place / "model.toml"
+        written = write_validation(self.validation, place, self.diagnosis)
+        write_model(model, self.diagnosis.model)
+        write_diagnosis(diagnosis, self.diagnosis)
+        return (diagnosis, model, *written)
+
+    def lines(self) -> list[str]:
+        """The finding in sentences, then the effects that explain most when tried alone."""
+        ranked = [
+            f"{rank}. {entry.effect}: {ranked_values(entry)}; probability {100 * entry.probability:.1f} %"
+            for rank, entry in enumerate(self.diagnosis.ranking[:_MOST_RANKED], 1)
+        ]
+        return [*finding_sentences(self.diagnosis), *ranked]
+
+
+def diagnose(
+    capture: Capture | ValidationResult | str | Path,
+    *,
+    model: ModelLike = None,
+    render: str | Path | None = None,
+    noise: float | None = None,
+    seed: int | None = None,
+    cache: str | Path | None = None,
+    declared: Declared = AS_STATED,
+    progress: Progress = QUIET,
+) -> DiagnosisResult:
+    """Name the effects that the model lacks, fit them and show the error falling.
+
+    capture : as of ``validate``, or its result, which is then not computed again; the other arguments are those of
+    ``validate``. Raises InputError as ``validate`` does, and where nothing can be compiled (no LLVM, no GPU).
+    """
+    if not isinstance(capture, ValidationResult):
+        capture = validate(
+            capture, model=model, render=render, noise=noise, seed=seed, cache=cache, declared=declared,
+            progress=share(progress, 0.0, _VALIDATION),
+        )  # fmt: skip
+        progress = share(progress, _VALIDATION, 1.0)
+    return DiagnosisResult(diagnosed(capture.validation, progress), capture.validation)

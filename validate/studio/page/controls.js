@@ -1,0 +1,128 @@
+/* One effect's controls: a slider, a number and its bounds for each parameter. No requests in here. */
+"use strict";
+
+/** An element with attributes and children. */
+function make(name, attributes = {}, children = []) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.append(...[].concat(children));
+  return element;
+}
+
+/** A number as text, with at most six significant digits; infinity as "inf". */
+function numberText(value) {
+  return typeof value === "number" ? String(+value.toPrecision(6)) : value === null ? "" : value;
+}
+
+/** The coordinate in which an effect grows evenly; "inf" has the coordinate 0 of an inverse square. */
+function toCoordinate(parameter, value) {
+  const number = value === "inf" ? Infinity : Number(value);
+  return parameter.scale === "inverse square" ? 1 / number ** 2 : number;
+}
+
+function fromCoordinate(parameter, coordinate) {
+  if (parameter.scale !== "inverse square") return coordinate;
+  return coordinate <= 1e-12 ? "inf" : coordinate ** -0.5;
+}
+
+/**
+ * A slider's place, -1000 to 1000, of a value. Places are fine near the value that does nothing: the distance from there
+ * grows with the cube of the slider's. Without such a value they are even.
+ */
+function placeOf(parameter, value) {
+  const [low, null_, high] = parameter.coordinate;
+  const c = Math.min(Math.max(toCoordinate(parameter, value), low), high);
+  if (null_ === null) return Math.round(1000 * ((2 * (c - low)) / (high - low) - 1));
+  const span = c >= null_ ? high - null_ : null_ - low;
+  return span === 0 ? 0 : Math.round(1000 * Math.sign(c - null_) * Math.cbrt(Math.abs(c - null_) / span));
+}
+
+function valueAt(parameter, place) {
+  const [low, null_, high] = parameter.coordinate;
+  const t = place / 1000;
+  if (null_ === null) return fromCoordinate(parameter, low + ((t + 1) / 2) * (high - low));
+  if (t === 0) return parameter.null;
+  const value = fromCoordinate(parameter, null_ + (t > 0 ? high - null_ : null_ - low) * t ** 3);
+  return typeof value === "number" ? +value.toPrecision(4) : value;
+}
+
+/** Least and most place of a slider: without room on one side of null there is none. */
+function places(parameter) {
+  const [low, null_, high] = parameter.coordinate;
+  return null_ === null ? [-1000, 1000] : [null_ > low ? -1000 : 0, high > null_ ? 1000 : 0];
+}
+
+/**
+ * The controls of a parameter. moved(value, commit): called while the slider moves, and once more when it rests.
+ * begun(): called when a hand is laid on the slider.
+ */
+function parameterControls(parameter, id, moved, begun) {
+  if (parameter.choices.length) {
+    const list = make("select", { id }, parameter.choices.map((name) => make("option", { value: name }, name)));
+    list.addEventListener("change", () => moved(list.value, true));
+    const label = make("label", { for: id }, parameter.name.replaceAll("_", " "));
+    return { element: make("div", { class: "parameter" }, [label, list]), show: (value) => { list.value = value; } };
+  }
+  const [least, most] = places(parameter);
+  const step = 10;
+  const slider = make("input", { type: "range", id, min: least, max: most, step: "any" });
+  const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
+  const label = make("label", { for: id }, parameter.name.replaceAll("_", " ") + (parameter.unit ? ", " + parameter.unit : ""));
+  const bounds = make("div", { class: "bounds" });
+  const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
+  if (parameter.null !== null) known.push(`does nothing at ${numberText(parameter.null)}`);
+  const at = (value) => {
+    number.value = numberText(value);
+    slider.setAttribute("aria-valuetext", `${numberText(value)} ${parameter.unit}`.trim());
+  };
+  slider.addEventListener("pointerdown", begun);
+  slider.addEventListener("input", () => {
+    const value = valueAt(parameter, Number(slider.value));
+    at(value);
+    moved(value, false);
+  });
+  slider.addEventListener("change", () => moved(valueAt(parameter, Number(slider.value)), true));
+  slider.addEventListener("keydown", (event) => {
+    const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    slider.value = Math.min(most, Math.max(least, Math.round(Number(slider.value) / step) * step + way * step));
+    slider.dispatchEvent(new Event("input"));
+    slider.dispatchEvent(new Event("change"));
+  });
+  number.addEventListener("change", () => {
+    const text = number.value.trim().replace(",", ".");
+    moved(text === "inf" ? "inf" : text === "" || Number.isNaN(Number(text)) ? text : Number(text), true);
+  });
+  const show = (value, sigma) => {
+    at(value);
+    slider.value = placeOf(parameter, value);
+    const fitted = sigma === undefined ? [] : [`fitted ± ${numberText(+sigma.toPrecision(2))}`];
+    bounds.textContent = [...fitted, ...known].join("; ");
+  };
+  return { element: make("div", { class: "parameter" }, [label, slider, number, bounds]), show };
+}
+
+/** The controls of an applied effect. does: {moved(name, value, commit), begun(), fit(), remove()}. */
+function effectControls(effect, index, does) {
+  const tick = make("input", { type: "checkbox", "aria-label": `Tick ${effect.id}` });
+  const head = make("h3", {}, [tick, make("span", {}, effect.id)]);
+  const element = make("li", { "data-effect": effect.id }, [head, make("p", { class: "soft" }, effect.summary)]);
+  const shows = {};
+  for (const parameter of effect.parameters) {
+    const controls = parameterControls(parameter, `p-${index}-${parameter.name}`,
+      (value, commit) => does.moved(parameter.name, value, commit), does.begun);
+    shows[parameter.name] = controls.show;
+    element.append(controls.element);
+  }
+  const fit = make("button", {}, "Fit");
+  fit.addEventListener("click", does.fit);
+  const remove = make("button", { "aria-label": `Remove ${effect.id}` }, "Remove");
+  remove.addEventListener("click", does.remove);
+  element.append(make("div", { class: "row" }, [fit, remove]));
+  const show = (now) => {
+    for (const [name, each] of Object.entries(shows)) each(now.values[name], now.sigma[name]);
+  };
+  show(effect);
+  return { element, show, ticked: () => tick.checked };
+}

@@ -1,0 +1,275 @@
+/* The workbench's page: asks the server for each step, shows what comes back. */
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+
+const page = {
+  viewer: null, // the CBoxViewer, or null before a capture is open
+  shape: null, // width and height of the picture, as text
+  record: null, // the study as last told
+  controls: [], // one per effect
+  catalogue: [],
+  pending: [], // moves that wait for the answer to the one before
+  asking: false,
+};
+
+async function asked(path, body) {
+  const options = body === undefined ? {} : {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+  };
+  let answer;
+  try {
+    answer = await fetch("api/" + path, options);
+  } catch {
+    throw new Error("The program has ended: start it again.");
+  }
+  if (!answer.ok) {
+    const text = await answer.text();
+    let told = text;
+    try { told = JSON.parse(text).error; } catch { /* plain text */ }
+    throw new Error(told);
+  }
+  return answer;
+}
+
+/** Run a step of the user's; what goes wrong is told in one line. */
+async function told(step) {
+  $("mistake").textContent = "";
+  $("saved").textContent = "";
+  try {
+    await step();
+  } catch (error) {
+    $("mistake").textContent = error.message;
+    if (page.record) showEffects(page.record, true);
+  }
+}
+
+/** A record and the arrays behind it, see wire.py. */
+function parsed(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const record = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const numbers = new Float32Array(buffer, 4 + length);
+  const half = numbers.length / 2;
+  return { record, rendered: numbers.subarray(0, half), sigma: numbers.subarray(half) };
+}
+
+async function took(answer) {
+  const { record, rendered, sigma } = parsed(await answer.arrayBuffer());
+  show(record);
+  if (page.viewer && rendered.length) await page.viewer.update({ rendered, sigma });
+}
+
+async function step(name, body = {}) {
+  await took(await asked("step/" + name, body));
+}
+
+function show(record) {
+  const same = page.record && record.open && page.record.open &&
+    JSON.stringify(page.record.effects.map((e) => e.id)) === JSON.stringify(record.effects.map((e) => e.id));
+  page.record = record;
+  document.body.dataset.open = record.open;
+  if (!record.open) {
+    $("title").textContent = "Open a capture to begin";
+    $("figures").textContent = "";
+    openPanel("open", true);
+    enable(false);
+    return void told(fillPlaces);
+  }
+  $("title").textContent = `${record.captures[record.capture]} against ${record.model}`;
+  const how = record.rendered ? "rendered" : record.improvable ? "predicted, to be rendered" : "predicted";
+  const all = record.captures.length > 1 ? ` (all: ${record.chi2_of_captures.map((v) => numberText(v)).join(", ")})` : "";
+  $("figures").replaceChildren(
+    "χ² per degree of freedom ", make("strong", { id: "chi2" }, numberText(+record.chi2_per_dof.toPrecision(4))),
+    `${all}, lamp × ${record.lamp_scale.toFixed(4)}, camera moved ${numberText(+record.camera_moved_px.toPrecision(2))} px; `,
+    make("span", { id: "how" }, how));
+  $("refit").checked = record.refit;
+  $("capture-choice").hidden = record.captures.length < 2;
+  $("capture").replaceChildren(...record.captures.map((name, i) => make("option", { value: i }, name)));
+  $("capture").value = record.capture;
+  showEffects(record, !same);
+  showDiagnosis(record.diagnosis);
+  enable(!page.job);
+}
+
+function showEffects(record, anew) {
+  $("no-effects").hidden = record.effects.length > 0;
+  if (!anew) {
+    if (page.pending.length) return; // newer values are under the hand
+    record.effects.forEach((effect, i) => page.controls[i].show(effect));
+    return;
+  }
+  page.controls = record.effects.map((effect, index) => effectControls(effect, index, {
+    moved: (name, value, commit) => move({ which: index, values: { [name]: value }, commit }),
+    begun: () => asked("cancel", { background: true }).catch(() => null),
+    fit: () => told(() => asked("job/fit", { which: [index] })),
+    remove: () => told(() => step("remove", { which: index })),
+  }));
+  $("effects").replaceChildren(...page.controls.map((one) => one.element));
+  if (page.job) enable(false);
+}
+
+/** Ask for a move; while an answer is on its way only the newest move of each number waits. */
+async function move(body) {
+  const key = (one) => `${one.which} ${Object.keys(one.values)}`;
+  page.pending = [...page.pending.filter((one) => key(one) !== key(body)), body];
+  if (page.asking) return;
+  page.asking = true;
+  while (page.pending.length) {
+    const next = page.pending.shift();
+    await told(async () => {
+      const answer = await asked("step/change", next);
+      if (!page.pending.length) await took(answer);
+    });
+  }
+  page.asking = false;
+}
+
+function showDiagnosis(found) {
+  $("diagnosis").hidden = !found;
+  if (!found) return;
+  const adopt = make("button", { id: "adopt" }, "Take the effects found");
+  adopt.addEventListener("click", () => told(() => step("adopt")));
+  const ranking = found.ranking.map((entry) => {
+    const add = make("button", { "aria-label": "Add " + entry.id }, "Add");
+    add.addEventListener("click", () => told(() => step("add", { effect: entry.id, values: entry.values })));
+    const text = `${entry.id}: ${entry.text}; χ² ${numberText(entry.chi2_per_dof && +entry.chi2_per_dof.toPrecision(3))}, ` +
+      `probability ${(100 * entry.probability).toFixed(1)} % `;
+    return make("li", {}, [text, add]);
+  });
+  const known = found.selected.some((id) => id !== "unknown");
+  $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
+    ...found.sentences.map((sentence) => make("p", {}, sentence)), ...(known ? [adopt] : []),
+    make("p", { class: "soft" }, "Each effect tried alone, best first:"), make("ol", {}, ranking));
+}
+
+/** While a computation runs only Cancel can be pressed. */
+function enable(on) {
+  const within = "#side button, #side select, #side input, header button, .panel button";
+  for (const element of document.querySelectorAll(within)) element.disabled = !on;
+  const record = page.record;
+  for (const id of ["show-open", "open-it"]) $(id).disabled = Boolean(page.job);
+  if (!on || !record || !record.open) return;
+  $("undo").disabled = !record.can_undo;
+  $("redo").disabled = !record.can_redo;
+  $("render").disabled = record.rendered;
+  for (const id of ["fit-all", "fit-chosen"]) $(id).disabled = record.effects.length === 0;
+}
+
+function showJob(told) {
+  const foreground = told && !told.background;
+  const before = page.job;
+  page.job = foreground ? told : null;
+  $("job").hidden = !told;
+  if (told) {
+    $("stage").textContent = `${told.background ? "in the background: " : ""}${told.job}${told.stage && told.stage !== told.job ? ": " + told.stage : ""}`;
+    $("progress").value = told.done;
+    $("cancel").hidden = told.background;
+  }
+  if (Boolean(before) !== Boolean(page.job)) enable(!page.job);
+}
+
+/** The picture of the capture shown, and the study, anew. */
+async function reload() {
+  const state = await (await asked("state")).json();
+  showJob(state.job);
+  if (state.error) $("mistake").textContent = state.error;
+  if (state.job && !state.job.background) return;
+  if (!state.open) return show(state);
+  page.catalogue = await (await asked("effects")).json();
+  const chosen = $("new-effect").value;
+  $("new-effect").replaceChildren(...page.catalogue.map((e) => make("option", { value: e.id }, `${e.id} (${e.stage})`)));
+  if (chosen) $("new-effect").value = chosen;
+  showSummary();
+  const picture = await (await asked("picture")).json();
+  const view = page.viewer ? page.viewer.state : { mode: "side", a: "measured", b: "rendered", c: "residual" };
+  const fits = page.viewer && page.shape === `${picture.width} ${picture.height}`;
+  if (!fits) Object.assign(view, { x: picture.width / 2, y: picture.height / 2, zoom: 1, pixel: null });
+  page.shape = `${picture.width} ${picture.height}`;
+  const place = make("div", { id: "viewer" });
+  $("picture").replaceChildren(place);
+  page.viewer = new CBoxViewer(place, picture, view);
+  await page.viewer.ready;
+  await took(await asked("view"));
+}
+
+function showSummary() {
+  const effect = page.catalogue.find((one) => one.id === $("new-effect").value);
+  $("new-summary").textContent = effect ? `${effect.summary} To confirm: ${effect.confirm}` : "";
+}
+
+function openPanel(id, on) {
+  $(id).hidden = !on;
+  $("show-" + id).setAttribute("aria-expanded", String(on));
+}
+
+async function fillPlaces() {
+  const found = await (await asked("places")).json();
+  const options = (names) => names.map((name) => make("option", { value: name }));
+  $("captures").replaceChildren(...options([...found.captures, ...found.studies]));
+  $("models").replaceChildren(...options(found.models));
+}
+
+const job = (name, body = {}) => told(async () => { await asked("job/" + name, body); });
+
+$("undo").addEventListener("click", () => told(() => step("undo")));
+$("redo").addEventListener("click", () => told(() => step("redo")));
+$("render").addEventListener("click", () => job("render"));
+$("diagnose").addEventListener("click", () => job("diagnose"));
+$("cancel").addEventListener("click", () => told(() => asked("cancel", {})));
+$("add").addEventListener("click", () => told(() => step("add", { effect: $("new-effect").value })));
+$("fit-all").addEventListener("click", () => job("fit"));
+$("fit-chosen").addEventListener("click", () => told(async () => {
+  const which = page.controls.map((one, i) => (one.ticked() ? i : -1)).filter((i) => i >= 0);
+  if (!which.length) throw new Error("Tick the effects that are to be fitted.");
+  await asked("job/fit", { which });
+}));
+$("new-effect").addEventListener("change", showSummary);
+const chosen = () => ({ capture: Number($("capture").value), refit: $("refit").checked });
+$("refit").addEventListener("change", () => told(() => step("show", chosen())));
+$("capture").addEventListener("change", () => told(async () => { await step("show", chosen()); await reload(); }));
+for (const id of ["open", "save"])
+  $("show-" + id).addEventListener("click", () => told(async () => {
+    openPanel(id, $(id).hidden);
+    if (id === "open" && !$(id).hidden) await fillPlaces();
+  }));
+$("open").addEventListener("submit", (event) => {
+  event.preventDefault();
+  job("open", { capture: $("open-capture").value, model: $("open-model").value });
+});
+$("open-model-it").addEventListener("click", () => job("model", { model: $("open-model").value || "cornell-box" }));
+$("save").addEventListener("submit", (event) => {
+  event.preventDefault();
+  job("save", { folder: $("save-folder").value, report: $("save-report").checked });
+});
+addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=text], input:not([type])")) return;
+  const button = { z: event.shiftKey ? "redo" : "undo", Z: "redo", y: "redo" }[event.key];
+  if (!button) return;
+  event.preventDefault();
+  $(button).click();
+});
+
+const events = new EventSource("api/events");
+events.onmessage = (message) => {
+  const event = JSON.parse(message.data);
+  if (event.event === "progress") return showJob(event);
+  if (event.event === "end") {
+    showJob(null);
+    if (!page.record) return void reload();
+    if (event.error && event.error !== "cancelled") $("mistake").textContent = event.error;
+    else if (event.error && !event.background && page.record.open) $("saved").textContent = "Cancelled; the study is as it was.";
+    return;
+  }
+  if (event.event === "changed") {
+    openPanel("open", false);
+    told(async () => {
+      await reload();
+      if (event.saved.length) {
+        openPanel("save", false);
+        $("saved").textContent = "Saved: " + event.saved.join(", ");
+      }
+    });
+  }
+};
+let opened = false;
+events.onopen = () => { if (!opened) { opened = true; told(reload); } };

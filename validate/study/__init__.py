@@ -1,0 +1,17 @@
+"""A study: captures, a model's effects in order, and what they predict, each state a value of its own."""
+
+from .history import History, State
+from .prediction import Base, Prediction, predict, same_effects
+from .study_file import StudyFile, read_study, write_study
+
+__all__ = [
+    "Base",
+    "History",
+    "Prediction",
+    "State",
+    "StudyFile",
+    "predict",
+    "read_study",
+    "same_effects",
+    "write_study",
+]

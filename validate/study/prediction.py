@@ -1,0 +1,178 @@
+"""What effects make of one rendered picture, at once: predicted, camera and lamp fitted to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from cboxlab.render.device import variant
+from cboxlab.render.perturbation import warp_change
+from cboxlab.scenes.errors import InputError
+from numpy.typing import NDArray
+
+from ..compare import (
+    ChiSquare,
+    Comparison,
+    NuisanceFit,
+    Nuisances,
+    Predicted,
+    Validation,
+    camera_jacobian,
+    compared,
+    fit_lamp_scale,
+)
+from ..diagnose import nuisance_priors
+from ..effects import AppliedEffect
+from ..model import seen_through
+from ..predict import Predictor
+
+__all__ = ["Base", "Prediction", "predict", "same_effects"]
+
+#: Rounds of the fit of camera and lamp, in each of which residuals beyond this many sigma count less (as in the
+#: complete fit of ``compare``).
+_ROUNDS, _HUBER = 3, 3.0
+
+
+def same_effects(one: Sequence[AppliedEffect], other: Sequence[AppliedEffect]) -> bool:
+    """Whether two lists hold the same effects with the same values in the same order."""
+    return [(e.id, dict(e.values)) for e in one] == [(e.id, dict(e.values)) for e in other]
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A validation to predict from: a rendered picture with its predictor, camera and lamp fitted."""
+
+    validation: Validation
+
+    def __post_init__(self) -> None:
+        """Raises InputError where nothing could be compiled and so nothing can be predicted."""
+        if not isinstance(self.validation.rendered, Predicted):
+            raise InputError("study", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+
+    @property
+    def rendered(self) -> Predicted:
+        """The picture with its predictor."""
+        if not isinstance(self.validation.rendered, Predicted):
+            raise TypeError("a base has a predictor")
+        return self.validation.rendered
+
+    def prepare(self) -> None:
+        """Compute now what every prediction takes."""
+        _ = self.refit_change, self.derivative
+
+    @cached_property
+    def draft(self) -> Predictor:
+        """The predictor for effects in motion."""
+        return self.rendered.predictor.draft()
+
+    @cached_property
+    def refit_change(self) -> NDArray[np.float64]:
+        """(band, y, x) DN by which the fitted camera changes the picture."""
+        return warp_change(self.rendered.predictor.warp, self.rendered.fit.camera)
+
+    @cached_property
+    def derivative(self) -> NDArray[np.float64]:
+        """(10, band, y, x) of the signals with respect to the fitted camera's parameters."""
+        return camera_jacobian(self.rendered.predictor.warp, self.rendered.fit.camera)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model with these effects predicts of one capture.
+
+    rendered : the base picture with the predicted signal, and the camera and lamp fitted to it. exact : whether the
+    picture was rendered with these effects; otherwise light transport is that of the patch predictor.
+    """
+
+    base: Base
+    effects: tuple[AppliedEffect, ...]
+    rendered: Predicted
+    exact: bool
+
+    @property
+    def signal(self) -> NDArray[np.float64]:
+        """(band, y, x) DN, the lamp's fitted power included."""
+        return self.rendered.fit.lamp_scale * self.rendered.signal
+
+    @cached_property
+    def sigma(self) -> NDArray[np.float64]:
+        """(band, y, x) DN, standard deviation of measured less predicted."""
+        prepared, scale = self.base.validation.prepared, self.rendered.fit.lamp_scale
+        return np.sqrt(
+            prepared.calibration.predicted_variance(self.signal) + self.rendered.variance * scale**2
+        )
+
+    @cached_property
+    def chi2(self) -> ChiSquare:
+        """That of ``comparison``, without its maps and colours."""
+        used = self.rendered.used
+        residual = (self.base.validation.prepared.measured - self.signal)[used] / self.sigma[used]
+        return ChiSquare(float(residual @ residual), residual.size, residual.size - Nuisances.count)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Measured against predicted, with maps."""
+        if self.exact:
+            return self.base.validation.comparison
+        return compared(self.base.validation.prepared, self.rendered, self.signal)
+
+
+def predict(
+    base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True, draft: bool = False
+) -> Prediction:
+    """The picture with these effects in place of the model's own, without rendering again.
+
+    refit : whether camera and lamp are fitted to it within what is known of them; otherwise the lamp stays as it was
+    fitted, and the camera moves as far as the effects move it. draft : whether moved geometry is traced with fewer
+    rays, for a parameter in motion. Raises InputError where an effect cannot act here.
+    """
+    own, effects = base.validation.model.effects, tuple(effects)
+    if same_effects(effects, own):
+        return Prediction(base, effects, base.rendered, True)
+    prepared, rendered = base.validation.prepared, base.rendered
+    rough = draft and rendered.predictor.moves_geometry(effects)
+    before, fit = (base.draft if rough else rendered.predictor).signal(effects), rendered.fit
+    if refit:
+        step = _camera_step(base, before, effects)
+        signal = before + base.refit_change + np.tensordot(step, base.derivative, 1)
+        variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+        lamp = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
+        fit = NuisanceFit(fit.camera.with_parameters(fit.camera.parameters + step), *lamp)
+    else:
+        moved, still = (seen_through(prepared.calibrated_camera, each).parameters for each in (effects, own))
+        if np.any(moved != still):
+            fit = replace(fit, camera=fit.camera.with_parameters(fit.camera.parameters + moved - still))
+            signal = before + warp_change(rendered.predictor.warp, fit.camera)
+        else:
+            signal = before + base.refit_change
+    return Prediction(base, effects, replace(rendered, fit=fit, signal=signal), False)
+
+
+def _camera_step(
+    base: Base, before: NDArray[np.float64], effects: Sequence[AppliedEffect]
+) -> NDArray[np.float64]:
+    """(10,) from the base's camera to that of the least chi2 to first order, the lamp's scale fitted with it.
+
+    before : (band, y, x) DN, predicted without any motion of the camera.
+    """
+    prepared, rendered = base.validation.prepared, base.rendered
+    here, scale, used = rendered.fit.camera, rendered.fit.lamp_scale, rendered.used
+    expected = prepared.expected_camera(effects)
+    if expected.covariance is None:
+        return np.zeros(len(here.parameters))
+    rows = nuisance_priors(expected, prepared.lamp_sigma)
+    prior = rows.T @ rows
+    deviation = rendered.fit.missed(expected).vector
+    still = (before + base.refit_change)[used]
+    sigma = np.sqrt((prepared.calibration.predicted_variance(before) + rendered.variance)[used])
+    columns = np.vstack([scale * base.derivative[:, used], still]) / sigma
+    residual = (prepared.measured[used] - scale * still) / sigma
+    step: NDArray[np.float64] = np.zeros(Nuisances.count)
+    for _ in range(_ROUNDS):
+        weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(residual - step @ columns), 1e-9))
+        information = (columns * weight) @ columns.T + prior
+        gradient = columns @ (weight * residual) + prior @ deviation
+        step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+    return Nuisances.from_vector(step).camera

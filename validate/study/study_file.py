@@ -1,0 +1,123 @@
+"""study.json: which captures and which model a study is of, and all its states."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from cboxlab.render.chain import RenderSettings
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import combined, faults_of_validation
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.input_files import read_json
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..effects import AppliedEffect
+from ..model import Model, checked_effects
+from .history import History, State
+
+__all__ = ["StudyFile", "read_study", "write_study"]
+
+_INFINITE = "inf"
+
+
+@dataclass(frozen=True, eq=False)
+class StudyFile:
+    """captures : folders. model : scene and settings, its effects those of the present state."""
+
+    captures: tuple[Path, ...]
+    model: Model
+    history: History
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Render(_Strict):
+    noise: float = Field(gt=0, le=10)
+    max_bounces: int | None = Field(ge=0)
+    seed: int = Field(ge=0)
+
+
+class _State(_Strict):
+    effects: list[dict[str, Any]]
+    rendered_with: list[dict[str, Any]]
+
+
+class _Content(_Strict):
+    format: Literal["study/1"]
+    captures: list[str] = Field(min_length=1)
+    name: str
+    scene: str
+    render: _Render
+    states: list[_State] = Field(min_length=1)
+    at: int = Field(ge=0)
+
+
+def write_study(path: Path, study: StudyFile) -> None:
+    """Write study.json, complete or not at all. Captures and a scene file are named relative to its folder."""
+    model, place = study.model, path.parent.resolve()
+    content = {
+        "format": "study/1",
+        "captures": [_relative(folder, place) for folder in study.captures],
+        "name": model.name,
+        "scene": _relative(Path(model.scene), place) if model.scene.endswith(".toml") else model.scene,
+        "render": {
+            "noise": model.render.noise,
+            "max_bounces": model.render.max_bounces,
+            "seed": model.render.seed,
+        },
+        "states": [
+            {"effects": _entries(state.effects), "rendered_with": _entries(state.rendered_with)}
+            for state in study.history.states
+        ],
+        "at": study.history.at,
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_study(path: Path) -> StudyFile:
+    """What ``write_study`` wrote. Raises InputError naming every fault."""
+    try:
+        entry = _Content.model_validate(read_json(path, "a study in JSON"))
+    except ValidationError as error:
+        raise combined(faults_of_validation(path, error, _Content)) from None
+    if entry.at >= len(entry.states):
+        raise InputError(f"{path}: at", str(entry.at), f"below the number of states, {len(entry.states)}")
+    place = path.parent
+    scene = str((place / entry.scene).resolve()) if entry.scene.endswith(".toml") else entry.scene
+    states = tuple(
+        State(
+            checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects"),
+            checked_effects(_read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with"),
+        )
+        for index, state in enumerate(entry.states)
+    )
+    settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
+    history = History(states, entry.at)
+    model = Model(scene, history.present.effects, settings, entry.name)
+    return StudyFile(tuple((place / folder).resolve() for folder in entry.captures), model, history)
+
+
+def _relative(path: Path, place: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), place)).as_posix()
+
+
+def _entries(effects: Sequence[AppliedEffect]) -> list[dict[str, Any]]:
+    """JSON has no infinity: it is written as text."""
+    found = []
+    for effect in effects:
+        values = {key: _INFINITE if value == math.inf else value for key, value in effect.values.items()}
+        found.append({"id": effect.id, **values, **({"sigma": dict(effect.sigma)} if effect.sigma else {})})
+    return found
+
+
+def _read(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{key: math.inf if value == _INFINITE else value for key, value in one.items()} for one in entries]

@@ -1,0 +1,23 @@
+"""Synthetic captures of a model: open ones, and blind ones with a sealed answer."""
+
+from .blind import Answer, Score, draw_effect, open_seal, read_diagnosis, score, seal
+from .model_capture import perturbed_camera, write_model_capture
+from .strengths import STRENGTHS, at_strength, scale_of
+from .varied import settled, varied_settings
+
+__all__ = [
+    "STRENGTHS",
+    "Answer",
+    "Score",
+    "at_strength",
+    "draw_effect",
+    "open_seal",
+    "perturbed_camera",
+    "read_diagnosis",
+    "scale_of",
+    "score",
+    "seal",
+    "settled",
+    "varied_settings",
+    "write_model_capture",
+]

@@ -1,0 +1,225 @@
+"""Blind captures: drawing a hidden effect at random, sealing the answer, opening and scoring it.
+
+The seal is a cryptographic commitment: ``sealed.json`` holds the SHA-256 of a random salt and the answer. The answer,
+masked so that it is not read by accident, is in ``answer.sealed``; it includes the digest of the capture's files.
+With the published hash, any later change of the answer or the capture can be detected.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.render.chain import PHOTOGRAPHED
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import suggestion
+from cboxlab.scenes.files import replacing
+from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.scenes.input_files import read_json, read_text
+
+from ..effects import AppliedEffect, Effect, Parameter, apply_checked, catalogue
+
+__all__ = ["Answer", "EffectScore", "Score", "draw_effect", "open_seal", "read_diagnosis", "score", "seal"]
+
+_SEAL, _ANSWER = "sealed.json", "answer.sealed"
+_SALT_BYTES = 16
+
+#: Largest distance of a drawn parameter from its null value, in steps of the effect; the smallest is one step.
+STRONGEST_STEPS = 20.0
+
+
+@dataclass(frozen=True)
+class Answer(OwnMappings):
+    """The hidden effects of a capture. effects : (identifier, parameters) in order. capture : digest of its files."""
+
+    effects: tuple[tuple[str, Mapping[str, str | float]], ...]
+    capture: str
+
+
+def draw_effect(generator: np.random.Generator, allowed: Sequence[str] = ()) -> AppliedEffect:
+    """A random effect of the catalogue with random parameters. allowed : identifiers; all if empty.
+
+    Effects of the settings (which a model with truncated interreflection lacks) are drawn only if they are named, with
+    their default parameters.
+
+    A number is drawn at the distance step * 10^U from its null value, in the coordinate of its scale, with U uniform
+    from 0 to log10(STRONGEST_STEPS), on either side within its bounds. A number without null value is drawn uniformly
+    between its bounds. Names are drawn uniformly.
+    Raises InputError for an unknown identifier, and for an effect that a capture cannot contain.
+    """
+    known = catalogue()
+    possible = {
+        name: effect
+        for name, effect in known.items()
+        if effect.stage in PHOTOGRAPHED or (name in allowed and effect.stage == "settings")
+    }
+    for name in allowed:
+        if name not in possible:
+            hint = suggestion(name, possible)
+            raise InputError("effects", repr(name), f"one or more of {', '.join(possible)}", hint)
+    effect = possible[str(generator.choice(sorted(allowed or possible)))]
+    if effect.stage == "settings":
+        return apply_checked(effect.id, {}, "effects")
+    return AppliedEffect(effect, {p.name: _drawn(p, generator) for p in effect.parameters})
+
+
+def _drawn(parameter: Parameter, generator: np.random.Generator) -> str | float:
+    if parameter.choices:
+        return str(generator.choice(parameter.choices))
+    distance = parameter.step * 10 ** generator.uniform(0, np.log10(STRONGEST_STEPS))
+    sign = generator.choice([-1.0, 1.0])
+    low, high = parameter.coordinate_bounds
+    if parameter.null is None and np.isfinite(low) and np.isfinite(high):
+        return parameter.from_coordinate(float(generator.uniform(low, high)))
+    null = low if parameter.null is None else parameter.null_coordinate
+    inside = [s for s in (sign, -sign) if low <= null + s * distance <= high]
+    end = high if high - null > null - low else low
+    return parameter.from_coordinate(null + inside[0] * distance if inside else end)
+
+
+def _capture_digest(folder: Path) -> str:
+    """SHA-256 over the names and contents of the capture's files, without those of the seal."""
+    digest = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and p.name not in (_SEAL, _ANSWER)):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()
+
+
+def _masked(content: bytes) -> bytes:
+    """XOR with a fixed stream (its own inverse), against accidental reading; this is not encryption."""
+    blocks = -(-len(content) // 32)
+    stream = b"".join(hashlib.sha256(f"cboxlab sealed answer {i}".encode()).digest() for i in range(blocks))
+    return bytes(a ^ b for a, b in zip(content, stream, strict=False))
+
+
+def seal(folder: Path, effects: Sequence[AppliedEffect], generator: np.random.Generator) -> str:
+    """Write the sealed answer of the capture in ``folder``; returns the hash to be kept."""
+    salt = generator.bytes(_SALT_BYTES)
+    record = {
+        "effects": [{"effect": e.id, "parameters": dict(e.values)} for e in effects],
+        "capture": _capture_digest(folder),
+    }
+    answer = json.dumps(record, sort_keys=True).encode()
+    digest = hashlib.sha256(salt + answer).hexdigest()
+    with replacing(folder / _ANSWER) as temporary:
+        temporary.write_bytes(base64.encodebytes(_masked(salt + answer)))
+    with replacing(folder / _SEAL) as temporary:
+        content = {"format": "sealed/1", "sha256_of_salt_and_answer": digest}
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return digest
+
+
+def open_seal(folder: Path) -> Answer:
+    """The sealed answer of a capture.
+
+    Raises InputError if there is none, or if the answer or the capture was changed after sealing.
+    """
+    expected = "a capture with a hidden effect and its sealed answer"
+    sealed = read_json(folder / _SEAL, expected)
+    stated = sealed.get("sha256_of_salt_and_answer") if isinstance(sealed, dict) else None
+    try:
+        content = _masked(base64.b64decode(read_text(folder / _ANSWER, expected)))
+    except InputError:
+        raise
+    except ValueError:
+        raise InputError(folder / _ANSWER, "no sealed answer", expected) from None
+    if hashlib.sha256(content).hexdigest() != stated:
+        raise InputError(folder / _ANSWER, "an answer that differs from the sealed one", f"the hash {stated}")
+    try:
+        record = json.loads(content[_SALT_BYTES:])
+        hidden = tuple((str(e["effect"]), dict(e["parameters"])) for e in record["effects"])
+        capture = record["capture"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(folder / _ANSWER, "an answer in another format", expected) from None
+    if capture != _capture_digest(folder):
+        raise InputError(folder, "files that differ from the sealed capture", "the unchanged capture")
+    return Answer(hidden, capture)
+
+
+@dataclass(frozen=True)
+class EffectScore(OwnMappings):
+    """The score of one hidden effect.
+
+    rank : its rank in the diagnosis, from 1; None if it is not listed. selected : whether the diagnosis selected it.
+    errors : by parameter, the relative error of the change from null, for fitted numbers; for names 0 if right and
+    infinity if wrong.
+    """
+
+    effect: str
+    rank: int | None
+    selected: bool
+    errors: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Score:
+    """first : whether the first of the ranking is hidden. exact : whether exactly the hidden effects were selected."""
+
+    effects: tuple[EffectScore, ...]
+    first: bool
+    exact: bool
+    falsely_selected: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The score ready for JSON; errors are relative, infinite for a wrong name."""
+        rows = [
+            {"effect": e.effect, "rank": e.rank, "selected": e.selected, "errors": dict(e.errors)}
+            for e in self.effects
+        ]
+        chosen = list(self.falsely_selected)
+        return {"first": self.first, "exact": self.exact, "effects": rows, "falsely_selected": chosen}
+
+
+def read_diagnosis(path: Path) -> Mapping[str, Any]:
+    """The diagnosis written by ``cbox diagnose --json``. Raises InputError for any other file."""
+    expected = "the JSON of a diagnosis"
+    content = read_json(path, expected)
+    try:
+        ranking, selected = content["ranking"], content["selected"]
+        sound = all(isinstance(r["effect"], str) and isinstance(r["parameters"], dict) for r in ranking)
+        sound = sound and all(isinstance(name, str) for name in selected)
+    except (KeyError, TypeError):
+        raise InputError(path, "other content", expected) from None
+    if not sound:
+        raise InputError(path, "entries of another type", expected)
+    return content
+
+
+def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
+    """The score of a diagnosis (see ``read_diagnosis``). If nothing is hidden, the right diagnosis selects nothing."""
+    order = [entry["effect"] for entry in diagnosis["ranking"]]
+    selected = list(diagnosis["selected"])
+    hidden = [name for name, _ in answer.effects]
+    rows = []
+    for name, truth in answer.effects:
+        place = order.index(name) if name in order else None
+        fitted = {} if place is None else diagnosis["ranking"][place]["parameters"]
+        effect = catalogue().get(name)
+        errors = {} if effect is None else _errors(effect, truth, fitted)
+        rows.append(EffectScore(name, None if place is None else place + 1, name in selected, errors))
+    first = bool(order) and order[0] in hidden if hidden else not selected
+    return Score(
+        tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden)
+    )
+
+
+def _errors(effect: Effect, truth: Mapping[str, str | float], fitted: Mapping[str, Any]) -> dict[str, float]:
+    errors = {}
+    for parameter in effect.parameters:
+        true, found = truth.get(parameter.name), fitted.get(parameter.name)
+        if found is None or true is None:
+            continue
+        if parameter.choices:
+            errors[parameter.name] = 0.0 if found == true else float("inf")
+        else:
+            null = parameter.null if parameter.null is not None and np.isfinite(parameter.null) else 0.0
+            change = float(true) - null
+            errors[parameter.name] = (float(found) - null) / change - 1 if change else float("nan")
+    return errors

@@ -1,0 +1,245 @@
+"""A synthetic capture of a model: the forward chain with the model's effects, and the simulated laboratory.
+
+Points and lamp are measured without any effect. Effects of the stage "counts" that act on charge are applied before
+shot noise, those that act on readout after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cboxlab.render.chain import (
+    PHOTOGRAPHED,
+    Counts,
+    after_stage,
+    band_signals,
+    field_shares,
+    over_field,
+    scene_light,
+    uniform_light,
+    with_scene_behind,
+)
+from cboxlab.render.device import variant
+from cboxlab.render.image import RenderedImage
+from cboxlab.render.integrators import render_to_precision
+from cboxlab.render.laboratory import (
+    CaptureSettings,
+    Frame,
+    FrameHooks,
+    sphere_spectrum,
+    tungsten_lamp,
+    unit_factors,
+    write_photographs,
+)
+from cboxlab.render.perturbation import build_warp
+from cboxlab.render.visibility import build_tracer
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.cornell_box import cornell_camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
+from numpy.typing import NDArray
+
+from ..effects import AppliedEffect
+from ..model import Model
+from ..predict import transported
+
+__all__ = [
+    "perturbed_camera",
+    "photograph_image",
+    "photographed_light",
+    "photographed_scene",
+    "write_model_capture",
+]
+
+
+# Standard deviations of a camera set up by hand: position (mm), rotation (deg), focal length (relative), principal
+# point (relative to the width). k1 is uniform within +-0.02.
+_PLACE_MM, _TURN_DEG, _FOCAL, _PRINCIPAL, _K1 = 5.0, 0.2, 0.005, 0.005, 0.02
+
+
+def perturbed_camera(size_px: int, seed: int) -> Camera:
+    """The published camera with random deviations in all ten parameters, repeatable by ``seed``."""
+    camera = cornell_camera(size_px)
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    sigmas = np.repeat(
+        [_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2]
+    )
+    shift = np.append(sigmas * generator.standard_normal(9), generator.uniform(-_K1, _K1))
+    return camera.with_parameters(camera.parameters + shift)
+
+
+def photographed_scene(model: Model) -> Scene:
+    """The model's scene without effects, with a lamp of absolute radiance.
+
+    The published box gets a tungsten lamp, since its published emission is relative. Other scenes keep their lamp.
+    """
+    scene = load_scene(model.scene)
+    return scene.with_lamp(tungsten_lamp()) if model.scene == "cornell-box" else scene
+
+
+@dataclass(frozen=True, eq=False)
+class _ReadoutAndCharge:
+    """The effects of the stage "counts" as hooks of the simulated camera."""
+
+    bands: tuple[str, ...]
+    charge: tuple[AppliedEffect, ...]
+    readout: tuple[AppliedEffect, ...]
+    settings: CaptureSettings
+
+    def light(self, frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Expected signal (y, x) above dark after the effects that act on charge, DN."""
+        if not self.charge:
+            return signal
+        dark = self._dark(frame)
+        return self._applied(self.charge, frame, signal + dark) - dark
+
+    def counts(self, frame: Frame, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Counts (y, x) after the effects that act on readout; in dark frames these change the level."""
+        if not self.readout:
+            return counts
+        if frame.kind != "dark":
+            return self._applied(self.readout, frame, counts)
+        level = float(counts.mean())
+        empty = self._frames(frame, np.full((1, 1), level), level)
+        return counts + float(after_stage(empty, self.readout, "counts").dark_scene[0]) - level
+
+    def _dark(self, frame: Frame) -> float:
+        current = self.settings.dark_current_e_s / self.settings.gain_e_per_dn
+        return self.settings.bias_dn + current * frame.exposure_s
+
+    def _applied(
+        self, effects: Sequence[AppliedEffect], frame: Frame, counts: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        changed = after_stage(self._frames(frame, counts, self._dark(frame)), effects, "counts")
+        frames = {"band": changed.scene, "flat": changed.flat, "reference": changed.reference}
+        return frames[frame.kind][self._index(frame)]
+
+    def _index(self, frame: Frame) -> int:
+        return 0 if frame.band is None else self.bands.index(frame.band)
+
+    def _frames(self, frame: Frame, counts: NDArray[np.float64], dark: float) -> Counts:
+        """Counts with this frame at its kind and band, and dark level everywhere else."""
+        shape = len(self.bands), *counts.shape
+        stacks = {kind: np.full(shape, dark) for kind in ("band", "flat", "reference")}
+        if frame.kind in stacks:
+            stacks[frame.kind][self._index(frame)] = counts
+        level, exposure = np.full(len(self.bands), dark), np.full(len(self.bands), frame.exposure_s)
+        minutes = ((frame.start_s or 0.0) + frame.exposure_s / 2) / 60.0
+        return Counts(
+            self.bands,
+            stacks["band"],
+            stacks["flat"],
+            stacks["reference"],
+            level,
+            level,
+            level,
+            exposure,
+            exposure,
+            exposure,
+            np.full(len(self.bands), minutes),
+            float(self.settings.full_scale_dn),
+        )
+
+
+def _hooks(bands: tuple[str, ...], effects: Sequence[AppliedEffect], settings: CaptureSettings) -> FrameHooks:
+    own = [effect for effect in effects if effect.stage == "counts"]
+    readout = tuple(effect for effect in own if not effect.effect.acts_on_charge)
+    charge = tuple(effect for effect in own if effect.effect.acts_on_charge)
+    camera = _ReadoutAndCharge(bands, charge, readout, settings)
+    return FrameHooks(light=camera.light, counts=camera.counts)
+
+
+def write_model_capture(
+    folder: Path,
+    model: Model,
+    camera: Camera,
+    settings: CaptureSettings,
+    seed: int,
+    *,
+    relative_error: float = 1e-3,
+    progress: Progress = QUIET,
+    box: Callable[[Scene], Scene] = lambda scene: scene,
+) -> None:
+    """Render the model with all its effects through ``camera`` and write the simulated capture.
+
+    camera : the true camera at the survey of the points. relative_error : of the render, median over pixels; not
+    included in the noise that the capture states. box : change of the real box relative to the surveyed scene.
+    seed : results are repeatable. An incomplete folder is removed.
+
+    Raises InputError for effects that a capture cannot contain, and like ``write_photographs``.
+    """
+    for effect in model.effects:
+        if effect.stage not in PHOTOGRAPHED:
+            raise InputError(
+                f"effect {effect.id}", f"an effect on the model's {effect.stage}",
+                f"effects on {', '.join(PHOTOGRAPHED)}",
+            )  # fmt: skip
+    scene = photographed_scene(model)
+    altered = after_stage(box(scene), model.effects, "scene")
+    moved = after_stage(camera, model.effects, "camera")
+    image = render_to_precision(
+        altered, moved, WAVELENGTH_NM, relative_error, max_bounces=None, seed=seed, progress=progress
+    )
+    progress.stage("photographing")
+    image = transported(image, altered, moved, model.effects, seed)
+    photograph_image(folder, image, model.effects, altered, scene, camera, settings=settings, seed=seed)
+
+
+def photograph_image(
+    folder: Path,
+    image: RenderedImage,
+    effects: Sequence[AppliedEffect],
+    seen: Scene | None,
+    scene: Scene,
+    camera: Camera,
+    *,
+    settings: CaptureSettings,
+    seed: int,
+) -> None:
+    """Write the simulated capture of an image on WAVELENGTH_NM, with the effects on filters, optics and counts.
+
+    image : with the effects of all earlier stages. seen : the scene of the image, None if not known.
+    scene, camera : as surveyed, without any effect.
+    Raises InputError like ``write_photographs``.
+    """
+    signals, field, hooks = photographed_light(image, effects, seen, camera, settings)
+    write_photographs(
+        folder,
+        signals,
+        field,
+        image.sees_lamp,
+        camera=camera,
+        scene=scene,
+        settings=settings,
+        seed=seed,
+        hooks=hooks,
+    )
+
+
+def photographed_light(
+    image: RenderedImage,
+    effects: Sequence[AppliedEffect],
+    seen: Scene | None,
+    camera: Camera,
+    settings: CaptureSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], FrameHooks]:
+    """Input of ``write_photographs``: signals of the scene and of the sphere, (band, y, x) DN/s, and the hooks.
+
+    Arguments as for ``photograph_image``. The signals are computed as in the prediction (``render.chain``). The camera
+    is simulated frame by frame instead: with its time, shot noise, and effects before or after it.
+    """
+    moved = after_stage(camera, effects, "camera")
+    factors = unit_factors(settings, camera.width_px, grid=FILTER_GRID)
+    curves = after_stage(over_field(factors, moved), effects, "filter")
+    light = scene_light(image, curves, moved)
+    if seen is not None and variant.compiled() and any(effect.stage == "optics" for effect in effects):
+        light = with_scene_behind(light, build_warp(build_tracer(seen), moved, image, light.signal))
+    signals = after_stage(light, effects, "optics").signal
+    sphere = band_signals(uniform_light(sphere_spectrum().values), curves, field_shares(curves, moved))
+    return signals, np.broadcast_to(sphere, signals.shape), _hooks(curves.bands, effects, settings)

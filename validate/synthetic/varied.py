@@ -1,0 +1,58 @@
+"""Random variation of the laboratory, and of the blocks within the error of a survey, between captures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.shapes import moved_on_floor
+
+__all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
+
+#: Standard deviations of the blocks' positions and rotations, too small for a diagnosis to detect.
+_BLOCK_MM, _BLOCK_DEG = 0.05, 0.01
+
+
+def varied_settings(seed: int) -> CaptureSettings:
+    """Settings with random camera, exposure and survey, repeatable by ``seed``."""
+    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
+    plain = CaptureSettings()
+    return replace(
+        plain,
+        gain_e_per_dn=round(plain.gain_e_per_dn * draw.uniform(0.7, 1.4), 2),
+        read_noise_e=round(draw.uniform(6.0, 16.0), 1),
+        dark_current_e_s=round(draw.uniform(2.0, 12.0), 1),
+        prnu=round(draw.uniform(0.005, 0.015), 4),
+        vignetting=round(draw.uniform(0.03, 0.15), 3),
+        level=round(draw.uniform(0.5, 0.85), 3),
+        repeats=int(draw.integers(1, 4)),
+        point_count=int(draw.integers(40, 61)),
+        point_sigma_px=round(draw.uniform(0.1, 0.2), 3),
+    )
+
+
+class BlockOffset(NamedTuple):
+    """Offset of a block from its surveyed position, and rotation about +y (right-handed)."""
+
+    dx_mm: float
+    dz_mm: float
+    yaw_deg: float
+
+
+def block_offsets(seed: int) -> dict[str, BlockOffset]:
+    """Random offset of each block from its surveyed position, repeatable by ``seed``."""
+    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
+    scatter = np.array([_BLOCK_MM, _BLOCK_MM, _BLOCK_DEG])
+    return {block: BlockOffset(*map(float, scatter * draw.standard_normal(3))) for block in ("short", "tall")}
+
+
+def settled(scene: Scene, seed: int) -> Scene:
+    """The scene with its blocks at random offsets from their surveyed positions, repeatable by ``seed``."""
+    surfaces = {surface.name: surface for surface in scene.surfaces}
+    for block, offset in block_offsets(seed).items():
+        if found := surfaces.get(f"{block}-block"):
+            surfaces[found.name] = replace(found, vertices_mm=moved_on_floor(found.vertices_mm, *offset))
+    return replace(scene, surfaces=tuple(surfaces.values()))

@@ -1,0 +1,18 @@
+"""What all commands share in the terminal: output and its loudness, stages of a computation, JSON, options."""
+
+from .command_line import JsonOption, command_line
+from .output import console, data_table, errors, give_json, say, this_run
+from .stages import told_time, watch_stages
+
+__all__ = [
+    "JsonOption",
+    "command_line",
+    "console",
+    "data_table",
+    "errors",
+    "give_json",
+    "say",
+    "this_run",
+    "told_time",
+    "watch_stages",
+]

@@ -1,0 +1,108 @@
+"""Results go to standard output, progress and messages to standard error; how much of both is printed."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cboxlab.scenes.files import replacing
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+__all__ = [
+    "STANDARD_OUTPUT",
+    "Run",
+    "console",
+    "data_table",
+    "errors",
+    "give_json",
+    "say",
+    "show_results_apart",
+    "this_run",
+]
+
+#: Without markup and emoji codes, since the output contains names given by users.
+console = Console(markup=False, emoji=False)
+#: Progress and messages go to standard error, so that standard output contains only results.
+errors = Console(stderr=True, markup=False, emoji=False)
+
+#: The file name of ``--json`` that stands for standard output.
+STANDARD_OUTPUT = Path("-")
+
+
+@dataclass
+class Run:
+    """The command that is run, and how much it prints.
+
+    command : as typed. quiet : nothing but errors. verbose : also what each stage took, and
+    the trace of a fault of the program.
+    """
+
+    quiet: bool = False
+    verbose: bool = False
+    command: str = "cbox"
+
+    def begin(self, arguments: Sequence[str]) -> None:
+        """The state before any option is read: results to standard output, neither quiet nor verbose."""
+        self.command = shlex.join(["cbox", *arguments])
+        self.quiet = self.verbose = console.quiet = console.stderr = False
+
+    def be_quiet(self) -> None:
+        """Print no results and no progress; errors are printed all the same."""
+        self.quiet = console.quiet = True
+
+
+#: Of this process: one command is run at a time.
+this_run = Run()
+
+
+def show_results_apart() -> None:
+    """Print results to standard error, where standard output is to hold JSON alone."""
+    console.stderr = True
+
+
+def say(text: str) -> None:
+    """Print one line of plain text, without wrapping and without markup."""
+    console.print(Text(text), soft_wrap=True)
+
+
+def data_table(title: str, *header: str) -> Table:
+    """A table whose first column is text and whose others are numbers."""
+    table = Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
+    for index, name in enumerate(header):
+        table.add_column(name, justify="right" if index else "left", no_wrap=True)
+    return table
+
+
+def give_json(path: Path | None, record: Mapping[str, Any]) -> None:
+    """Write what was found as JSON: to a file, complete or not at all; to standard output for "-"; nowhere for None.
+
+    record : numbers, strings, lists, dicts and paths; a number that is not finite becomes null.
+    """
+    if path is None:
+        return
+    text = json.dumps(_plain(record), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    if path == STANDARD_OUTPUT:
+        print(text, end="")
+        return
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,52 @@
+"""The viewer's script, style and data as text: for a page that stands alone, or for a server to hand out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+__all__ = ["viewer_fragment", "viewer_script", "viewer_style"]
+
+_STATIC = Path(__file__).parent / "static"
+
+#: In the order in which they use each other.
+_PARTS = ("arrays.js", "colour.js", "layers.js", "pixel.js", "viewer.js")
+
+
+@cache
+def viewer_script() -> str:
+    """JavaScript that defines ``CBoxViewer``."""
+    body = "\n".join((_STATIC / name).read_text(encoding="utf-8") for name in _PARTS)
+    return f'(function () {{\n"use strict";\n{body}\nglobalThis.CBoxViewer = CBoxViewer;\n}})();\n'
+
+
+@cache
+def viewer_style() -> str:
+    """The viewer's CSS; every rule is for the viewer alone."""
+    return (_STATIC / "viewer.css").read_text(encoding="utf-8")
+
+
+def viewer_fragment(
+    data: Mapping[str, Any], identifier: str = "viewer", options: Mapping[str, Any] | None = None
+) -> str:
+    """HTML (well-formed XML too) of a viewer with its script, style and data: a page or a notebook's cell.
+
+    data : see ``viewer_data``. identifier : of the element, unique in the page; the viewer is then
+    ``document.getElementById(identifier).viewer``. options : the state to begin with.
+    """
+    call = f"new CBoxViewer(element, {_json(data)}, {_json(options or {})})"
+    return (
+        f"<style>\n{viewer_style()}</style>\n"
+        f'<div id="{identifier}"><p>This picture needs JavaScript.</p></div>\n'
+        f"<script>\n//<![CDATA[\n{viewer_script()}"
+        f'{{\n  const element = document.getElementById("{identifier}");\n  element.viewer = {call};\n}}\n'
+        "//]]>\n</script>"
+    )
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    """JSON that cannot end a script."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

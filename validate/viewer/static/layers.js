@@ -1,0 +1,158 @@
+/* What can be shown of a picture: layers, their values in every pixel, their scales and colours. */
+
+/** Named ends of the scales; they are the same for every capture. `null`: the largest value in the picture. */
+const SCALES = {
+  standard: { name: "standard: 5 σ, ΔE 5, 10 %", sigma: 5, colour: 5, percent: 10 },
+  fine: { name: "fine: 1 σ, ΔE 1, 2 %", sigma: 1, colour: 1, percent: 2 },
+  coarse: { name: "coarse: 25 σ, ΔE 25, 50 %", sigma: 25, colour: 25, percent: 50 },
+  own: { name: "largest value of this picture", sigma: null, colour: null, percent: null },
+};
+
+/** Colours of mask reasons, told apart in all common colour vision deficiencies, each with a hatch of its own. */
+const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
+
+/** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. */
+const LAYERS = [
+  { id: "measured", name: "Photograph", kind: "picture" },
+  { id: "rendered", name: "Render", kind: "picture" },
+  { id: "residual", name: "Difference in σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
+  { id: "delta_e_ab", name: "ΔE*ab (1976)", kind: "size", end: "colour", unit: "" },
+  { id: "delta_e_2000", name: "CIEDE2000", kind: "size", end: "colour", unit: "" },
+  { id: "luminance", name: "Luminance difference", kind: "difference", end: "percent", unit: "%" },
+  { id: "masks", name: "Pixels left out", kind: "reason" },
+];
+
+/** All layers of a picture: the fixed ones and the picture's own maps (signatures, steps). */
+function layersOf(picture) {
+  const own = (picture.maps || []).map((map) => ({
+    id: map.id, name: map.name, kind: "difference", end: "sigma", unit: map.unit || "σ",
+    perBand: map.perBand, values: map.values,
+  }));
+  return [...LAYERS, ...own];
+}
+
+/** Whether pixel `i` is left out in some band. */
+function leftOut(picture, i) {
+  const count = picture.width * picture.height;
+  for (let b = 0; b < picture.bands.length; b++) if (picture.mask[b * count + i]) return true;
+  return false;
+}
+
+/** Sum of values (band, y, x) over the bands used at pixel `i`, over its standard deviation; NaN with none. */
+function pooled(picture, values, i) {
+  const count = picture.width * picture.height;
+  let sum = 0;
+  let bands = 0;
+  for (let b = 0; b < picture.bands.length; b++) {
+    const v = values[b * count + i];
+    if (!picture.mask[b * count + i] && Number.isFinite(v)) {
+      sum += v;
+      bands++;
+    }
+  }
+  return bands ? sum / Math.sqrt(bands) : NaN;
+}
+
+/** (measured - rendered) / sigma in all bands, NaN where left out: Float32Array (band, y, x). */
+function residuals(picture) {
+  const out = new Float32Array(picture.measured.length);
+  for (let i = 0; i < out.length; i++)
+    out[i] = picture.mask[i] ? NaN : (picture.measured[i] - picture.rendered[i]) / picture.sigma[i];
+  return out;
+}
+
+/**
+ * Values of a layer in every pixel: Float32Array (y, x), NaN where left out. band: number of the band, or -1 for all
+ * of them together (sum over its standard deviation). Pictures have values for a band or one of X, Y, Z (-2, -3, -4).
+ */
+function layerValues(picture, layer, band) {
+  const count = picture.width * picture.height;
+  const out = new Float32Array(count);
+  if (layer.kind === "picture") {
+    const signals = picture[layer.id];
+    if (band >= 0) return signals.subarray(band * count, (band + 1) * count);
+    const axis = band <= -2 ? -2 - band : 1;
+    for (let i = 0; i < count; i++) out[i] = xyzOf(picture, signals, i)[axis];
+    return out;
+  }
+  if (layer.perBand) {
+    const values = layer.id === "residual" ? residuals(picture) : layer.values;
+    if (band >= 0) return values.subarray(band * count, (band + 1) * count);
+    for (let i = 0; i < count; i++) out[i] = pooled(picture, values, i);
+    return out;
+  }
+  if (layer.values) return layer.values;
+  for (let i = 0; i < count; i++) {
+    if (layer.kind === "reason") {
+      for (let b = 0; b < picture.bands.length; b++)
+        if (band < 0 || band === b) out[i] |= picture.mask[b * count + i];
+      continue;
+    }
+    if (leftOut(picture, i) || picture.surface[i] < 0) {
+      out[i] = NaN;
+      continue;
+    }
+    const seen = xyzOf(picture, picture.measured, i);
+    const model = xyzOf(picture, picture.rendered, i);
+    if (layer.id === "luminance") out[i] = model[1] > 0 ? 100 * (seen[1] / model[1] - 1) : NaN;
+    else {
+      const [p, q] = [labOf(seen, picture.white), labOf(model, picture.white)];
+      out[i] = layer.id === "delta_e_ab" ? deltaE1976(p, q) : deltaE2000(p, q);
+    }
+  }
+  return out;
+}
+
+/** Largest finite magnitude of values; 1 without any. */
+function largest(values) {
+  let most = 0;
+  for (const v of values) if (Number.isFinite(v)) most = Math.max(most, Math.abs(v));
+  return most || 1;
+}
+
+/** The scale of a layer: {low, high, unit, table}, or null for colour pictures and reasons. */
+function layerScale(picture, layer, state, values) {
+  if (layer.kind === "reason") return null;
+  const { diverging, sequential } = picture.tables;
+  if (layer.kind === "picture") {
+    if (state.band === -1) return null;
+    const both = ["measured", "rendered"].map((id) =>
+      largest(layerValues(picture, { id, kind: "picture" }, state.band)));
+    const unit = state.band >= 0 ? "DN" : picture.xyz_unit;
+    return { low: 0, high: Math.max(...both) / 2 ** state.exposure, unit, table: sequential };
+  }
+  const end = SCALES[state.scale][layer.end] ?? largest(values);
+  if (layer.kind === "size") return { low: 0, high: end, unit: layer.unit, table: sequential };
+  return { low: -end, high: end, unit: layer.unit, table: diverging };
+}
+
+/** RGBA bytes of a layer, pixel by pixel; clear where there is no value. */
+function painted(picture, layer, state) {
+  const count = picture.width * picture.height;
+  if (layer.kind === "picture" && state.band === -1)
+    return { rgba: srgbPicture(picture, picture[layer.id], state.exposure), values: null, scale: null };
+  const rgba = new Uint8ClampedArray(4 * count);
+  const put = (i, colour) => {
+    for (let channel = 0; channel < 3; channel++) rgba[4 * i + channel] = colour[channel];
+    rgba[4 * i + 3] = 255;
+  };
+  const values = layerValues(picture, layer, state.band);
+  if (layer.kind === "reason") {
+    for (let i = 0; i < count; i++) {
+      const first = picture.reasons.findIndex((reason) => values[i] & reason.bit);
+      if (first >= 0) put(i, parts(REASON_COLOURS[first % REASON_COLOURS.length]));
+    }
+    return { rgba, values, scale: null };
+  }
+  const scale = layerScale(picture, layer, state, values);
+  for (let i = 0; i < count; i++) {
+    if (!Number.isFinite(values[i])) continue;
+    const place = (values[i] - scale.low) / (scale.high - scale.low);
+    put(i, scale.table[Math.round(255 * Math.min(Math.max(place, 0), 1))]);
+  }
+  return { rgba, values, scale };
+}
+
+function parts(hex) {
+  return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
+}
