@@ -3,7 +3,6 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import cboxlab
 import numpy as np
@@ -18,6 +17,7 @@ from cboxlab.validate.references import (
     write_reference,
 )
 from cboxlab.validate.regress import Side, SurfaceMap
+from other_suite import run_suite
 
 BANDS, SIZE, SEEDS = np.array([450.0, 550.0, 650.0]), 32, 200
 CLEAN = np.linspace(1, 2, SIZE)[:, None, None] * np.array([1.0, 2.0, 3.0]) * np.ones((SIZE, SIZE, 1))
@@ -110,32 +110,17 @@ def rendered(folder, seed, clean=CLEAN):
     write_cube(folder / "box.nc", xr.Dataset(data, coords={"wavelength": BANDS}))
 
 
-def run(folder: Path, *options: str) -> int:
-    arguments = [
-        "-q",
-        "-p",
-        "cboxlab.pytest_plugin",
-        "-p",
-        "no:cacheprovider",
-        "--import-mode=importlib",
-        "--rootdir",
-        folder,
-        folder,
-        *options,
-    ]
-    return int(pytest.main([str(a) for a in arguments]))
-
-
-def test_the_plugin_goes_from_no_reference_to_green_to_red(suite, capsys):
-    assert run(suite) == 1
-    assert "--update-light-references" in capsys.readouterr().out
+def test_the_plugin_goes_from_no_reference_to_green_to_red(suite):
+    code, printed = run_suite(suite)
+    assert code == 1
+    assert "--update-light-references" in printed
     assert not (suite / "references").exists()
-    assert run(suite, "--update-light-references") == 0
+    assert run_suite(suite, "--update-light-references")[0] == 0
     kept = (suite / "references" / "box.json").read_bytes()
     rendered(suite, 2)
-    assert run(suite) == 0
+    assert run_suite(suite)[0] == 0
     rendered(suite, 3, 0.997 * CLEAN)
-    capsys.readouterr()
-    assert run(suite) == 1
-    assert re.search(r"whole picture: -0\.[23]", capsys.readouterr().out)
+    code, printed = run_suite(suite)
+    assert code == 1
+    assert re.search(r"whole picture: -0\.[23]", printed)
     assert (suite / "references" / "box.json").read_bytes() == kept

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.render.files import write_cube
 from cboxlab.validate.commands.cli import main
+from other_suite import run_suite
 from pictures import noisy, rendered
 
 TEST = """
@@ -31,33 +32,18 @@ def build(folder, seed, max_bounces=None):
     write_cube(folder / "box.nc", xr.Dataset(data, coords={"wavelength": side.wavelength_nm}))
 
 
-def checked(folder, *options):
-    own = [
-        "-q",
-        "-p",
-        "cboxlab.pytest_plugin",
-        "-p",
-        "no:cacheprovider",
-        "--import-mode=importlib",
-        "--rootdir",
-        folder,
-        folder,
-    ]
-    return int(pytest.main([str(part) for part in (*own, *options)]))
-
-
-def test_from_reference_to_red_build_to_named_cause(tmp_path, capsys):
+def test_from_reference_to_red_build_to_named_cause(tmp_path):
     (tmp_path / "test_light.py").write_text(TEST)
     build(tmp_path, 1)
-    assert checked(tmp_path) == 1  # no reference yet
-    assert checked(tmp_path, "--update-light-references") == 0
+    assert run_suite(tmp_path)[0] == 1  # no reference yet
+    assert run_suite(tmp_path, "--update-light-references")[0] == 0
     (tmp_path / "box.nc").rename(tmp_path / "main.nc")
     build(tmp_path, 2)
-    assert checked(tmp_path) == 0
-    capsys.readouterr()
+    assert run_suite(tmp_path)[0] == 0
     build(tmp_path, 3, max_bounces=3)
-    assert checked(tmp_path) == 1
-    assert "surface: floor" in capsys.readouterr().out
+    code, printed = run_suite(tmp_path)
+    assert code == 1
+    assert "surface: floor" in printed
     with pytest.raises(SystemExit) as end:
         main(
             [
