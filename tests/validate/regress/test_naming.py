@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.render.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validate.effects import apply_checked, names_in
 from cboxlab.validate.model import labelled_cube
 from cboxlab.validate.regress import regress_pictures, regress_sides, side_of
 from cboxlab.validate.regress.evidence import build_evidence
@@ -112,7 +113,8 @@ def test_light_after_too_many_reflections_is_missed(depth):
 def test_glossy_white_paint_is_named_gloss():
     """White as rough plastic of Mitsuba, path traced: its diffuse part changes, too, which paint and caches imitate.
 
-    The roughness found here is 0.05, the true one 0.15: why is not known. Named right, sized wrong.
+    Rough plastic has Beckmann's distribution unless told otherwise, whose lobe at alpha 0.15 has no tails: ours
+    (GGX) fits it with 0.05 as well as with 0.15.
     """
     box = cornell_box()
     bsdf = {"type": "roughplastic", "alpha": 0.15, "int_ior": 1.5, "diffuse_reflectance": "reflectance"}
@@ -124,8 +126,20 @@ def test_glossy_white_paint_is_named_gloss():
     _, found = regress_sides(*sides)
     first = named_changes(found, variants())[0]
     assert (first.change, first.parameters["material"]) == ("gloss", "white")
-    assert first.parameters["roughness"] < 0.35
-    assert first.parameters["specular"] > 0.5
+    assert first.parameters["roughness"] in (0.05, 0.15)
+    assert first.parameters["specular"] == pytest.approx(0.9, abs=0.2)
+
+
+def test_a_coat_is_sized():
+    """Our own coat, as a ratio on a picture of the integrator's rays."""
+    coat = {"material": "white", "specular": 0.8, "roughness": 0.15}
+    glossy = apply_checked("gloss", coat, "gloss", names_in(cornell_box())).apply(variants().light)
+    ratio = variants().ratio(glossy.picture())
+    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, ratio * rendered()[0], noise=0.02))
+    first = named_changes(found, variants())[0]
+    assert (first.change, first.parameters["material"]) == ("gloss", "white")
+    assert first.parameters["roughness"] == 0.15
+    assert first.parameters["specular"] == pytest.approx(0.8, abs=0.1)
 
 
 def test_half_a_pixel_is_named_shift():
