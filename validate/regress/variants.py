@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.render.device import variant
 from cboxlab.render.files import xyz_weights
 from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
 from cboxlab.render.radiosity import solve_light
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene, Surface
 from numpy.typing import NDArray
 
@@ -96,7 +98,12 @@ class Variants:
 
 
 def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:
-    """side : of the pictures compared, for its planes. Raises InputError for a scene that is not diffuse."""
+    """side : of the pictures compared, for its planes.
+
+    Raises InputError for a scene that is not diffuse, and where nothing can be compiled.
+    """
+    if not variant.compiled():
+        raise InputError("variants", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
     wavelength_nm = _VISIBLE_NM if side.in_colour else side.wavelength_nm
     count = min(_MOST_WAVELENGTHS, wavelength_nm.size)
     index = np.unique(np.linspace(0, wavelength_nm.size - 1, count).round().astype(int))

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cboxlab.render.device import variant
 from cboxlab.render.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.effects import apply_checked, names_in
@@ -185,3 +186,11 @@ def test_a_larger_lamp_fills_a_larger_hole():
     assert lamp == pytest.approx(1.44 * before)
     lost = box.surface("ceiling").areas_mm2.sum() - grown.surface("ceiling").areas_mm2.sum()
     assert lost == pytest.approx(lamp - before)
+
+
+def test_without_a_compiler_the_pictures_alone_are_judged(monkeypatch):
+    sides = noisy(1), noisy(2, rendered(3)[0])
+    monkeypatch.setattr(variant, "compiled", lambda: False)
+    outcome = regress_pictures(*sides)
+    assert not outcome.same
+    assert any("LLVM" in note for note in outcome.notes)
