@@ -1,7 +1,7 @@
 """A user's own effects, one for every stage: hidden in captures, are they named, fitted and drawn?
 
-    python benchmarks/own_effects.py                      # all of them
-    python benchmarks/own_effects.py decentred-lens soot  # some, by name
+    python benchmarks/users_effects.py                      # all of them
+    python benchmarks/users_effects.py decentred-lens soot  # some, by name
 
 Installs the package of tests/validate/effects/own_package, hides each of its effects in a capture of 128 x 128 pixels
 as blind_diagnosis.py does, and diagnoses it. Exit code 1 if one is not named first.
