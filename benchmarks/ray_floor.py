@@ -12,6 +12,7 @@ from cboxlab.render.device import dr, mi
 from cboxlab.render.integrators.path_points import PathPoints
 from cboxlab.render.integrators.path_tracer import trace_paths
 from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.render.visibility.flat_faces import FlatFaces
 from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
 
@@ -19,9 +20,9 @@ __all__ = ["bare_seconds", "own_rays"]
 
 
 class _Watched:
-    """Mitsuba's scene, which keeps the rays that it is asked for, each with who asks: (rays, active lanes)."""
+    """An accelerator, which keeps the rays that it is asked for, each with who asks: (rays, active lanes)."""
 
-    def __init__(self, scene: mi.Scene) -> None:
+    def __init__(self, scene: mi.Scene | FlatFaces) -> None:
         self._scene = scene
         self.segments: list[tuple[mi.Ray3f, Any]] = []
         self.tests: list[tuple[mi.Ray3f, Any]] = []
@@ -46,8 +47,8 @@ def own_rays(
     else:
         light = solve_light(scene, wavelengths)
         tracer = light.tracer
-    watched = _Watched(tracer.mitsuba_scene)
-    tracer = replace(tracer, mitsuba_scene=watched)  # type: ignore[arg-type]
+    watched = _Watched(tracer.accelerator)
+    tracer = replace(tracer, accelerator=watched)  # type: ignore[arg-type]
     plain = PathPoints.at_vertex
 
     def at_vertex(self: PathPoints, index: mi.UInt32, depth: mi.UInt32) -> Any:
@@ -71,11 +72,12 @@ def own_rays(
 def bare_seconds(scene: Scene, rays: tuple[mi.Ray3f, mi.Ray3f], for_s: float) -> float:
     """CPU seconds in which ``rays`` (as of ``own_rays``) are traced once: the mean over ``for_s`` of them."""
     segments, tests = rays
-    bare = build_tracer(scene).mitsuba_scene
+    bare = build_tracer(scene).accelerator
 
     def trace() -> None:
         found = bare.ray_intersect_preliminary(segments, coherent=False)
-        blocked = bare.ray_test(tests)
+        # shadow rays end on surfaces
+        blocked = bare.ray_test(tests, enclosed=True) if isinstance(bare, FlatFaces) else bare.ray_test(tests)
         dr.eval(found.t, found.prim_index, found.prim_uv, blocked)
         dr.sync_thread()
 

@@ -135,7 +135,8 @@ def _strip(
         if medium is not None:
             sampled |= plain
         weight = dr.select(plain, radiance / by_lamp, radiance / (by_lamp + by_bsdf))
-        free = visible(tracer, lifted, position + way * far, sampled & (by_lamp > 0))
+        asked = sampled & (by_lamp > 0)
+        free = visible(tracer, lifted, position + way * far, asked, enclosed=medium is None)
         weight = dr.select(free, weight, 0)
         light = [t * a * weight for t, a in zip(throughput, arriving, strict=True)]
         if medium is not None:

@@ -140,7 +140,7 @@ def changed_reflection(
             light.lamp, origin, hit.normal, points.point(i, 2), points.point(i, 3), mine
         )
         incoming = frame.to_local(dr.normalize(to_lamp))
-        free = visible(tracer, origin, origin + to_lamp, mine & (weight > 0))
+        free = visible(tracer, origin, origin + to_lamp, mine & (weight > 0), enclosed=True)
         weight = dr.select(free, weight, 0)
         change = [r * weight * (base(incoming, outgoing) - 1) for r in rho]
         gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
@@ -211,7 +211,8 @@ def changed_reflection(
             light.lamp, there, far.normal, points.point(i, 8), points.point(i, 9), theirs
         )
         incoming = frame.to_local(dr.normalize(to_lamp))
-        weight = dr.select(visible(tracer, there, there + to_lamp, theirs & (weight > 0)), weight, 0)
+        free = visible(tracer, there, there + to_lamp, theirs & (weight > 0), enclosed=True)
+        weight = dr.select(free, weight, 0)
         # rays that meet no surface have no angle of incidence; the albedo may be read from a table
         base_mean, coat_mean = albedo(dr.select(theirs, incoming.z, 0))
         diffuse, lobe = weight * (base(incoming, outgoing) - base_mean), -weight * coat_mean

@@ -230,6 +230,8 @@ def direct_light(
 ) -> mi.Float:
     """Irradiance from the lamp over pi times the lamp's radiance (a form factor, 0 to 1), by one shadow ray.
 
+    position : mm, on a surface of the scene.
+
     Unbiased. The pattern of a rectangular lamp with an edge ratio is importance sampled. Otherwise the unoccluded
     form factor w of the lamp point has the analytic mean w0, used as control variate: w V + (w0 - w), V the
     visibility. Points that see all of the lamp that is above their horizon then have no sampling noise, also
@@ -245,11 +247,11 @@ def direct_light(
         facing = active & (cosine > 0) & (lamp_cosine > 0)
         weight = cosine * lamp_cosine * lamp.area / (np.pi * square)
         weight *= dr.power(lamp_cosine, lamp.exponent) if lamp.exponent else 1
-        return dr.select(visible(tracer, origin, origin + offset, facing), weight, 0)
+        return dr.select(visible(tracer, origin, origin + offset, facing, enclosed=True), weight, 0)
     weight, offset, _ = lamp_point(lamp, origin, normal, u, v, active, patterned=False)
     direction = dr.normalize(offset)
     point = origin + offset
-    free = visible(tracer, origin, point, active & (weight > 0))
+    free = visible(tracer, origin, point, active & (weight > 0), enclosed=True)
     sampled = dr.select(free, weight * lamp_pattern(lamp, point, -dr.dot(direction, lamp.normal)), 0)
     mean, whole = _unoccluded(lamp, origin, normal)
     in_front = dr.dot(origin - point, lamp.normal) > 0

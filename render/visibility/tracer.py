@@ -1,4 +1,4 @@
-"""The scene as one triangle mesh in Embree (or OptiX), with the properties of each triangle."""
+"""The scene's triangles for rays, with the properties of each: a few flat faces in the kernel, many in a tree."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from ..device import dr, mi
+from .flat_faces import FlatFaces, flat_faces
 
 __all__ = [
     "RAY_OFFSET_MM",
@@ -34,11 +35,12 @@ class Tracer:
     vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
     ``scene.surfaces``; len(surfaces) for the lamp. material : (t,) index into ``material_names``; len(material_names)
     for the lamp. facet : (t,) index of the flat face. facet_surface : (f,) the surface of each face, the lamp's last.
-    packed_triangles : normal and material of each triangle in two 64-bit words, which reduces the number of gathers.
+    accelerator : what rays are asked of. packed_triangles : normal and material of each triangle in two 64-bit words,
+    which reduces the number of gathers.
     """
 
     scene: Scene
-    mitsuba_scene: mi.Scene
+    accelerator: mi.Scene | FlatFaces
     material_names: tuple[str, ...]
     vertices: np.ndarray
     normals: np.ndarray
@@ -82,7 +84,10 @@ class Hit:
 
 
 def build_tracer(scene: Scene) -> Tracer:
-    """The tracer of a scene, with all triangles in one mesh."""
+    """The tracer of a scene, with all triangles in one mesh.
+
+    Scenes of few faces are intersected in the compiled kernel; others, and all on GPUs, by Mitsuba (Embree, OptiX).
+    """
     names = tuple(scene.materials)
     parts = [(s, i, names.index(s.material)) for i, s in enumerate(scene.surfaces)]
     parts.append((scene.lamp.surface, len(scene.surfaces), len(names)))
@@ -92,14 +97,10 @@ def build_tracer(scene: Scene) -> Tracer:
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     facet, facet_surface = facets(normals, surface)
-    mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
-    parameters["faces"] = mi.UInt32(np.arange(3 * len(vertices), dtype=np.uint32))
-    parameters.update()
+    faces = None if mi.variant().startswith("cuda") else flat_faces(vertices, facet)
     return Tracer(
         scene=scene,
-        mitsuba_scene=mi.load_dict({"type": "scene", "mesh": mesh}),
+        accelerator=in_a_tree(vertices) if faces is None else faces,
         material_names=names,
         vertices=vertices,
         normals=normals,
@@ -110,6 +111,15 @@ def build_tracer(scene: Scene) -> Tracer:
         packed_triangles=mi.UInt64(_packed(normals, material)),
         packed_facet=mi.UInt32(facet.astype(np.uint32)),
     )
+
+
+def in_a_tree(vertices: np.ndarray) -> mi.Scene:
+    mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(np.arange(3 * len(vertices), dtype=np.uint32))
+    parameters.update()
+    return mi.load_dict({"type": "scene", "mesh": mesh})
 
 
 def _packed(normals: np.ndarray, material: np.ndarray) -> np.ndarray:
@@ -141,7 +151,7 @@ def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, coherent: bool = False) -> Hit:
     """Nearest hit of each lane's ray."""
-    found = tracer.mitsuba_scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+    found = tracer.accelerator.ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = found.is_valid() & active
     normal, material = normal_and_material(tracer, found.prim_index, valid)
     front = valid & (dr.dot(normal, ray.d) < 0)
@@ -169,11 +179,18 @@ def normal_and_material(
     return mi.Vector3f(x, y, z), mi.UInt32(second >> 32)
 
 
-def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool) -> mi.Bool:
-    """Whether the segment between two points is unoccluded (both ends excluded)."""
+def visible(
+    tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool, enclosed: bool = False
+) -> mi.Bool:
+    """Whether the segment between two points is unoccluded (both ends excluded).
+
+    enclosed : both points lie within the scene's convex hull, as all points of its surfaces do. It saves time.
+    """
     ray = mi.Ray3f(origin, target - origin)
     ray.maxt = 1 - 1e-4
-    return active & ~tracer.mitsuba_scene.ray_test(ray, active=active)
+    if isinstance(tracer.accelerator, FlatFaces):
+        return active & ~tracer.accelerator.ray_test(ray, active, enclosed)
+    return active & ~tracer.accelerator.ray_test(ray, active=active)
 
 
 def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], mi.Ray3f]:

@@ -138,9 +138,9 @@ def test_a_blocker_leaves_the_rest_of_the_lamp():
     """A plate halfway hides, as seen from the origin, the lamp's half x < 0: two quarters remain."""
     lamp = square(np.array([0.0, 400.0, 0.0]), 100.0, 1, -1)
     plate = np.array([[0.0, 200, 300], [0, 200, -300], [-300, 200, -300], [-300, 200, 300]], float)
-    mean, error = light_at(
-        lamp_and([quad("plate", plate)], lamp), np.zeros((1, 3)), np.array([0.0, 1.0, 0.0])
-    )
+    floor = square(np.zeros(3), 1.0, 1, 1)
+    scene = lamp_and([quad("plate", plate), quad("floor", floor)], lamp)
+    mean, error = light_at(scene, np.zeros((1, 3)), np.array([0.0, 1.0, 0.0]))
     expected = 2 * corner_to_rectangle(100.0, 100.0, 400.0)
     assert error < 0.005 * expected
     assert abs(mean - expected) < SIGMAS * error

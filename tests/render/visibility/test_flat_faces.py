@@ -1,0 +1,148 @@
+"""Faces intersected in the kernel: the hits of Embree up to rounding, without gaps between faces."""
+
+import numpy as np
+import pytest
+from cboxlab.render.device import dr, mi
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
+from cboxlab.render.visibility.tracer import build_tracer, facets, in_a_tree
+from cboxlab.scenes import cornell_box
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+COUNT = 200_000
+#: Errors of single precision, mm: along a ray that meets its face at an angle, at coordinates up to a metre.
+ROUNDING_MM = 2e-3
+BOX = np.array(
+    [
+        [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]],
+        [[0, 1, 0], [0, 1, 1], [1, 1, 1], [1, 1, 0]],
+        [[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0]],
+        [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0]],
+        [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]],
+    ],
+    dtype=float,
+)
+
+
+def triangles(quads):
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def both(vertices):
+    """The same triangles as faces and in Embree's tree."""
+    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    faces = flat_faces(vertices, facets(normals, np.zeros(len(vertices), int))[0])
+    assert faces is not None
+    return faces, in_a_tree(vertices), normals
+
+
+def rays(origin, direction):
+    return mi.Ray3f(mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
+
+
+def asked(accelerator, ray):
+    found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(True))
+    t, triangle, uv = (np.array(part) for part in (found.t, found.prim_index, found.prim_uv))
+    return np.isfinite(t), t, triangle, uv
+
+
+def directions(rng, count=COUNT):
+    found = rng.standard_normal((count, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def turned(vertices, seed):
+    """Rotated at random, so that no face follows an axis."""
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
+    return vertices @ (turn * np.linalg.det(turn)).T
+
+
+def scenes():
+    rng = np.random.default_rng(3)
+    loose = rng.uniform(0, 500, (30, 1, 3)) + rng.uniform(-80, 80, (30, 3, 3))
+    bent = 500 * BOX + rng.uniform(-9, 9, BOX.shape)  # no quadrilateral is plane
+    return {
+        "published box": build_tracer(cornell_box()).vertices,
+        "turned box": turned(500 * triangles(BOX), 1),
+        "loose triangles": loose,
+        "bent walls": triangles(bent),
+    }
+
+
+@pytest.mark.parametrize("name", scenes())
+def test_random_rays_meet_what_embree_says(name):
+    vertices = scenes()[name]
+    faces, tree, normals = both(vertices)
+    rng = np.random.default_rng(7)
+    low, high = vertices.reshape(-1, 3).min(axis=0), vertices.reshape(-1, 3).max(axis=0)
+    direction = directions(rng)
+    ray = rays(rng.uniform(low - 200, high + 200, (COUNT, 3)), direction)
+    (hit, t, triangle, uv), (hit_tree, t_tree, triangle_tree, uv_tree) = asked(faces, ray), asked(tree, ray)
+    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
+    off = np.abs(np.where(hit & hit_tree, t, 0) - np.where(hit & hit_tree, t_tree, 0)) * angle
+    # what differs is a ray within rounding of an edge
+    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    assert differs.sum() <= 20
+    same = hit & ~differs & (triangle == triangle_tree)
+    assert same.sum() >= hit.sum() - 40
+    edge = np.linalg.norm(vertices[:, 1] - vertices[:, 0], axis=1).min()
+    close = np.abs(uv - uv_tree)[:, same] * edge * angle[same]
+    assert np.quantile(close, 0.999) < ROUNDING_MM
+    ray.maxt = 150.0
+    blocked, blocked_tree = (
+        np.array(a.ray_test(ray, active=mi.Bool(True))).astype(bool) for a in (faces, tree)
+    )
+    assert (blocked != blocked_tree).sum() <= 20
+    np.testing.assert_array_equal(asked(faces, ray)[0], blocked)
+
+
+def test_no_ray_leaves_a_closed_box():
+    """Aimed at edges, corners and diagonals, where two faces or more meet, and along walls."""
+    vertices = turned(500 * triangles(BOX), 2)
+    faces, _, _ = both(vertices)
+    rng = np.random.default_rng(8)
+    corners = vertices[rng.integers(len(vertices), size=COUNT)]
+    share = np.sort(rng.random((COUNT, 1)), axis=0)
+    share[: COUNT // 10] = 0  # corners
+    target = corners[:, 0] + share * (corners[:, 1] - corners[:, 0])
+    middle = vertices.reshape(-1, 3).mean(axis=0)
+    origin = middle + rng.uniform(-200, 200, (COUNT, 3)) @ np.linalg.qr(vertices[0] - middle)[0]
+    origin = middle + 0.9 * (origin - middle)
+    origin[::3] = middle + 0.999 * (target - middle)[::-1][::3]  # near a wall, often along it
+    assert asked(faces, rays(origin, target - origin))[0].all()
+
+
+def test_segments_between_points_of_surfaces_need_no_hull():
+    vertices = build_tracer(cornell_box()).vertices
+    faces, _, normals = both(vertices)
+    assert 0 < sum(faces.hull) < len(faces.hull)
+    rng = np.random.default_rng(9)
+    chosen = rng.integers(len(vertices), size=(2, COUNT))
+    weights = rng.dirichlet((1, 1, 1), size=(2, COUNT))
+    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[chosen]) + 0.01 * normals[chosen]
+    ray = rays(ends[0], ends[1] - ends[0])
+    ray.maxt = 1 - 1e-4
+    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[chosen[0]]) > 0
+    facing &= np.einsum("ij,ij->i", ends[0] - ends[1], normals[chosen[1]]) > 0
+    free, enclosed = (~np.array(faces.ray_test(ray, enclosed=e)).astype(bool)[facing] for e in (False, True))
+    assert 0.1 < free.mean() < 0.9
+    assert (free != enclosed).sum() <= 5
+
+
+def test_lanes_that_are_not_asked_meet_nothing():
+    faces, _, _ = both(500 * triangles(BOX))
+    ray = rays(np.full((4, 3), 250.0), np.eye(4, 3) + 0.1)
+    active = mi.Bool([True, False, True, False])
+    found = faces.ray_intersect_preliminary(ray, active=active)
+    assert np.array(found.is_valid()).tolist() == [True, False, True, False]
+    assert np.array(dr.isfinite(found.t)).tolist() == [True, False, True, False]
+    assert np.array(faces.ray_test(ray, active)).tolist() == [True, False, True, False]
+
+
+def test_many_faces_are_left_to_a_tree():
+    vertices = np.random.default_rng(1).random((MOST_FACES + 1, 3, 3))
+    assert flat_faces(vertices, np.arange(len(vertices))) is None
+    assert isinstance(flat_faces(vertices[:-1], np.arange(len(vertices) - 1)), FlatFaces)
