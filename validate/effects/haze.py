@@ -16,8 +16,9 @@ __all__ = ["EFFECT"]
 #: Light from the air onto a surface is interpolated from so many of the nearest patches.
 _NEIGHBOURS = 4
 
-#: Rounds of exchange between air and surfaces; each adds about extinction times path length of the one before.
-_ROUNDS = 6
+#: Rounds of exchange between air and surfaces; each adds about extinction times path length of the one before. They
+#: end before that where the air's light changes by less than a part of it.
+_ROUNDS, _SETTLED = 6, 1e-5
 
 
 def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLight:
@@ -43,7 +44,9 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
         arriving = onto_patches @ source
         lit = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
         smooth = surround + seen @ lit.patch_radiance() + between @ source
-        source = sigma * albedo * (lamp[:, None] + smooth)
+        before, source = source, sigma * albedo * (lamp[:, None] + smooth)
+        if np.abs(source - before).max() <= _SETTLED * source.max():
+            break
     onto_fragments = _between_patches(transport, onto_patches @ source)
     lit = lit.change(fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments)
     scattered = albedo * sigma * _towards_camera(transport.camera.position_mm, air, smooth, sigma)

@@ -99,13 +99,13 @@ class Predictor:
         return other
 
     def draft(self) -> Predictor:
-        """The same with fewer rays per pixel wherever geometry has moved: three times as fast, twice the noise."""
-        return replace(self, gather_samples=_DRAFT_SAMPLES)
+        """The same with fewer rays per pixel for what is traced anew, too: three times as fast, twice the noise."""
+        return replace(self, samples=_SCREENING_SAMPLES, gather_samples=_DRAFT_SAMPLES)
 
-    def moves_geometry(self, effects: Sequence[AppliedEffect]) -> bool:
-        """Whether surfaces stand elsewhere under these effects than in the base picture."""
+    def traces_anew(self, effects: Sequence[AppliedEffect]) -> bool:
+        """Whether surfaces stand elsewhere than in the base picture, or the lamp shines in other directions."""
         here, there = (after_stage(self.scene, each, "scene") for each in (self.included, effects))
-        return _meshes(here) != _meshes(there)
+        return _meshes(here) != _meshes(there) or here.lamp.exponent != there.lamp.exponent
 
     def with_settings(self, settings: RenderSettings) -> Predictor:
         """The same base picture, taken for one rendered with other settings."""

@@ -171,7 +171,7 @@ class Study(Result):
         """What the model predicts of each capture, compared with it; made once.
 
         refit : whether camera and lamp are fitted to it within what is known of them, or stay as they were fitted.
-        draft : whether moved geometry is traced with fewer rays, for a parameter in motion.
+        draft : whether light transport is predicted with a quarter of the rays, for a parameter in motion.
         """
         return self._pictures.predicted(self.history.present, refit, draft, progress)
 

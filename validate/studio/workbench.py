@@ -61,8 +61,11 @@ class Workbench:
 
     @property
     def predictions(self) -> tuple[Prediction, ...]:
-        """Of all captures; a draft while a slider moves."""
-        return self.shown.predictions(refit=self.refit, draft=self._trial is not None)
+        """Of all captures: drafts, where light transport is predicted, until it is rendered."""
+        return self._predicted(self.shown)
+
+    def _predicted(self, study: Study) -> tuple[Prediction, ...]:
+        return study.predictions(refit=self.refit, draft=True)
 
     @property
     def improvable(self) -> bool:
@@ -108,9 +111,7 @@ class Workbench:
         self.capture, self.found = 0, None
 
     def _take(self, study: Study) -> None:
-        study.predictions(
-            refit=self.refit
-        )  # what cannot be predicted is refused, and the study stays as it was
+        self._predicted(study)  # what cannot be predicted is refused, and the study stays as it was
         self._study, self._trial = study, None
 
     def add(self, effect: str, values: Mapping[str, str | float]) -> None:
@@ -123,7 +124,7 @@ class Workbench:
         if commit:
             self._take(moved)
         else:
-            moved.predictions(refit=self.refit, draft=True)
+            self._predicted(moved)
             self._trial = moved
 
     def remove(self, which: int) -> None:
@@ -152,7 +153,7 @@ class Workbench:
     def render(self, progress: Progress) -> None:
         """Render the picture with the effects as they are."""
         study = self.study.render(progress)
-        study.predictions(refit=self.refit)
+        self._predicted(study)
         self._study, self._trial = study, None
 
     def diagnose(self, progress: Progress) -> None:

@@ -62,10 +62,17 @@ class Base:
         """Compute now what every prediction takes."""
         _ = self.refit_change, self.derivative
 
+    def drafting(self, effects: Sequence[AppliedEffect]) -> Predictor:
+        """The predictor of fewer rays for these effects; what needs no new rays it predicts as the complete one."""
+        return self._retracing if self.rendered.predictor.traces_anew(effects) else self._rough
+
     @cached_property
-    def draft(self) -> Predictor:
-        """The predictor for effects in motion."""
+    def _retracing(self) -> Predictor:
         return self.rendered.predictor.draft()
+
+    @cached_property
+    def _rough(self) -> Predictor:
+        return self.rendered.predictor.rough()
 
     @cached_property
     def refit_change(self) -> NDArray[np.float64]:
@@ -125,15 +132,15 @@ def predict(
     """The picture with these effects in place of the model's own, without rendering again.
 
     refit : whether camera and lamp are fitted to it within what is known of them; otherwise the lamp stays as it was
-    fitted, and the camera moves as far as the effects move it. draft : whether moved geometry is traced with fewer
-    rays, for a parameter in motion. Raises InputError where an effect cannot act here.
+    fitted, and the camera moves as far as the effects move it. draft : whether light transport takes a quarter of the
+    rays. Raises InputError where an effect cannot act here.
     """
     own, effects = base.validation.model.effects, tuple(effects)
     if same_effects(effects, own):
         return Prediction(base, effects, base.rendered, True)
     prepared, rendered = base.validation.prepared, base.rendered
-    rough = draft and rendered.predictor.moves_geometry(effects)
-    before, fit = (base.draft if rough else rendered.predictor).signal(effects), rendered.fit
+    predictor = base.drafting(effects) if draft else rendered.predictor
+    before, fit = predictor.signal(effects), rendered.fit
     if refit:
         step = _camera_step(base, before, effects)
         signal = before + base.refit_change + np.tensordot(step, base.derivative, 1)
