@@ -1,19 +1,22 @@
-"""Writing files and folders so that they are either complete or absent."""
+"""Writing files and folders so that they are either complete or absent, and say where they come from."""
 
 from __future__ import annotations
 
 import glob
 import os
 import platform
+import shlex
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["replacing", "replacing_folder"]
+__all__ = ["origin", "replacing", "replacing_folder", "this_command"]
 
 
 def _public(path: Path, mode: int) -> None:
@@ -83,3 +86,16 @@ def replacing_folder(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def this_command() -> str:
+    """The command of this process as typed; for a library's caller that of its own program."""
+    name, *arguments = sys.argv or [""]
+    program = Path(name)
+    shown = f"python -m {program.parent.name}" if program.name == "__main__.py" else program.name
+    return f"{shown} {shlex.join(arguments)}".strip()
+
+
+def origin(**further: str) -> dict[str, str]:
+    """Attributes of a file, all of them text: ``further`` ones, ``cboxlab_version`` and ``command``."""
+    return {**further, "cboxlab_version": version("cboxlab"), "command": this_command()}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import origin, replacing
 
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
@@ -206,7 +206,8 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         table = patches_csv(calibration.patches)
         jobs["patches.csv"] = lambda path: path.write_text(table)
     if calibration.weights is not None:
-        xyz = calibration.xyz()
+        manifest = calibration.capture.manifest
+        xyz = calibration.xyz().assign_attrs(origin(capture=manifest.name or calibration.capture.folder.name))
         maps = {n: {"dtype": "float32", "zlib": True} for n in xyz.data_vars if n != "mask"}
         jobs["xyz.nc"] = lambda path: xyz.to_netcdf(path, engine="h5netcdf", encoding=maps)
     jobs["noise.png"] = lambda path: plot_noise(calibration, path)

@@ -6,7 +6,7 @@ from cboxlab.calibration.result import Calibration
 
 from ..compare import Validation, failures
 from ..diagnose import Diagnosis
-from ..report import finding_sentences, ranked_values, step_name, verdict
+from ..report import chi2_by_place, finding_sentences, named_bands, ranked_values, step_name, verdict
 from .console import console, data_table, say
 
 __all__ = ["print_diagnosis", "print_failures", "print_suspicions", "print_validation"]
@@ -18,19 +18,19 @@ def print_validation(result: Validation) -> None:
     c = result.comparison
     console.print(verdict(c).headline, style="bold")
     say(
-        f"χ² per degree of freedom {c.chi2.per_dof:.3f} (interiors {c.chi2_interiors.per_dof:.3f}, edges "
-        f"{c.chi2_edges.per_dof:.3f}); mean ΔE*ab {c.delta_e_ab.mean:.2f} (noise alone "
-        f"{c.delta_e_ab_noise.mean:.2f}); render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; "
-        f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
+        f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}); mean ΔE*ab "
+        f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}); "
+        f"render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
     )
+    bands = named_bands(c.bands, result.prepared.responses)
     table = data_table(
         f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %",
-        "surface", *c.bands, "ΔE*ab", "χ²/dof",
+        "surface", *(name for _, name in bands), "ΔE*ab", "χ²/dof",
     )  # fmt: skip
     for name, row in c.by_surface.items():
         table.add_row(
             name,
-            *(f"{100 * v:+.2f}" for v in row.relative),
+            *(f"{100 * row.relative[i]:+.2f}" for i, _ in bands),
             f"{row.delta_e_ab:.2f}",
             f"{row.chi2.per_dof:.2f}",
         )

@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .comparison import ChiSquare, Comparison
-from .failure import SIGNIFICANT
+from .failure import OUTSIDE, SIGNIFICANT
 from .regions import INTERIOR_DISTANCE_PX
 
-__all__ = ["OUTSIDE", "Region", "regions_of"]
-
-#: What the camera sees beside the box, in a row of its own.
-OUTSIDE = "outside the box"
+__all__ = ["Region", "regions_of"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from .comparison import Comparison
 from .regions import INTERIOR_DISTANCE_PX
 
-__all__ = ["SIGNIFICANT", "Failure", "Part", "parts", "ranked_failures"]
+__all__ = ["OUTSIDE", "SIGNIFICANT", "Failure", "Part", "parts", "ranked_failures"]
+
+#: What the camera sees beside the box, a region of its own.
+OUTSIDE = "outside the box"
 
 #: Below this probability an excess counts as more than noise.
 SIGNIFICANT = 1e-3
@@ -78,14 +81,10 @@ def parts(
         own = [i for i, name in enumerate(names) if material.get(name) == group]
         if len(own) > 1:
             found.append(Part("surface", f"on {group} surfaces", everywhere(np.isin(index, own))))
+    found.append(Part("surface", OUTSIDE, everywhere(index < 0)))
     found.append(Part("edge distance", "in interiors", everywhere(distance >= INTERIOR_DISTANCE_PX)))
-    found.append(
-        Part(
-            "edge distance",
-            f"within {INTERIOR_DISTANCE_PX:g} px of edges or outside the box",
-            everywhere(distance < INTERIOR_DISTANCE_PX),
-        )
-    )
+    near = (distance < INTERIOR_DISTANCE_PX) & (index >= 0)
+    found.append(Part("edge distance", f"within {INTERIOR_DISTANCE_PX:g} px of edges", everywhere(near)))
     v, u = np.indices(shape[1:])
     radius = np.hypot(v - (shape[1] - 1) / 2, u - (shape[2] - 1) / 2)
     outer = radius > 0.5 * radius.max()

@@ -66,8 +66,12 @@ def _write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
         Image.fromarray(rgb).save(temporary, format="PNG", optimize=True)
 
 
-def write_maps(folder: Path, comparison: Comparison, xyz_unit: str = "cd m^-2") -> list[Path]:
+def write_maps(
+    folder: Path, comparison: Comparison, origin: Mapping[str, str], xyz_unit: str = "cd m^-2"
+) -> list[Path]:
     """Write every map of a comparison into ``folder``; returns the paths.
+
+    origin : attributes of every file, such as the model, the seed, the program's version and the command.
 
     measured.exr, rendered.exr, sigma.exr (DN, a channel per band), residual_over_sigma.exr, mask.exr (sum of
     flags), xyz_measured.exr, xyz_rendered.exr (in ``xyz_unit``), difference.exr (dX, dY, dZ as measured minus
@@ -80,7 +84,7 @@ def write_maps(folder: Path, comparison: Comparison, xyz_unit: str = "cd m^-2") 
     def save(name: str, channels: list[str], values: ArrayLike, units: list[str], description: str) -> None:
         array = xr.DataArray(
             np.asarray(values), dims=("channel", "y", "x"), coords={"channel": channels},
-            attrs={"description": description},
+            attrs={"description": description, **origin},
         )  # fmt: skip
         write_map(folder / name, array, dict(zip(channels, units, strict=True)))
         written.append(folder / name)

@@ -20,7 +20,7 @@ from cboxlab.calibration.radiometry import optical_factor
 from cboxlab.calibration.result import calibrate
 from cboxlab.render.files import AS_STATED, RADIANCE_UNIT, READABLE, Declared, read_picture
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import origin, replacing
 from numpy.typing import NDArray
 
 from ..regress import Common, PooledMean, Side, in_common_quantity, regress_sides, side_of
@@ -351,8 +351,11 @@ def write_comparison(folder: Path, comparison: StackComparison) -> None:
     }  # fmt: skip
     if comparison.residual_over_sigma is not None:
         maps["residual_over_sigma"] = (comparison.residual_over_sigma, "1")
+    made = origin(a=str(a.source), b=str(b.source))
     for name, (values, unit) in maps.items():
-        array = xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": list(a.names)})
+        array = xr.DataArray(
+            values, dims=("channel", "y", "x"), coords={"channel": list(a.names)}, attrs=made
+        )
         write_map(folder / f"{name}.exr", array, dict.fromkeys(a.names, unit))
     with replacing(folder / "comparison.json") as temporary:
         temporary.write_text(json.dumps(comparison_record(comparison), indent=1) + "\n", encoding="utf-8")

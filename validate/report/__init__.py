@@ -1,5 +1,6 @@
 """report.html, metrics.json, maps, and their texts."""
 
+from .bands import named_bands
 from .blocks import ReportSection
 from .diagnosis import (
     diagnosis_record,
@@ -11,15 +12,17 @@ from .diagnosis import (
 )
 from .metrics import PathStep
 from .plots import STYLE, picture_row
-from .verdict import verdict
+from .verdict import chi2_by_place, verdict
 from .write import validation_record, write_validation
 
 __all__ = [
     "STYLE",
     "PathStep",
     "ReportSection",
+    "chi2_by_place",
     "diagnosis_record",
     "finding_sentences",
+    "named_bands",
     "path_steps",
     "picture_row",
     "ranked_values",

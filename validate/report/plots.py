@@ -81,12 +81,27 @@ def residual_scale(unit: str = "difference / σ") -> Scale:
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of a row. uri : PNG as a data URI."""
+    """One picture of a row. uri : PNG as a data URI. width, height : of the whole picture, in its pixels."""
 
     caption: str
     uri: str
     width: int
     height: int
+
+    @property
+    def across(self) -> list[tuple[float, str]]:
+        """Pixels marked below the picture: place in percent, and number from 0 at the left."""
+        return _pixel_ticks(self.width)
+
+    @property
+    def down(self) -> list[tuple[float, str]]:
+        """Pixels marked beside the picture: place in percent, and number from 0 at the top."""
+        return _pixel_ticks(self.height)
+
+
+def _pixel_ticks(count: int) -> list[tuple[float, str]]:
+    values = MaxNLocator(3, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
+    return [(100 * (v + 0.5) / count, f"{v:.0f}") for v in values if 0 <= v < count]
 
 
 @dataclass(frozen=True)
@@ -126,20 +141,20 @@ def blocks(values: ArrayLike) -> NDArray:
     return np.where(known.any(axis=(1, 3)), mean, np.nan).astype(array.dtype)
 
 
-def _panel(caption: str, pixels: NDArray[np.uint8]) -> Panel:
-    return Panel(caption, png_uri(pixels), pixels.shape[1], pixels.shape[0])
+def _panel(caption: str, pixels: NDArray[np.uint8], whole: NDArray) -> Panel:
+    return Panel(caption, png_uri(pixels), whole.shape[1], whole.shape[0])
 
 
 def map_row(images: Mapping[str, ArrayLike], scale: Scale, caption: str = "") -> MapRow:
     """Maps (y, x) by caption, with one colour scale; NaN is hatched."""
-    return MapRow(
-        tuple(_panel(name, scale.paint(blocks(image))) for name, image in images.items()), scale, caption
-    )
+    whole = {name: np.asarray(image) for name, image in images.items()}
+    panels = tuple(_panel(name, scale.paint(blocks(image)), image) for name, image in whole.items())
+    return MapRow(panels, scale, caption)
 
 
 def picture_row(images: Mapping[str, NDArray[np.uint8]], caption: str = "") -> MapRow:
     """Pictures (y, x, 3), 8 bit, by caption."""
-    return MapRow(tuple(_panel(name, blocks(image)) for name, image in images.items()), None, caption)
+    return MapRow(tuple(_panel(name, blocks(image), image) for name, image in images.items()), None, caption)
 
 
 STYLE: dict[Any, Any] = {

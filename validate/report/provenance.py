@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import platform
-import shlex
-import sys
 from datetime import UTC, datetime
 from importlib.metadata import version
-from pathlib import Path
+
+from cboxlab.scenes.files import this_command
 
 from ..compare import Validation
 
@@ -28,12 +27,9 @@ _PACKAGES = (
 def provenance(result: Validation) -> list[tuple[str, str]]:
     """(what, value) rows. The command is that of this process; a library's caller sees its own program's."""
     manifest = result.prepared.calibration.capture
-    name, *arguments = sys.argv or [""]
-    program = Path(name)
-    shown = f"python -m {program.parent.name}" if program.name == "__main__.py" else program.name
     settings = result.model.render
     return [
-        ("command", f"{shown} {shlex.join(arguments)}".strip()),
+        ("command", this_command()),
         ("date", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"),
         ("capture", manifest.manifest.name or manifest.folder.name),
         ("model", f"{result.model.name}; effects {', '.join(e.id for e in result.model.effects) or 'none'}"),

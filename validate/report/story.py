@@ -13,7 +13,7 @@ from ..compare import Comparison
 from ..diagnose import Cause, Diagnosis
 from ..effects import catalogue
 from .bands import NamedBand
-from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
+from .blocks import Cell, Headline, ReportSection, Story, Table, number
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
@@ -94,7 +94,13 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
             "What the photograph shows": pooled(diagnosis.residual),
             f"What {first.effect} would show": pooled(first.signature),
         }
-    details = [*unexplained_sentences(diagnosis), error_sentence(diagnosis), *verdict(c, bands).details[3:]]
+    meaning = [f"{e.id}: {e.effect.in_few_words}." for e in diagnosis.path[-1].effects]
+    details = [
+        *meaning,
+        *unexplained_sentences(diagnosis),
+        error_sentence(diagnosis),
+        *verdict(c, bands).details[3:],
+    ]
     return Story(
         Headline(
             in_short(diagnosis),
@@ -240,7 +246,7 @@ def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         first = diagnosis.causes[0].effect
         steps += [
             f"No further capture is needed to tell {first} from {other.effect}: this one does, by "
-            f"{significant(other.behind_sigma, 2)} standard deviations."
+            f"{other.behind_sigma:.0f} standard deviations."
             for other in diagnosis.causes[1:2]
             if other.behind_sigma > _TOLD_APART
         ]

@@ -11,7 +11,7 @@ from ..compare import Comparison, Region, regions_of
 from .bands import NamedBand
 from .metrics import Run
 
-__all__ = ["Verdict", "verdict", "warnings"]
+__all__ = ["Verdict", "chi2_by_place", "verdict", "warnings"]
 
 #: Probability below which a difference is significant.
 SIGNIFICANT = 1e-3
@@ -67,6 +67,11 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
                 f"({band.chi2.per_dof:.3g})."
             )
     return Verdict(level, headline, tuple(details))
+
+
+def chi2_by_place(c: Comparison) -> str:
+    """Chi2 per degree of freedom of interiors, edges and what is outside the box, in words."""
+    return ", ".join(f"{r.words} {r.chi2.per_dof:.3f}" for r in regions_of(c)["place"] if r.chi2.count)
 
 
 def _worst(regions: Sequence[Region]) -> Region | None:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.scenes.files import origin
 
 from ..compare import Failure, Validation, failures, write_maps
 from ..diagnose import Diagnosis
+from ..model import model_text
 from ..viewer import viewer_data
 from .bands import named_bands
 from .blocks import ReportSection
@@ -90,7 +92,8 @@ def write_validation(
     known, failed = failures(result)
     run = _run(result, failed, [] if diagnosis is None else path_steps(diagnosis))
     report, figures, maps = folder / "report.html", folder / "metrics.json", folder / "maps"
-    write_maps(maps, c)
+    settings = result.model.render
+    write_maps(maps, c, origin(capture=run.capture, model=model_text(result.model), seed=str(settings.seed)))
     write_metrics(figures, c, run)
     build_report(
         report,

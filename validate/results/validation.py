@@ -14,7 +14,7 @@ from cboxlab.scenes.progress import QUIET, Progress
 
 from ..compare import Validation, failures
 from ..compare import validate as validated
-from ..report import validation_record, verdict, write_validation
+from ..report import chi2_by_place, validation_record, verdict, write_validation
 from ..viewer import viewer_data, viewer_fragment
 from .inputs import ModelLike, as_model, capture_folder
 from .result import Result
@@ -50,9 +50,8 @@ class ValidationResult(Result):
         name = manifest.manifest.name or manifest.folder.name
         lines = [
             f"{name} against {found.model.name}: {verdict(c).headline}",
-            f"χ² per degree of freedom {c.chi2.per_dof:.3f} (interiors {c.chi2_interiors.per_dof:.3f}, edges "
-            f"{c.chi2_edges.per_dof:.3f}), mean ΔE*ab {c.delta_e_ab.mean:.2f} (noise alone "
-            f"{c.delta_e_ab_noise.mean:.2f}), lamp × {found.fit.lamp_scale:.4f}",
+            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean ΔE*ab "
+            f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}), lamp × {found.fit.lamp_scale:.4f}",
         ]
         ranked = failures(found)[1][:_MOST_FAILURES]
         return lines + [f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)]

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
+import xarray as xr
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.mosaic import channel_mask
 from cboxlab.calibration.colour.patch_colour import patch_errors, patch_xyz, smoothest_spectra
@@ -61,6 +62,8 @@ def test_everything_written_is_whole_and_documented(baseline, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "calibration.json", "noise.png", "dark.png", "filters.png", "xyz.nc", "geometry.png",
     }  # fmt: skip
+    with xr.open_dataset(tmp_path / "out" / "xyz.nc", engine="h5netcdf") as xyz:
+        assert {"capture", "cboxlab_version", "command"} <= set(xyz.attrs)
     camera = found["camera"]
     assert np.shape(camera["covariance"]) == (10, 10) and len(camera["position_sigma_mm"]) == 3
     assert len(found["dark_level"]) == 7 and len(found["C"]["bands"]) == 7

@@ -38,10 +38,11 @@ def test_round_trip_keeps_values_order_units_and_nan(tmp_path):
 
 
 def test_maps_of_a_comparison(tmp_path, comparison):
-    written = write_maps(tmp_path / "maps", comparison)
+    written = write_maps(tmp_path / "maps", comparison, {"seed": "5"})
     assert sorted(p.name for p in (tmp_path / "maps").iterdir()) == sorted(p.name for p in written)
     measured, units = read_map(tmp_path / "maps" / "measured.exr")
     assert list(measured.channel.values) == list(BANDS) and units["f500"] == "DN"
+    assert measured.attrs["seed"] == "5" and "dark and flat" in measured.attrs["description"]
     np.testing.assert_allclose(measured.values, comparison.maps.measured.values, rtol=1e-6)
     difference, units = read_map(tmp_path / "maps" / "difference.exr")
     assert list(difference.channel.values) == ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"]
@@ -56,7 +57,7 @@ def test_maps_of_a_comparison(tmp_path, comparison):
 
 def test_previews_share_one_exposure(tmp_path, comparison):
     """The photograph is 1% brighter than the render, so its preview is on average brighter by a little."""
-    write_maps(tmp_path, comparison)
+    write_maps(tmp_path, comparison, {})
     measured, rendered = (
         np.asarray(Image.open(tmp_path / f"{n}.png"), float) for n in ("measured", "rendered")
     )
