@@ -20,7 +20,8 @@ def print_validation(result: Validation) -> None:
     say(
         f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}); mean ΔE*ab "
         f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}); "
-        f"render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
+        f"render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; "
+        f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
     )
     bands = named_bands(c.bands, result.prepared.responses)
     table = data_table(
