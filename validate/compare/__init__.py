@@ -2,8 +2,8 @@
 
 from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
 from .comparison import ChiSquare, Comparison, RelativeDifference
-from .excess import OUTSIDE, Region, regions_of
-from .failure import Failure, Part
+from .excess import Region, regions_of
+from .failure import OUTSIDE, Failure, Part
 from .maps import write_maps
 from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
 from .pipeline import (
