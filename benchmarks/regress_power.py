@@ -89,7 +89,9 @@ def rendered(
     scene: Scene, camera: Camera, seed: int, max_bounces: int | None = None, samples: int = SAMPLES
 ) -> Side:
     """One path traced picture."""
-    image = render(scene, camera, WAVELENGTHS, samples, BATCHES, seed, max_bounces, integrator="path")
+    image = render(
+        scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces, integrator="path"
+    )
     return side_of([labelled_cube(image)], [f"seed {seed}"])
 
 

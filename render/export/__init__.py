@@ -2,12 +2,13 @@
 
 from .camera_file import read_camera, write_camera
 from .exported import Exported, ExportSettings, exported_scene
-from .formats import FORMATS, read_rendered, write_export
+from .formats import FORMATS, as_rendered, read_rendered, write_export
 
 __all__ = [
     "FORMATS",
     "ExportSettings",
     "Exported",
+    "as_rendered",
     "exported_scene",
     "read_camera",
     "read_rendered",

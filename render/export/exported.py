@@ -8,7 +8,6 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene, Surface
-from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
 from ..visibility import Film, film_for, resampling
@@ -42,13 +41,14 @@ class ExportSettings:
 class Layout:
     """How results are arranged, as the export's ``scene.json`` says.
 
-    film_width_px, film_height_px : of the pinhole film, see ``Exported.film``.
+    film_width_px, film_height_px : of the pinhole film, see ``Exported.film``. lamp_reflects : in the scene.
     """
 
     width_px: int
     height_px: int
     film_width_px: int
     film_height_px: int
+    lamp_reflects: bool
     settings: ExportSettings
 
     @property
@@ -62,8 +62,9 @@ class Exported:
     """A scene made ready for other renderers.
 
     reflectances : (material, w), rows as ``scene.materials``. lamp : (w,) its radiance, W m^-2 sr^-1 nm^-1.
-    film : pixels of a pinhole without distortion, those of the camera where it has none, else four times finer and
-    wide enough for the camera's image. max_bounces : reflections between lamp and camera, None for no limit.
+    lamp_reflectance : (w,). film : pixels of a pinhole without distortion, those of the camera where it has none, else
+    four times finer and wide enough for the camera's image. max_bounces : reflections between lamp and camera, None
+    for no limit.
     """
 
     scene: Scene
@@ -72,18 +73,27 @@ class Exported:
     settings: ExportSettings
     reflectances: NDArray[np.float64]
     lamp: NDArray[np.float64]
+    lamp_reflectance: NDArray[np.float64]
     max_bounces: int | None
 
     @property
     def layout(self) -> Layout:
         """The arrangement of the results."""
         width, height = (int(n) for n in self.film.size)
-        return Layout(self.camera.width_px, self.camera.height_px, width, height, self.settings)
+        reflects = self.scene.lamp.reflects
+        return Layout(self.camera.width_px, self.camera.height_px, width, height, reflects, self.settings)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
         """All surfaces, the lamp's last."""
         return (*self.scene.surfaces, self.scene.lamp.surface)
+
+    @property
+    def with_black_lamp(self) -> Exported:
+        """The same with a lamp that reflects nothing, for renderers in which none does."""
+        lamp = replace(self.scene.lamp, reflectance=self.scene.lamp.reflectance.scaled(0.0))
+        scene = replace(self.scene, lamp=lamp)
+        return replace(self, scene=scene, lamp_reflectance=np.zeros_like(self.lamp_reflectance))
 
     @property
     def film_samples(self) -> int:
@@ -107,17 +117,13 @@ class Exported:
 def exported_scene(
     scene: Scene, camera: Camera, settings: ExportSettings, max_bounces: int | None = None
 ) -> Exported:
-    """The scene with a lamp that reflects nothing, as those of Radiance and Raysect, so that all render the same.
-
-    Raises InputError for what not all renderers have alike: anything but Lambertian surfaces and a plain lamp.
-    """
+    """Raises InputError for what not all renderers have alike: anything but Lambertian surfaces and a plain lamp."""
     where = f"scene {scene.name}"
     if not scene.diffuse:
         raise InputError(
             where, "surfaces that are not Lambertian, or a medium", "a diffuse scene for an export"
         )
-    lamp = replace(scene.lamp, reflectance=Spectrum(np.array([550.0]), np.zeros(1)))
-    scene = replace(scene, lamp=lamp)
+    lamp = scene.lamp
     if lamp.edge_ratio != 1.0 or lamp.exponent != 0.0 or lamp.pattern is not None:
         raise InputError(
             where, "a lamp whose radiance varies over its area or with direction", "a uniform Lambertian lamp"
@@ -125,9 +131,10 @@ def exported_scene(
     if settings.batches < 2:
         raise InputError("batches", str(settings.batches), "at least 2, whose scatter gives the error")
     wavelength = settings.wavelength_nm
-    reflectances = np.array([m.reflectance.at(wavelength) for m in scene.materials.values()])
+    *reflectances, of_lamp = scene.reflectances(wavelength)
     film = film_for(camera, 1 if camera.is_pinhole else _FINE)
-    return Exported(scene, camera, film, settings, reflectances, lamp.radiance.at(wavelength), max_bounces)
+    radiance = lamp.radiance.at(wavelength)
+    return Exported(scene, camera, film, settings, np.array(reflectances), radiance, of_lamp, max_bounces)
 
 
 def groups_of(channels: int, most: int) -> list[NDArray[np.int64]]:

@@ -15,12 +15,13 @@ from cboxlab.scenes.files import replacing_folder
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ..files import NOTES
 from ..image import LAMP, NOTHING
 from . import luxcore, mitsuba, pbrt, radiance, raysect
 from .exported import Exported, Layout
-from .neutral import read_layout, read_surfaces, read_warp, write_neutral
+from .neutral import holds, read_layout, read_surfaces, read_warp, write_neutral
 
-__all__ = ["FORMATS", "RendererFormat", "read_rendered", "write_export"]
+__all__ = ["FORMATS", "RendererFormat", "as_rendered", "read_rendered", "write_export"]
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class RendererFormat:
     """One renderer. command : what renders, run in its folder; {python} stands for an interpreter.
 
     read : its pictures as (batch, y, x, w), of the film's pixels or, where ``rays``, of subpixels. needs : what has to
-    be installed.
+    be installed. lamp_reflects : whether a lamp can.
     """
 
     name: str
@@ -37,6 +38,7 @@ class RendererFormat:
     command: tuple[str, ...]
     needs: str
     rays: bool
+    lamp_reflects: bool = True
 
 
 _PYTHON = ("{python}", "run.py")
@@ -44,7 +46,8 @@ _PYTHON = ("{python}", "run.py")
 FORMATS: Mapping[str, RendererFormat] = MappingProxyType({
     "mitsuba": RendererFormat("Mitsuba 3", mitsuba.write, mitsuba.read, _PYTHON, "the package mitsuba", False),
     "radiance": RendererFormat(
-        "Radiance", radiance.write, radiance.read, ("sh", "run.sh"), "oconv and rtrace, or the package pyradiance", True
+        "Radiance", radiance.write, radiance.read, ("sh", "run.sh"), "oconv and rtrace, or the package pyradiance",
+        True, False,
     ),
     "raysect": RendererFormat("Raysect", raysect.write, raysect.read, _PYTHON, "the package raysect", True),
     "pbrt": RendererFormat("pbrt-v4", pbrt.write, pbrt.read, ("sh", "run.sh"), "pbrt (version 4)", False),
@@ -55,13 +58,22 @@ FORMATS: Mapping[str, RendererFormat] = MappingProxyType({
 def write_export(folder: Path, exported: Exported) -> None:
     """Write the neutral part and one folder for each renderer; complete or not at all.
 
-    Raises InputError where ``folder`` holds anything, or for what cannot be exported.
+    A folder that holds the same export already stays as it is, with what renderers have written there. Raises
+    InputError where ``folder`` holds anything else, or for what cannot be exported.
     """
+    if holds(folder, exported):
+        return
     with replacing_folder(folder) as temporary:
         write_neutral(temporary, exported)
         for name, known in FORMATS.items():
             (temporary / name).mkdir()
             known.write(temporary / name, exported)
+
+
+def as_rendered(exported: Exported, renderer: str) -> Exported:
+    """The export as one of FORMATS renders it: with a black lamp where its lamps reflect nothing."""
+    same = FORMATS[renderer].lamp_reflects or not exported.scene.lamp.reflects
+    return exported if same else exported.with_black_lamp
 
 
 def read_rendered(folder: Path, renderer: str) -> xr.Dataset:
@@ -82,7 +94,10 @@ def read_rendered(folder: Path, renderer: str) -> xr.Dataset:
     if not np.isfinite(pictures).all():
         raise InputError(folder / renderer, "pixels that are not finite", "finite radiances")
     batches = _over_subpixels(pictures, layout) if known.rays else _warped(pictures, layout, folder)
-    return _cube(batches, layout, *read_surfaces(folder))
+    cube = _cube(batches, layout, *read_surfaces(folder))
+    if layout.lamp_reflects and not known.lamp_reflects:
+        return cube.assign_attrs({NOTES: f"lamps of {known.name} reflect nothing, that of the scene does"})
+    return cube
 
 
 def _over_subpixels(pictures: NDArray, layout: Layout) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ __all__ = ["read", "write"]
 _MANY = 1000
 
 _RUN = """#!/usr/bin/env python3
-\"\"\"Renders all batches: python run.py. Needs the package pyluxcore.\"\"\"
+\"\"\"Renders the batches that are missing: python run.py. Needs the package pyluxcore.\"\"\"
 
 import os
 import time
@@ -35,6 +35,8 @@ for group in range(GROUPS):
         settings = pyluxcore.Properties(f"group-{{group}}.cfg")
         settings.Set(pyluxcore.Property("renderengine.seed", 1 + batch + BATCHES * group))
         out = f"out/batch-{{batch}}-group-{{group}}.exr"
+        if Path(out).exists():
+            continue
         settings.Set(pyluxcore.Property("film.outputs.0.filename", out))
         session = pyluxcore.RenderSession(pyluxcore.RenderConfig(settings))
         session.Start()
@@ -118,7 +120,7 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         ]
     lines += [
         'scene.materials.lamp--.type = "matte"',
-        "scene.materials.lamp--.kd = 0 0 0",
+        f"scene.materials.lamp--.kd = {_numbers(exported.lamp_reflectance[group])}",
         f"scene.materials.lamp--.emission = {_numbers(exported.lamp[group])}",
         "scene.materials.lamp--.emission.gain.normalizebycolor = 0",
     ]

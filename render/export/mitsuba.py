@@ -14,7 +14,7 @@ from .raw_pixels import exr_pixels
 __all__ = ["read", "write"]
 
 _RUN = """#!/usr/bin/env python3
-\"\"\"Renders all batches: python run.py [VARIANT]. Needs the package mitsuba.\"\"\"
+\"\"\"Renders the batches that are missing: python run.py [VARIANT]. Needs the package mitsuba.\"\"\"
 
 import sys
 from pathlib import Path
@@ -28,8 +28,10 @@ folder = Path(__file__).resolve().parent
 for group in range(GROUPS):
     scene = mi.load_file(str(folder / f"group-{{group}}.xml"))
     for batch in range(BATCHES):
-        picture = mi.render(scene, seed=1 + batch + BATCHES * group)
         out = folder / "out" / f"batch-{{batch}}-group-{{group}}.exr"
+        if out.exists():
+            continue
+        picture = mi.render(scene, seed=1 + batch + BATCHES * group)
         unfinished = out.with_suffix(".part.exr")
         mi.Bitmap(picture, pixel_format=mi.Bitmap.PixelFormat.RGB).write(str(unfinished))
         unfinished.replace(out)
@@ -72,7 +74,11 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         lines += [
             f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"
         ]  # fmt: skip
-    lines += ['  <bsdf type="diffuse" id="lamp-black">', _rgb("reflectance", np.zeros(3), 4), "  </bsdf>"]
+    lines += [
+        '  <bsdf type="diffuse" id="lamp--">',
+        _rgb("reflectance", exported.lamp_reflectance[group], 4),
+        "  </bsdf>",
+    ]
     for surface in exported.surfaces:
         lamp = surface is exported.scene.lamp.surface
         emitter = [
@@ -82,7 +88,7 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
             f'  <shape type="ply" id="shape-{surface.name}">',
             f'    <string name="filename" value="../{mesh_path(surface)}"/>',
             '    <boolean name="face_normals" value="true"/>',
-            f'    <ref id="{"lamp-black" if lamp else f"material-{surface.material}"}"/>',
+            f'    <ref id="{"lamp--" if lamp else f"material-{surface.material}"}"/>',
             *(emitter if lamp else []),
             "  </shape>",
         ]

@@ -20,7 +20,7 @@ from ..visibility import build_tracer, facet_coverage
 from .camera_file import camera_entry
 from .exported import Exported, ExportSettings, Layout, pixel_means, subpixel_rays
 
-__all__ = ["mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
+__all__ = ["holds", "mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
 
 #: Values of the surface map: the lamp, no surface.
 _LAMP, _NOTHING = 254, 255
@@ -30,7 +30,8 @@ _CONVENTIONS = {
     "spectra": "linear between samples; a reflectance keeps its end values beyond its table, the lamp is zero there",
     "radiance": "W m^-2 sr^-1 nm^-1",
     "surfaces": "Lambertian on the side from which corners run counter-clockwise, black on the other",
-    "lamp": "emits the same radiance in all directions of its counter-clockwise side, reflects nothing",
+    "lamp": "emits the same radiance in all directions of its counter-clockwise side, and reflects there by Lambert's "
+    "law",
     "pixels": "a pixel's value is the mean over its square (box filter); rows from the top",
     "film": "a pinhole at the camera's position without distortion: film pixel (column, row) is centred on the "
     "direction x = low_x + (column + 0.5) / scale, y = low_y + (row + 0.5) / scale, 1 in camera axes (x right, y down, "
@@ -63,6 +64,7 @@ def write_neutral(folder: Path, exported: Exported) -> None:
     for name, material in scene.materials.items():
         _write_spectrum(folder / "spectra" / f"material-{name}.csv", material.reflectance, "reflectance")
     _write_spectrum(folder / "spectra" / "lamp.csv", scene.lamp.radiance, "radiance")
+    _write_spectrum(folder / "spectra" / "lamp-reflectance.csv", scene.lamp.reflectance, "reflectance")
     _write_channels(folder / "spectra" / "channels.csv", exported)
     for batch in range(settings.batches):
         (folder / rays_path(batch)).write_bytes(subpixel_rays(exported, batch).tobytes())
@@ -74,6 +76,19 @@ def write_neutral(folder: Path, exported: Exported) -> None:
         json.dumps(camera_entry(exported.camera), indent=1) + "\n", encoding="utf-8"
     )
     (folder / "scene.json").write_text(json.dumps(_entry(exported), indent=1) + "\n", encoding="utf-8")
+
+
+def holds(folder: Path, exported: Exported) -> bool:
+    """Whether a folder is an export of the same scene, camera and settings."""
+    stated = [("scene.json", _entry(exported)), ("camera.json", camera_entry(exported.camera))]
+    try:
+        alike = all(
+            json.loads((folder / name).read_text(encoding="utf-8")) == entry for name, entry in stated
+        )
+        table = np.loadtxt(folder / "spectra" / "channels.csv", delimiter=",", skiprows=1, ndmin=2)
+    except (OSError, ValueError):
+        return False
+    return alike and np.array_equal(table, _channels(exported))
 
 
 def _entry(exported: Exported) -> dict[str, Any]:
@@ -88,6 +103,8 @@ def _entry(exported: Exported) -> dict[str, Any]:
             "name": scene.lamp.surface.name,
             "mesh": mesh_path(scene.lamp.surface),
             "radiance": "spectra/lamp.csv",
+            "reflectance": "spectra/lamp-reflectance.csv",
+            "reflects": scene.lamp.reflects,
         },
         "max_bounces": exported.max_bounces,
         "camera": "camera.json",
@@ -134,9 +151,26 @@ def _write_channels(path: Path, exported: Exported) -> None:
     """All spectra at the wavelengths of the export."""
     with path.open("w", newline="", encoding="ascii") as stream:
         table = csv.writer(stream)
-        table.writerow(["wavelength_nm", "lamp", *(f"material-{name}" for name in exported.scene.materials)])
-        columns = np.vstack([exported.settings.wavelength_nm, exported.lamp, exported.reflectances])
-        table.writerows(columns.T.tolist())
+        table.writerow(
+            [
+                "wavelength_nm",
+                "lamp",
+                "lamp-reflectance",
+                *(f"material-{name}" for name in exported.scene.materials),
+            ]
+        )
+        table.writerows(_channels(exported).tolist())
+
+
+def _channels(exported: Exported) -> NDArray[np.float64]:
+    """(w, 3 + materials) wavelength, lamp's radiance and reflectance, reflectances."""
+    columns = [
+        exported.settings.wavelength_nm,
+        exported.lamp,
+        exported.lamp_reflectance,
+        exported.reflectances,
+    ]
+    return np.vstack(columns).T
 
 
 def _surface_map(exported: Exported) -> NDArray[np.uint8]:
@@ -162,7 +196,8 @@ def read_layout(folder: Path) -> Layout:
         )  # fmt: skip
         film = entry["film"]
         return Layout(
-            int(entry["width_px"]), int(entry["height_px"]), int(film["width_px"]), int(film["height_px"]), settings
+            int(entry["width_px"]), int(entry["height_px"]), int(film["width_px"]), int(film["height_px"]),
+            bool(entry["lamp"]["reflects"]), settings
         )  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

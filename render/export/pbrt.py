@@ -38,7 +38,13 @@ def write(folder: Path, exported: Exported) -> None:
     lines = ["#!/bin/sh", "# Needs pbrt-v4.", "set -e", 'cd "$(dirname "$0")"', "mkdir -p out"]
     for batch in range(exported.settings.batches):
         (folder / f"batch-{batch}.pbrt").write_text(_batch(exported, batch), encoding="ascii")
-        lines += [f"pbrt batch-{batch}.pbrt", f"mv out/part-{batch}.exr out/batch-{batch}.exr"]
+        out = f"out/batch-{batch}.exr"
+        lines += [
+            f"if [ ! -f {out} ]; then",
+            f"pbrt batch-{batch}.pbrt",
+            f"mv out/part-{batch}.exr {out}",
+            "fi",
+        ]
     (folder / "run.sh").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
@@ -123,8 +129,8 @@ def _world(exported: Exported) -> str:
     for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
         spectrum = f'"spectrum reflectance" {_steps(values)}'
         lines.append(f'MakeNamedMaterial "{name}" "string type" "diffuse" {spectrum}')
-    black = '"spectrum reflectance" [ 300 0 900 0 ]'
-    lines.append(f'MakeNamedMaterial "lamp--" "string type" "diffuse" {black}')
+    own = f'"spectrum reflectance" {_steps(exported.lamp_reflectance)}'
+    lines.append(f'MakeNamedMaterial "lamp--" "string type" "diffuse" {own}')
     for surface in exported.scene.surfaces:
         lines += [f'NamedMaterial "{surface.material}"',
                   f'Shape "plymesh" "string filename" "../{mesh_path(surface)}"']  # fmt: skip

@@ -19,8 +19,8 @@ from .raw_pixels import raw_pixels
 
 __all__ = ["read", "write"]
 
-#: The most channels that Radiance carries, and the fewest.
-_MOST, _FEWEST = 24, 3
+#: The most channels that Radiance carries, and the fewest: three would be red, green and blue, and mixed.
+_MOST, _FEWEST = 24, 4
 #: Its range of wavelengths, nm, which only names the channels.
 _RANGE_NM = 700.0, 400.0
 #: So many reflections where there is no limit; roulette ends paths long before.
@@ -37,6 +37,8 @@ def write(folder: Path, exported: Exported) -> None:
     for number, group in enumerate(groups_of(settings.wavelength_nm.size, _MOST)):
         padded = np.resize(group, max(len(group), _FEWEST))
         (folder / f"group-{number}.rad").write_text(_scene(exported, padded), encoding="ascii")
+        part = f"out/group-{number}.f32"
+        lines.append(f"if [ ! -f {part} ]; then")
         lines.append(f"oconv group-{number}.rad > out/group-{number}.oct")
         low, high = _RANGE_NM
         # aa 0: no ambient cache; u+, dj 1, dt 0: independent random samples of all of the lamp
@@ -45,9 +47,9 @@ def write(folder: Path, exported: Exported) -> None:
             f"-ad {exported.subpixel_samples} -u+ -dt 0 -dc 1 -dj 1 -ds 0.1 -dr 0 -st 0 -bv- -w-"
         )
         rays = " ".join(f"../{rays_path(batch)}" for batch in range(settings.batches))
-        part = f"out/group-{number}.f32"
         lines.append(f"cat {rays} | rtrace $RTRACE_OPTIONS {options} out/group-{number}.oct > {part}.part")
         lines.append(f"mv {part}.part {part}")
+        lines.append("fi")
     (folder / "run.sh").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 

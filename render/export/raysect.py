@@ -17,7 +17,7 @@ __all__ = ["read", "write"]
 _MANY = 500
 
 _SCRIPT = '''#!/usr/bin/env python3
-"""Renders all batches: python run.py [PROCESSES]. Needs the packages raysect and numpy.
+"""Renders the batches that are missing: python run.py [PROCESSES]. Needs the packages raysect and numpy.
 
 Channel i of the export is the range from i + 1 to i + 2 of Raysect's wavelengths, where spectra are constant.
 Lengths are divided by 1000, since Raysect's meshes are made for metres.
@@ -31,7 +31,7 @@ import numpy as np
 from raysect.core import Point3D, Vector3D
 from raysect.core.math.random import seed
 from raysect.optical import InterpolatedSF, Ray, World
-from raysect.optical.material import AbsorbingSurface, Lambert, UniformSurfaceEmitter
+from raysect.optical.material import AbsorbingSurface, Add, Lambert, UniformSurfaceEmitter
 from raysect.primitive import Mesh
 
 FOLDER = Path(__file__).resolve().parent
@@ -39,7 +39,7 @@ ROWS, COLUMNS, SAMPLES, CHANNELS = @NUMBERS@
 MATERIALS = {
 @MATERIALS@
 }
-LAMP = @LAMP@
+LAMP, LAMP_REFLECTANCE = @LAMP@, @LAMP_REFLECTANCE@
 SURFACES = [
 @SURFACES@
 ]
@@ -51,6 +51,10 @@ def spectrum(values):
     edges = np.arange(CHANNELS) + 1.0
     places = np.stack([edges + 1e-9, edges + 1 - 1e-9], axis=1).ravel()
     return InterpolatedSF(places, np.repeat(values, 2))
+
+
+def paint(values):
+    return Lambert(spectrum(values)) if any(values) else AbsorbingSurface()
 
 
 def mesh(path, world, material):
@@ -65,11 +69,11 @@ def mesh(path, world, material):
 WORLD = World()
 for path, name in SURFACES:
     if name is None:
-        lamp = UniformSurfaceEmitter(spectrum(LAMP))
+        lamp = Add(paint(LAMP_REFLECTANCE), UniformSurfaceEmitter(spectrum(LAMP)), surface_only=True)
         lamp.importance = 1.0
         mesh(path, WORLD, lamp)
     else:
-        mesh(path, WORLD, Lambert(spectrum(MATERIALS[name])) if any(MATERIALS[name]) else AbsorbingSurface())
+        mesh(path, WORLD, paint(MATERIALS[name]))
 
 
 def row(job):
@@ -91,6 +95,8 @@ if __name__ == "__main__":
     processes = int(sys.argv[1]) if len(sys.argv) > 1 else None
     with multiprocessing.get_context("fork").Pool(processes) as pool:
         for batch in range(len(RAYS)):
+            if (FOLDER / "out" / f"batch-{batch}.npy").exists():
+                continue
             picture = np.stack(pool.map(row, [(batch, index) for index in range(ROWS)], chunksize=4))
             unfinished = FOLDER / "out" / f"batch-{batch}.part.npy"
             np.save(unfinished, picture)
@@ -101,7 +107,8 @@ if __name__ == "__main__":
 def write(folder: Path, exported: Exported) -> None:
     """run.py."""
     scene, settings, bounces = exported.scene, exported.settings, exported.max_bounces
-    reflectances = exported.reflectances if bounces != 0 else np.zeros_like(exported.reflectances)
+    some = bounces != 0
+    reflectances, lamp_reflectance = some * exported.reflectances, some * exported.lamp_reflectance
     materials = [
         f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)
     ]
@@ -118,6 +125,7 @@ def write(folder: Path, exported: Exported) -> None:
         "NUMBERS": ", ".join(str(n) for n in numbers),
         "MATERIALS": "\n".join(materials),
         "LAMP": repr(exported.lamp.tolist()),
+        "LAMP_REFLECTANCE": repr(lamp_reflectance.tolist()),
         "SURFACES": "\n".join(surfaces),
         "RAYS": repr([rays_path(batch) for batch in range(settings.batches)]),
         "DEPTH": depth,

@@ -206,6 +206,8 @@ def _print(compared: ComparedRenderers) -> None:
     console.print(table)
     for judged in compared.judged:
         say(f"{judged.renderer}: {judged.sentence}")
+        if judged.remark:
+            say(f"• {judged.renderer} is compared with our picture of its own scene: {judged.remark}")
 
 
 def _band(judged: Judged, index: int) -> str:

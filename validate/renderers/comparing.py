@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cboxlab.render.export import Exported, read_rendered, write_export
+from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
 from cboxlab.render.files import write_cube
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.progress import QUIET, Progress, share
 
-from .judging import Judged, judge, noise_of, reference_cube, write_bias_map
+from .judging import REFERENCE_SAMPLES, Judged, judge, noise_of, reference_cube, write_bias_map
 from .running import missing, run_renderer
 
 __all__ = ["ComparedRenderers", "compare_renderers"]
@@ -44,11 +44,16 @@ class ComparedRenderers:
 
 
 def compare_renderers(
-    exported: Exported, names: Sequence[str], out: Path | None = None, progress: Progress = QUIET
+    exported: Exported,
+    names: Sequence[str],
+    out: Path | None = None,
+    progress: Progress = QUIET,
+    samples: int = REFERENCE_SAMPLES,
 ) -> ComparedRenderers:
     """Run renderers on an export and judge their cubes by our own picture.
 
-    out : a new folder for the export, the cubes, the bias maps and renderers.json; None keeps nothing. Raises
+    out : a new folder for the export, the cubes, the bias maps and renderers.json; None keeps nothing. Where a run
+    into it was interrupted, what renderers had finished is used. samples : of our picture, per pixel and batch. Raises
     InputError for what cannot be exported and for a renderer that fails.
     """
     lacking = {name: missing(name) for name in names}
@@ -57,23 +62,30 @@ def compare_renderers(
         folder = out or Path(temporary) / "export"
         write_export(folder, exported)
         cpu, wall = _times()
-        reference = reference_cube(exported, share(progress, 0.0, 0.3))
+        reference = reference_cube(exported, share(progress, 0.0, 0.3), samples)
         done = _times()
         costs = [("ours", noise_of(reference, reference), done[0] - cpu, done[1] - wall)]
         judged = []
         ready = [name for name in names if not lacking[name]]
+        # by whether the lamp reflects: one more for renderers in which none does
+        references = {exported.scene.lamp.reflects: reference}
         for index, name in enumerate(ready):
             own = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
             run = run_renderer(folder, name)
             own.part(0.5)
-            cube = read_rendered(folder, name)
-            judged.append(judge(name, cube, reference, exported, run, share(own, 0.5, 1.0)))
+            cube, shown = read_rendered(folder, name), as_rendered(exported, name)
+            lamp = shown.scene.lamp.reflects
+            if lamp not in references:
+                references[lamp] = reference_cube(shown, share(own, 0.5, 0.6), samples)
+            judged.append(judge(name, cube, references[lamp], shown, run, share(own, 0.6, 1.0)))
             costs.append((name, judged[-1].variance, run.cpu_s, run.wall_s))
             if out is not None:
                 write_cube(out / f"{name}.nc", cube)
                 write_bias_map(out / f"bias-{name}.png", judged[-1])
         if out is not None:
-            write_cube(out / "reference.nc", reference)
+            for lamp, cube in references.items():
+                stated = lamp == exported.scene.lamp.reflects
+                write_cube(out / ("reference.nc" if stated else "reference-black-lamp.nc"), cube)
         found = ComparedRenderers(tuple(judged), left_out, tuple(costs))
         if out is not None:
             with replacing(out / "renderers.json") as path:

@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 import xarray as xr
 from cboxlab.render.export import Exported
+from cboxlab.render.files import NOTES
 from cboxlab.render.integrators import BATCHES, render
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.frozen import OwnMappings
@@ -25,7 +26,7 @@ from ..regress import Outcome, View, regress_pictures, side_of
 from ..report import STYLE
 from .running import Run
 
-__all__ = ["Judged", "judge", "noise_of", "reference_cube", "write_bias_map"]
+__all__ = ["REFERENCE_SAMPLES", "Judged", "judge", "noise_of", "reference_cube", "write_bias_map"]
 
 #: Samples per pixel and batch of our own picture.
 REFERENCE_SAMPLES = 512
@@ -40,7 +41,8 @@ class Judged(OwnMappings):
 
     bands : surface to (w, 2) the same by wavelength. variance : mean over these pixels and wavelengths of the squared
     relative standard error. cost : variance times CPU seconds; NaN where the renderer was not run here.
-    relative : (y, x) difference over our picture, summed over wavelengths, NaN without light.
+    relative : (y, x) difference over our picture, summed over wavelengths, NaN without light. remark : how the
+    renderer's scene, and with it ours, differs from the one asked for; empty where it does not.
     """
 
     renderer: str
@@ -52,6 +54,7 @@ class Judged(OwnMappings):
     cpu_s: float
     wall_s: float
     relative: NDArray[np.float64]
+    remark: str = ""
 
     @property
     def cost(self) -> float:
@@ -84,6 +87,7 @@ class Judged(OwnMappings):
         return {
             "renderer": self.renderer,
             "finding": self.sentence,
+            "remark": self.remark,
             "surfaces": {n: {"relative_difference": d, "sigma": s} for n, (d, s) in self.surfaces.items()},
             "wavelength_nm": self.wavelength_nm.tolist(),
             "bands": {
@@ -102,10 +106,12 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def reference_cube(exported: Exported, progress: Progress = QUIET, seed: int = 0) -> xr.Dataset:
-    """Our own picture of the export's scene, in BATCHES batches of REFERENCE_SAMPLES."""
+def reference_cube(
+    exported: Exported, progress: Progress = QUIET, samples: int = REFERENCE_SAMPLES
+) -> xr.Dataset:
+    """Our own picture of the export's scene, in BATCHES batches of so many samples per pixel."""
     image = render(
-        exported.scene, exported.camera, exported.settings.wavelength_nm, REFERENCE_SAMPLES, BATCHES, seed=seed,
+        exported.scene, exported.camera, exported.settings.wavelength_nm, samples, BATCHES,
         max_bounces=exported.max_bounces, progress=progress,
     )  # fmt: skip
     return labelled_cube(image)
@@ -115,7 +121,10 @@ def judge(
     renderer: str, cube: xr.Dataset, reference: xr.Dataset, exported: Exported, run: Run | None = None,
     progress: Progress = QUIET,
 ) -> Judged:  # fmt: skip
-    """cube : what the renderer made. reference : our picture. run : its times, None where it ran elsewhere."""
+    """cube : what the renderer made. exported : the scene it shows (``as_rendered``). reference : our picture of that.
+
+    run : its times, None where it ran elsewhere.
+    """
     view = View(exported.scene, exported.camera, True)
     ours, theirs = side_of([reference], ["reference"]), side_of([cube], [renderer])
     outcome = regress_pictures(ours, theirs, view, progress=progress)
@@ -139,6 +148,7 @@ def judge(
     return Judged(
         renderer, outcome, reference["wavelength"].values, surfaces, bands, noise_of(cube, reference),
         math.nan if run is None else run.cpu_s, math.nan if run is None else run.wall_s, outcome.relative,
+        str(cube.attrs.get(NOTES, "")),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import resource
 import shutil
@@ -26,7 +27,9 @@ _MOST_WORDS = 400
 
 @dataclass(frozen=True)
 class Run:
-    """One renderer's run. cpu_s : of all its processors together. wall_s : elapsed."""
+    """One renderer's run. cpu_s : of all its processors together, NaN where an earlier run had done a part. wall_s :
+    elapsed.
+    """
 
     renderer: str
     cpu_s: float
@@ -60,6 +63,7 @@ def run_renderer(export: Path, renderer: str) -> Run:
         raise InputError("renderer", lacking, "an installed renderer")
     python = sys.executable
     command = [part.format(python=python) for part in FORMATS[renderer].command]
+    begun = any((export / renderer / "out").glob("*"))
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
         command, cwd=export / renderer, env=_environment(), capture_output=True, text=True, check=False
@@ -71,4 +75,4 @@ def run_renderer(export: Path, renderer: str) -> Run:
             export / renderer, f"{' '.join(command)} ended with {done.returncode}: {words}", "a picture"
         )
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(renderer, cpu, wall)
+    return Run(renderer, math.nan if begun else cpu, wall)

@@ -1,11 +1,13 @@
 """Other renderers make the same pictures of a box as ours, also inside a closed box; what differs is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
-from cboxlab.render.export import ExportSettings, exported_scene, read_rendered, write_export
-from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.render.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
+from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
 from cboxlab.validate.renderers import compare_renderers, judge, missing, reference_cube, run_renderer
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -22,7 +24,10 @@ def distorted():
 def distorted_box():
     settings = ExportSettings(np.array([450.0, 550.0, 600.0, 650.0]), samples=32, batches=4)
     exported = exported_scene(cornell_box(), distorted(), settings)
-    return exported, reference_cube(exported)
+    return {
+        lamp: (own, reference_cube(own))
+        for lamp, own in {True: exported, False: exported.with_black_lamp}.items()
+    }
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -30,13 +35,14 @@ def test_a_renderer_agrees_with_ours_through_a_distorting_lens(distorted_box, re
     """Mean light and each surface within four standard deviations: seven surfaces, 0.05 % false alarms."""
     if lacking := missing(renderer):
         pytest.skip(lacking)
-    exported, reference = distorted_box
-    write_export(tmp_path / "box", exported)
+    write_export(tmp_path / "box", distorted_box[True][0])
     run = run_renderer(tmp_path / "box", renderer)
+    exported, reference = distorted_box[renderer != "radiance"]
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference, exported, run)
     whole = judged.outcome.whole
     assert abs(whole.difference) < 4 * whole.sigma and whole.sigma < 0.02
     assert {n: d for n, (d, s) in judged.surfaces.items() if abs(d) > max(4 * s, 0.005)} == {}
+    assert bool(judged.remark) == (renderer == "radiance")
     assert run.cpu_s > 0 and judged.cost > 0
 
 
@@ -52,6 +58,84 @@ def test_inside_a_closed_box_of_grey_walls(renderer, tmp_path):
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference_cube(exported), exported)
     whole = judged.outcome.whole
     assert abs(whole.difference) < 4 * whole.sigma < 0.04
+
+
+def lamp_above_a_white_floor():
+    """A lamp over a bright floor, from where it is seen: what it reflects is a tenth of the light."""
+    scene = box_with_lamp(0.8)
+    return replace(scene, lamp=replace(scene.lamp, reflectance=Spectrum(np.array([550.0]), np.array([0.8]))))
+
+
+def mean_light(cube):
+    """Its mean over the picture and wavelengths, and the standard error, wavelengths fully correlated."""
+    error = cube["standard_error"].values.astype(float).mean(axis=-1)
+    return float(cube["radiance"].mean()), float(np.sqrt((error**2).sum()) / error.size)
+
+
+@pytest.fixture(scope="module")
+def reflecting_box():
+    """The export, the mean of our picture of it, and of one with a black lamp."""
+    settings = ExportSettings(np.array([500.0, 600.0]), samples=96, batches=4)
+    exported = exported_scene(lamp_above_a_white_floor(), camera_inside(16), settings)
+    means = (mean_light(reference_cube(own, samples=64))[0] for own in (exported, exported.with_black_lamp))
+    return exported, *means
+
+
+@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "luxcore", "pbrt"])
+def test_the_lamp_reflects_as_ours(reflecting_box, renderer, tmp_path):
+    """In a closed box of reflectance 0.8, where a black lamp takes several per cent of the light."""
+    if lacking := missing(renderer):
+        pytest.skip(lacking)
+    exported, ours, black = reflecting_box
+    write_export(tmp_path / "box", exported)
+    run_renderer(tmp_path / "box", renderer)
+    theirs, error = mean_light(read_rendered(tmp_path / "box", renderer))
+    assert abs(theirs - ours) < 4 * error
+    assert theirs - black > 8 * error
+
+
+def test_radiance_is_compared_with_a_lamp_that_reflects_nothing_and_that_is_said():
+    settings = ExportSettings(np.array([500.0, 600.0]))
+    exported = exported_scene(lamp_above_a_white_floor(), camera_inside(16), settings)
+    assert not as_rendered(exported, "radiance").scene.lamp.reflects
+    assert as_rendered(exported, "mitsuba") is exported
+    plain = exported_scene(box_with_lamp(0.8), camera_inside(16), settings)
+    assert as_rendered(plain, "radiance") is plain
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_few_wavelengths_are_no_colours_to_radiance(channels, tmp_path):
+    """Three spectral samples are red, green and blue to it, which it mixes: light of 450 nm was 50 % too much."""
+    if lacking := missing("radiance"):
+        pytest.skip(lacking)
+    settings = ExportSettings(np.array([450.0, 550.0, 650.0])[:channels], samples=32, batches=4)
+    exported = exported_scene(cornell_box(), cornell_camera(16), settings).with_black_lamp
+    write_export(tmp_path / "box", exported)
+    run_renderer(tmp_path / "box", "radiance")
+    judged = judge(
+        "radiance", read_rendered(tmp_path / "box", "radiance"), reference_cube(exported), exported
+    )
+    assert all(abs(row.difference) < max(4 * row.sigma, 0.02) for row in judged.outcome.of_kind("band"))
+
+
+def test_an_interrupted_run_goes_on(tmp_path):
+    """A batch that is there is not rendered again, and the time of a part is not told as that of all."""
+    settings = ExportSettings(np.array([550.0]), samples=4, batches=3)
+    exported = exported_scene(cornell_box(), cornell_camera(16), settings)
+    out = tmp_path / "box"
+    write_export(out, exported)
+    first = run_renderer(out, "mitsuba")
+    picture = read_rendered(out, "mitsuba")["radiance"]
+    kept = out / "mitsuba" / "out" / "batch-0-group-0.exr"
+    (out / "mitsuba" / "out" / "batch-2-group-0.exr").unlink()
+    before = kept.stat().st_mtime_ns
+    write_export(out, exported)
+    again = run_renderer(out, "mitsuba")
+    assert kept.stat().st_mtime_ns == before
+    assert first.cpu_s > 0 and np.isnan(again.cpu_s)
+    assert np.array_equal(read_rendered(out, "mitsuba")["radiance"], picture)
+    with pytest.raises(InputError):
+        write_export(out, exported.with_black_lamp)
 
 
 def test_light_that_is_cut_short_is_named(tmp_path):
