@@ -43,7 +43,8 @@ from ..predict import (
 )
 from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
-from .nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances, held_lamp_scale
+from .kept_fits import kept_fit
+from .nuisances import NuisanceFit, Nuisances, fit_lamp_scale, held_lamp_scale
 
 __all__ = [
     "Predicted", "Prepared", "Rendered", "Validation", "band_centres", "compared", "failures", "prepare", "refitted",
@@ -307,9 +308,9 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     predictor = rendered.predictor
     signal = predictor.signal(effects)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
-    return fit_nuisances(
-        prepared.measured, variance, rendered.used, signal, predictor.warp, prepared.expected_camera(effects),
-        prepared.lamp_sigma,
+    return kept_fit(
+        prepared.cache, prepared.measured, variance, rendered.used, signal, predictor.warp,
+        prepared.expected_camera(effects), prepared.lamp_sigma,
     )  # fmt: skip
 
 

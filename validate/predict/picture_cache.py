@@ -25,7 +25,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.progress import QUIET, Progress
 
-__all__ = ["cached_picture", "default_cache", "picture_key", "sources"]
+__all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 
 #: Beyond this size pictures are not kept; beyond that of the whole folder the oldest go, bytes.
 _LARGEST, _ALL = 300e6, 2e9
@@ -62,8 +62,6 @@ def cached_picture(
 
 def picture_key(light: LightField, camera: Camera, samples: int, batches: int, seed: int) -> str:
     """A digest of all that decides the bits of ``gather``'s picture: its arguments, its code, its libraries."""
-    digest = hashlib.sha256(_code())
-    versions = (mi.__version__, dr.__version__, np.__version__, dr.detail.llvm_version(), mi.variant())
     solution = (
         light.table,
         light.spectra,
@@ -73,16 +71,15 @@ def picture_key(light: LightField, camera: Camera, samples: int, batches: int, s
         light.max_bounces,
     )
     geometry = replace(camera, covariance=None)
-    for thing in (
-        versions,
-        platform.machine(),
-        light.tracer.scene,
-        *solution,
-        geometry,
-        samples,
-        batches,
-        seed,
-    ):
+    return digest_of(light.tracer.scene, *solution, geometry, samples, batches, seed)
+
+
+def digest_of(*things: object) -> str:
+    """A digest of values (plain types, arrays, dataclasses and collections of such), of the code that may compute
+    something of them, and of the libraries below it."""
+    digest = hashlib.sha256(_code())
+    versions = (mi.__version__, dr.__version__, np.__version__, dr.detail.llvm_version(), mi.variant())
+    for thing in (versions, platform.machine(), *things):
         _digest(digest, thing)
     return digest.hexdigest()
 

@@ -117,17 +117,31 @@ class Study(Result):
 
     @classmethod
     def read(
-        cls, folder: str | Path, *, cache: str | Path | None = None, progress: Progress = QUIET
+        cls,
+        folder: str | Path,
+        *,
+        cache: str | Path | None = None,
+        known: Study | None = None,
+        progress: Progress = QUIET,
     ) -> Study:
         """A study that ``write`` wrote, with its states to undo and redo.
 
-        Its captures are calibrated again; its pictures come from the cache where they are there, and are rendered
-        again otherwise, with the same bits. Raises InputError for a faulty file, and as ``open`` does.
+        known : a study whose captures are not calibrated again. Others are, since their files may have changed. Its
+        pictures and the fits of camera and lamp come from the cache where they are there, and are made again
+        otherwise, with the same bits. Raises InputError for a faulty file, and as ``open`` does.
         """
         file = read_study(Path(folder) / _FILE)
         progress.stage("calibrating")
         kept = None if cache is None else Path(cache)
-        prepared = tuple(replace(prepare(each, file.model), cache=kept) for each in file.captures)
+        calibrated = {} if known is None else {
+            capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)
+        }  # fmt: skip
+        prepared = tuple(
+            under_model(calibrated[each], file.model)
+            if each in calibrated
+            else replace(prepare(each, file.model), cache=kept)
+            for each in file.captures
+        )
         study = cls(file.history, _Pictures(prepared, file.model))
         study._bases(share(progress, _CALIBRATION, 1.0))
         return study

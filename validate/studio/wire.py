@@ -19,6 +19,10 @@ __all__ = ["catalogue_record", "study_record", "view"]
 
 _MOST_RANKED = 8
 
+#: A slider reaches so many small steps of its parameter from null: light of the room may be as bright as the lamp, and
+#: is looked for at a millionth of that.
+_REACH = 2000
+
 
 def catalogue_record(bench: Workbench) -> list[dict[str, Any]]:
     """All effects, with the names of the capture and scene at hand among their choices."""
@@ -77,7 +81,7 @@ def _effect_record(effect: Effect, bench: Workbench) -> dict[str, Any]:
 
 
 def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
-    """coordinate : lowest, null and highest of the slider, in the coordinate of ``scale``."""
+    """coordinate : lowest, null and highest of the slider, in the coordinate of ``scale``; further bounds are typed."""
     if p.choices:
         names = {}
         if bench.is_open:
@@ -87,6 +91,9 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
     low, high = p.coordinate_bounds
     if math.isinf(high):
         high = low + 20 * p.step
+    if p.null is not None:
+        reach = _REACH * p.step
+        low, high = max(low, p.null_coordinate - reach), min(high, p.null_coordinate + reach)
     return {
         "name": p.name, "choices": [], "unit": "" if p.unit == "1" else p.unit, "scale": p.scale,
         "low": _number(p.low), "high": _number(p.high), "null": None if p.null is None else _number(p.null),

@@ -86,7 +86,7 @@ class Workbench:
         """
         folder = chosen_place(self.root, capture, "capture")
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
-            self._begin(Study.read(folder, cache=self.cache, progress=progress))
+            self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
             return
         chosen = as_model(self._model(model), noise=self._noise, seed=self._seed)
         if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [

@@ -245,6 +245,16 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     page.until("document.getElementById('saved').textContent.includes('model.toml')")
     fitted = load_model(bench.root / "from-page" / "model.toml").effects[0]
     assert fitted.values == bench.study.effects[0].values
+    found = chi2(page)
+    press(page, "undo")
+    page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
+    press(page, "show-open")
+    page.run("document.getElementById('open-capture').value = 'from-page'")
+    page.run("document.getElementById('open').requestSubmit()")
+    page.until(f"document.getElementById('chi2').textContent == '{found:g}' && !page.job")
+    assert bench.study.effects[0].values == fitted.values
+    assert not page.run("document.getElementById('undo').disabled")
+    assert page.run("page.record.effects[0].values.fraction") == pytest.approx(fitted.values["fraction"])
 
 
 def test_the_page_tells_a_mistake_and_goes_on(page):

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from cboxlab.scenes import InputError
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.compare import refitted_picture
+from cboxlab.validate.compare import kept_fits, refitted_picture
 from cboxlab.validate.model import load_model
+from cboxlab.validate.predict import picture_cache
 from cboxlab.validate.results import Study
 from cboxlab.validate.results import study as study_module
 from glare_capture import GLARE, glare_capture
@@ -115,15 +116,22 @@ def test_nothing_is_done_twice(fitted, monkeypatch):
     assert again.predictions()[0] is fitted.predictions()[0]
 
 
-def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place):
-    """Rendered with its effects it stays near what was predicted; opened again it is the same, with its history."""
+def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place, monkeypatch):
+    """Rendered with its effects it stays near what was predicted; opened again it is the same, with its history.
+
+    Neither rendered nor fitted again; and not calibrated where its capture is open.
+    """
     rendered = fitted.render()
     assert rendered.rendered and not fitted.rendered
     assert rendered.chi2 == pytest.approx(fitted.chi2, rel=0.25)
     study_json, model = rendered.write(place / "saved")
     assert load_model(model).effects[0].sigma == fitted.effects[0].sigma
+    monkeypatch.setattr(picture_cache, "gather", None)
+    monkeypatch.setattr(kept_fits, "fit_nuisances", None)
     opened = Study.read(place / "saved", cache=place / "cache")
     assert same_bits(opened, rendered)
+    monkeypatch.setattr(study_module, "prepare", None)
+    assert same_bits(Study.read(place / "saved", known=opened), rendered)
     assert [e.id for e in opened.undo().effects] == ["veiling-glare"] and opened.undo().undo().effects == ()
     content = json.loads(study_json.read_text())
     assert content["captures"] == ["../capture"] and len(content["states"]) == 3
