@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from cboxlab.render.perturbation import Warp
@@ -51,7 +52,9 @@ def _read(path: Path, camera: Camera) -> NuisanceFit | None:
         with np.load(BytesIO(path.read_bytes())) as file:
             values = {name: file[name] for name in (*_FITTED, "lamp")}
         scale, sigma = values.pop("lamp").tolist()
-        changed = {name: value if value.ndim else float(value) for name, value in values.items()}
+        changed: dict[str, Any] = {
+            name: value if value.ndim else float(value) for name, value in values.items()
+        }
     except Exception:  # whatever reading a damaged file raises, the fit can be made anew
         return None
     return NuisanceFit(replace(camera, covariance=None, **changed), scale, sigma)
