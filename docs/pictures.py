@@ -1,10 +1,11 @@
-"""Makes the manual's pictures anew: python docs/pictures.py [effects] [readme]
+"""Makes the manual's pictures anew: python docs/pictures.py [effects | ID ...] [readme]
 
-effects : the signature of every effect, docs/figures/effects/ID.png (about ten minutes).
+effects : the signature of every effect, docs/figures/effects/ID.png (about ten minutes); ID : that of one.
 readme : photograph, render and difference of the bundled capture, docs/figures/readme-comparison.png.
 """
 
 import sys
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -26,13 +27,13 @@ def small_png(path: Path) -> None:
     path.write_bytes(buffer.getvalue())
 
 
-def effect_pictures() -> None:
-    """Every effect of the catalogue at the example values of its parameters."""
+def effect_pictures(names: Sequence[str] = ()) -> None:
+    """The effects of these names, or of the whole catalogue, at the example values of their parameters."""
     from cboxlab.validate.commands.effect_picture import pictured_light, write_effect_picture
     from cboxlab.validate.effects import catalogue
 
     light = pictured_light()
-    for effect in catalogue().values():
+    for effect in [catalogue()[name] for name in names or catalogue()]:
         path = FIGURES / "effects" / f"{effect.id}.png"
         told = write_effect_picture(path, effect, light, DPI)
         small_png(path)
@@ -93,5 +94,8 @@ def shown(xyz: np.ndarray, white: float) -> np.ndarray:
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or ["effects", "readme"]
-    for name in wanted:
-        {"effects": effect_pictures, "readme": readme_pictures}[name]()
+    single = [name for name in wanted if name not in ("effects", "readme")]
+    if single or "effects" in wanted:
+        effect_pictures(single)
+    if "readme" in wanted:
+        readme_pictures()

@@ -1,24 +1,127 @@
-"""The manual's notebook from cube to raw runs, and its example of an effect is one."""
+"""The manual: it builds, its commands are commands, its notebooks run, its example of an effect is one.
+
+``benchmarks/manual_commands.py`` runs every command of the README and the tutorial as it is written.
+"""
 
 import json
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import matplotlib
+import pytest
+from cboxlab.validate.commands.app import app
+from cboxlab.validate.diagnose import diagnosis as diagnosis_module
 from cboxlab.validate.effects import catalogue
+from cboxlab.validate.model import load_model
+from glare_capture import GLARE, glare_capture
+from manual_commands import NEW_USER, commands, pages
 from places import ROOT
+from typer.main import get_command
 
 DOCS = ROOT / "docs"
 
+#: Options and commands whose value is a path that is written.
+WRITTEN = ("--out", "--json", "--to")
 
-def test_the_notebook_from_cube_to_raw_runs(monkeypatch, tmp_path):
-    matplotlib.use("Agg")
+
+def test_the_manual_builds_without_a_warning(tmp_path):
+    build = [sys.executable, "-m", "sphinx", "-q", "-n", "-W", "--keep-going", DOCS, tmp_path / "manual"]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "manual" / "tutorial.html").exists()
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if commands(page)])
+def test_every_command_of_the_manual_can_be_parsed(page):
+    group = get_command(app)
+    for words in commands(page):
+        context = group.make_context("cbox", list(words))
+        name, command, rest = group.resolve_command(context, list(words))
+        command.make_context(name, rest)  # ends the process where an option or argument is not known
+
+
+@pytest.mark.parametrize("page", NEW_USER)
+def test_every_file_in_a_new_users_commands_is_there_or_was_written_before(page):
+    written, seen = [], 0
+    for words in commands(page, "shell"):
+        new = {words[i + 1] for i, word in enumerate(words[:-1]) if word in WRITTEN}
+        if words[0] == "add":
+            new.add(words[1])
+        for word in words[1:]:
+            if (
+                word in new
+                or not re.search(r"[/.]|^blind$", word)
+                or "=" in word
+                or re.match(r"[\d.]+%?$", word)
+            ):
+                continue
+            seen += 1
+            assert (ROOT / word).exists() or any(Path(word).is_relative_to(one) for one in written), words
+        written += new
+    assert seen >= 4
+
+
+def test_the_cheap_commands_of_the_tutorial_run(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
-    cells = json.loads((DOCS / "notebooks" / "cube_to_raw.ipynb").read_text(encoding="utf-8"))["cells"]
+    ran = []
+    for words in commands("docs/tutorial.md", "shell"):
+        if words[0] == "effects" or (words[0] == "add" and "--fit" not in words):
+            with pytest.raises(SystemExit) as ended:
+                get_command(app)(words, prog_name="cbox")
+            assert not ended.value.code
+            ran.append(words[0])
+    assert ran == ["effects", "effects", "add"] and "veiling-glare" in capsys.readouterr().out
+    assert load_model(tmp_path / "by-hand.toml").effects[0].values == {"fraction": 0.002}
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A folder for notebooks, beside a small capture in the place of the bundled one."""
+    matplotlib.use("Agg")
+    root = tmp_path_factory.mktemp("manual")
+    (root / "validate" / "data").mkdir(parents=True)
+    glare_capture(root / "validate" / "data" / "demo-capture")
+    place = root / "docs" / "notebooks"
+    place.mkdir(parents=True)
+    return place
+
+
+def run_notebook(name, monkeypatch, place):
+    """The names that the notebook's cells leave behind."""
+    monkeypatch.chdir(place)
+    cells = json.loads((DOCS / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     names: dict = {}
     for cell in cells:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), names)
-    assert (tmp_path / "cube.exr").exists() and (tmp_path / "raw" / "raw.tif").exists()
+    return names
+
+
+def test_the_notebook_from_cube_to_raw_runs(monkeypatch, desk):
+    run_notebook("cube_to_raw", monkeypatch, desk)
+    assert (desk / "cube.exr").exists() and (desk / "raw" / "raw.tif").exists()
+
+
+def test_the_notebook_of_a_validation_runs(monkeypatch, desk):
+    names = run_notebook("validate", monkeypatch, desk)
+    assert names["metrics"]["chi2_per_dof"] > 1.2 and (desk / "validation" / "report.html").exists()
+    assert "CBoxViewer" in names["validation"]._repr_html_()
+
+
+def test_the_notebook_that_finds_an_effect_runs(monkeypatch, desk):
+    tried = diagnosis_module.hypotheses  # two of them: each costs seconds
+    monkeypatch.setattr(
+        diagnosis_module,
+        "hypotheses",
+        lambda *a: [h for h in tried(*a) if h.effect.id in ("veiling-glare", "ghost")],
+    )
+    names = run_notebook("find_an_effect", monkeypatch, desk)
+    assert names["fitted"].effects[0].values["fraction"] == pytest.approx(GLARE, abs=0.003)
+    assert names["fitted"].chi2 < min(names["found"])
+    assert names["record"]["selected"][0] == "veiling-glare"
+    assert load_model(desk / "found" / "model.toml").effects[0].id == "veiling-glare"
 
 
 def test_the_example_of_an_effect_is_one():

@@ -25,8 +25,9 @@ def print_validation(result: Validation) -> None:
     )
     bands = named_bands(c.bands, result.prepared.responses)
     table = data_table(
-        f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %",
-        "surface", *(name for _, name in bands), "ΔE*ab", "χ²/dof",
+        f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %; "
+        "bands in nm",
+        "surface", *(name.removesuffix(" nm") for _, name in bands), "ΔE*ab", "χ²/dof",
     )  # fmt: skip
     for name, row in c.by_surface.items():
         table.add_row(
