@@ -1,11 +1,14 @@
 """The report in a real browser: complete, readable at any width, in light and dark, and on paper."""
 
 import re
+import unicodedata
+from io import BytesIO
 
 import pytest
 from browser import open_browser
 from cboxlab.validate.report.page import ReportInputs, build_report
 from fake_box import FakeBox, fake_run, fake_weights
+from pypdf import PdfReader
 
 BOX = FakeBox(size=48)
 
@@ -75,6 +78,11 @@ def test_every_text_can_be_read(browser, report, width, dark):
     assert browser.errors == []
 
 
+def _squeezed(text):
+    """Without spaces, letters joined in one sign apart."""
+    return re.sub(r"\s", "", unicodedata.normalize("NFKC", text))
+
+
 def test_every_control_and_picture_has_a_name(browser, report):
     _open(browser, report, 1280)
     nameless = browser.run(
@@ -85,12 +93,37 @@ def test_every_control_and_picture_has_a_name(browser, report):
     assert nameless == []
 
 
+def test_pixels_are_marked_where_they_are(browser, report):
+    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and beside it."""
+    _open(browser, report, 1280)
+    found = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
+      const picture = frame.querySelector('img').getBoundingClientRect();
+      const marks = (where) => [...frame.querySelectorAll(where)].map(
+        (e) => [parseInt(e.textContent), e.getBoundingClientRect()]);
+      return [
+        ...marks('.across span').map(([n, box]) => [n, (box.left + 0.3 * 11.5 - picture.left) / picture.width]),
+        ...marks('.down span').map(([n, box]) => [n, ((box.top + box.bottom) / 2 - picture.top) / picture.height]),
+      ];
+    })""")
+    assert len(found) > 20
+    for pixel, place in found:
+        assert place == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
+
+
 def test_printed_it_is_complete_and_keeps_its_columns(browser, report):
     """Folded chapters are in the PDF; pictures of a row stand side by side, and colour bars keep colours."""
     _open(browser, report, 1280)
     browser.run("document.querySelectorAll('details').forEach((one) => { one.open = false; })")
-    pages = len(re.findall(rb"/Type\s*/Page\b", browser.pdf()))
-    assert pages >= 6
+    printed = PdfReader(BytesIO(browser.pdf()))
+    # ligatures and line breaks are the printer's
+    text = _squeezed("".join(page.extract_text() for page in printed.pages))
+    titles = browser.run(
+        "[...document.querySelectorAll('h1, h2, .folded summary, caption, th, figcaption')].map((e) => e.textContent)"
+    )
+    assert len(printed.pages) >= 6 and len(titles) > 50
+    assert [title for title in titles if _squeezed(title) not in text] == []
+    shades = sum(len(page["/Resources"].get("/Pattern", {})) for page in printed.pages)
+    assert shades >= browser.run("document.querySelectorAll('.ramp').length") > 5
     assert browser.run("Array.from(document.querySelectorAll('.folded details')).every((one) => one.open)")
     # as the printer lays it out: A4 less its margins
     browser.call("Emulation.setEmulatedMedia", media="print")
