@@ -44,12 +44,15 @@ class Nearest:
 class FlatFaces:
     """Faces for ``ray_intersect_preliminary`` and ``ray_test``, which answer as Mitsuba's scene does.
 
-    rows : for each face 18 numbers: plane (n, n . p), axes (u, u . p), (v, v . p), and two lines (a, b, c) with
-    a u + b v + c >= 0 inside, mm but for directions. hull : for each face, whether it lies on the scene's convex hull.
-    overlap_mm : how far faces reach beyond edges. triangles : (f, 2) of each face, the second where the diagonal's
-    line, a row (f, 4) of the position, is positive. coordinates : (t, 2, 4) rows of barycentric coordinates.
+    planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
+    the plane's a is the face's normal. Triangles have a side twice. rows : for each face 18 numbers of one lane: plane
+    (n, n . p), axes (u, u . p), (v, v . p), and two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for
+    directions. hull : for each face, whether it lies on the scene's convex hull. overlap_mm : how far faces reach
+    beyond edges. triangles : (f, 2) of each face, the second where the diagonal's line, a row (f, 4) of the position,
+    is positive. coordinates : (t, 2, 4) rows of barycentric coordinates.
     """
 
+    planes: NDArray[np.float64]
     rows: tuple[tuple[mi.Float, ...], ...]
     hull: tuple[bool, ...]
     overlap_mm: float
@@ -111,15 +114,12 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     if len(polygons) > MOST_FACES:
         return None
     corners = vertices.reshape(-1, 3)
-    rows, hull = [], []
-    for outline, _ in polygons:
-        row = _row(outline)
-        rows.append(tuple(dr.opaque(mi.Float, float(value)) for value in row))
-        height = corners @ row[:3] - row[3]
-        hull.append(bool(min(height.max(), -height.min()) < _FLAT_MM))
+    planes = np.array([_planes(outline) for outline, _ in polygons])
+    height = corners @ planes[:, 0, :3].T - planes[:, 0, 3]
     return FlatFaces(
-        rows=tuple(rows),
-        hull=tuple(hull),
+        planes=planes,
+        rows=tuple(tuple(dr.opaque(mi.Float, float(value)) for value in _row(own)) for own in planes),
+        hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=_OVERLAP * float(np.ptp(corners, axis=0).max()),
         diagonals=_buffer([_diagonal(outline) for outline, _ in polygons]),
         triangles=mi.UInt32(np.array([(own[0], own[-1]) for _, own in polygons], np.uint32).ravel()),
@@ -171,18 +171,26 @@ def _normal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     return normal / np.linalg.norm(normal)
 
 
-def _row(outline: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(18,) numbers of a face, as in ``FlatFaces.rows``: u and v are distances from its first and its last edge."""
+def _planes(outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(5, 4) rows of a face, as in ``FlatFaces.planes``; the second and the last side have the first corner."""
     normal = _normal(outline)
     edges = np.roll(outline, -1, axis=0) - outline
     inwards = np.cross(normal, edges / np.linalg.norm(edges, axis=1, keepdims=True))
-    axes = inwards[[0, -1]]
+    sides = [(a, a @ corner) for a, corner in zip(inwards, outline, strict=True)]
+    if len(sides) == 3:
+        sides.insert(1, sides[1])
+    return np.array([[*a, b] for a, b in ((normal, normal @ outline[0]), *sides)])
+
+
+def _row(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(18,) numbers of a face, as in ``FlatFaces.rows``: u and v are distances from its first and its last side."""
+    plane, first, *others, last = planes
+    axes = np.array([first[:3], last[:3]])
     lines = []
-    for index in (1, len(outline) - 2):
-        parts, *_ = np.linalg.lstsq(axes.T, inwards[index], rcond=None)
-        lines.append([*parts, inwards[index] @ (outline[0] - outline[index])])
-    planes = [[*axis, axis @ outline[0]] for axis in (normal, *axes)]
-    return np.concatenate([np.ravel(planes), np.ravel(lines)])
+    for other in others:
+        parts, *_ = np.linalg.lstsq(axes.T, other[:3], rcond=None)
+        lines.append([*parts, parts @ (first[3], last[3]) - other[3]])
+    return np.concatenate([plane, first, last, np.ravel(lines)])
 
 
 def _diagonal(outline: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from ..device import SobolPoints, dr, mi
 from .face_edges import face_edges, pixels_on_edges
+from .flat_faces import FlatFaces
+from .polygon_coverage import polygon_coverage
 from .tracer import Tracer, intersect, pixel_rays
 
 __all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
@@ -47,6 +49,8 @@ def pixel_coverage(
     tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int = 0
 ) -> np.ndarray:
     """(n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows."""
+    if isinstance(tracer.accelerator, FlatFaces):
+        return _by_polygons(tracer, tracer.accelerator, camera, pixels, samples, seed)
     count = len(pixels)
     lane = mi.UInt32(np.asarray(pixels, np.uint32))
     rays = pixel_rays(camera, lane)
@@ -64,6 +68,18 @@ def pixel_coverage(
     _, sums = dr.while_loop(start, lambda i, _: i < total, body)
     dr.eval(sums)
     return np.stack([s.numpy() for s in sums], axis=-1) / np.float32(samples)
+
+
+def _by_polygons(
+    tracer: Tracer, faces: FlatFaces, camera: Camera, pixels: np.ndarray, samples: int, seed: int
+) -> np.ndarray:
+    """The lit sides of polygons, added up by flat face; backs only hide what is behind them."""
+    lit = faces.planes[:, 0, :3] @ camera.position_mm > faces.planes[:, 0, 3]
+    first = np.array(faces.triangles)[::2]
+    own = np.eye(len(tracer.facet_surface), dtype=np.float32)[tracer.facet[first]] * lit[:, None].astype(
+        np.float32
+    )
+    return polygon_coverage(faces, camera, np.asarray(pixels), samples, seed) @ own
 
 
 def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:

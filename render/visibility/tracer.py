@@ -21,6 +21,7 @@ __all__ = [
     "intersect",
     "normal_and_material",
     "pixel_rays",
+    "undistorted_positions",
     "visible",
 ]
 
@@ -196,14 +197,30 @@ def visible(
 def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], mi.Ray3f]:
     """Camera rays, distortion inverted, through one pixel per lane; pixels are counted along the rows.
 
-    Returns a function of the position in the pixel, 0 to 1 along its row and its column. Undistorted positions are
-    the distorted ones times s with s + q s^3 = 1, q = k1 r^2, solved by Newton's method: several steps once for the
-    pixel's centre, then one step for each position.
+    Returns a function of the position in the pixel, 0 to 1 along its row and its column.
+    """
+    axes = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
+    origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
+    positions = undistorted_positions(camera, pixel)
+
+    def rays(u: mi.Float, v: mi.Float) -> mi.Ray3f:
+        x, y = positions(u, v)
+        direction = mi.Vector3f(*(x * axes[0][i] + y * axes[1][i] + axes[2][i] for i in range(3)))
+        return mi.Ray3f(origin, dr.normalize(direction))
+
+    return rays
+
+
+def undistorted_positions(
+    camera: Camera, pixel: mi.UInt32
+) -> Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]:
+    """Slopes x and y of camera rays against the camera's axis, by the position in the pixel as in ``pixel_rays``.
+
+    Undistorted positions are the distorted ones times s with s + q s^3 = 1, q = k1 r^2, solved by Newton's method:
+    several steps once for the pixel's centre, then one step for each position.
     """
     f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
     centre_x, centre_y = (dr.opaque(mi.Float, float(c)) for c in camera.principal_point_px)
-    axes = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
-    origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
     column, row = mi.Float(pixel % camera.width_px), mi.Float(pixel // camera.width_px)
     if camera.further_distortion is not None:
         # within a pixel it is taken for even
@@ -227,11 +244,9 @@ def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float
         scale_centre = newton(scale_centre, q_centre)
     slope = -(scale_centre**3) / (1 + 3 * q_centre * scale_centre**2)
 
-    def rays(u: mi.Float, v: mi.Float) -> mi.Ray3f:
+    def positions(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
         x, y, q = place(u, v)
         scale = newton(scale_centre + slope * (q - q_centre), q)
-        x, y = x * scale, y * scale
-        direction = mi.Vector3f(*(x * axes[0][i] + y * axes[1][i] + axes[2][i] for i in range(3)))
-        return mi.Ray3f(origin, dr.normalize(direction))
+        return x * scale, y * scale
 
-    return rays
+    return positions
