@@ -123,4 +123,4 @@ def _sampled(
     start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(most)])
     _, sums = dr.while_loop(start, lambda i, _: i < last, body)
     dr.eval(sums)
-    return np.stack([s.numpy() for s in sums], axis=-1) / np.float32(samples)
+    return (np.stack([s.numpy() for s in sums], axis=-1) / samples).astype(np.float32)

@@ -22,7 +22,7 @@ def cameras():
         "distorted": replace(published, k1=-0.12),
         "inside, past a block": inside,
         "wide, from within": replace(inside, focal_length_px=0.2 * published.focal_length_px),
-        "outside, sees backs": replace(published, position_mm=np.array([900.0, 300.0, -600.0])),
+        "askew, sees backs": replace(published, position_mm=np.array([700.0, 300.0, -500.0])),
         "in the plane of a wall": replace(published, position_mm=np.array([300.0, 0.0, -800.0])),
     }
 
