@@ -4,7 +4,7 @@
 
 Every surface counts that lies within 0.2 % of ours, its standard deviation being at most 0.1 %; a surface whose error
 is larger is not decided. Each renderer takes so many samples that six of the seven surfaces are decided: about 1
-minute for Mitsuba, 4 for Radiance, 25 for Raysect, of one core. With --out an interrupted run goes on with the batch it
+minute for Mitsuba, 4 for Radiance, 40 for Raysect, of one core. With --out an interrupted run goes on with the batch it
 was at. --effort multiplies the samples.
 """
 
@@ -24,7 +24,7 @@ WITHIN, SIGMA = 0.002, 0.001
 SIZE, REFERENCE_SAMPLES = 64, 2048
 #: Samples per pixel and batch, batches.
 SAMPLES = {
-    "mitsuba": (1600, 8), "radiance": (1024, 8), "raysect": (720, 40), "luxcore": (1024, 8), "pbrt": (1024, 8),
+    "mitsuba": (1600, 8), "radiance": (1024, 8), "raysect": (720, 80), "luxcore": (1024, 8), "pbrt": (1024, 8),
 }  # fmt: skip
 
 

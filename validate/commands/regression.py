@@ -51,7 +51,9 @@ def regress(
     ] = None,
     camera: Annotated[
         Path | None,
-        typer.Option(help="A capture folder: its calibrated camera; default the published one."),
+        typer.Option(
+            help="A camera file (.json), or a capture folder (its camera and lamp); default the published camera."
+        ),
     ] = None,
     false_alarms: Annotated[
         float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)
@@ -83,7 +85,7 @@ def _print(outcome: Outcome) -> None:
     say(f"{'SAME' if outcome.same else 'DIFFERENT'}: mean light {whole.difference:+.3%} ± {whole.sigma:.3%}")
     if outcome.same:
         say(f"The mean light agrees within {outcome.equivalence_95:.3%} at 95 %.")
-    say(f"Detectable difference of the mean light: {whole.detectable:.3%} (in 90 of 100 runs).")
+    say(f"Detectable even change of the light: {outcome.would_have_seen:.3%} (in 90 of 100 runs).")
     table = data_table("Surfaces", "surface", "difference, %", "± %", "sigmas", "detectable, %")
     for row in outcome.of_kind("surface"):
         table.add_row(row.name, *_cells(row))

@@ -2,6 +2,7 @@
 
 from .model_file import Model, checked_effects, load_model, model_text, write_model
 from .stages import displacement, labelled_cube, model_cube_inputs, seen_through, with_further_distortion
+from .view import view_of
 
 __all__ = [
     "Model",
@@ -12,6 +13,7 @@ __all__ = [
     "model_cube_inputs",
     "model_text",
     "seen_through",
+    "view_of",
     "with_further_distortion",
     "write_model",
 ]

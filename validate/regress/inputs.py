@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.render.files import AS_STATED, Declared, require_used
 from cboxlab.render.integrators import BATCHES, render
 from cboxlab.scenes.camera import Camera
@@ -17,8 +15,9 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import packaged_scenes
+from cboxlab.scenes.spectra import Spectrum
 
-from ..model import labelled_cube, load_model, model_cube_inputs
+from ..model import labelled_cube, load_model, model_cube_inputs, view_of
 from .naming import named_changes
 from .outcome import NamedChange, Outcome
 from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
@@ -29,6 +28,7 @@ __all__ = ["assert_same_light", "regress_inputs", "regress_pictures"]
 
 #: Pictures that deviate less from the published box's (see ``mismatch``) show it.
 _RECOGNISED = 0.05
+_PUBLISHED = "cornell-box"
 #: Of models rendered on the fly where both sides are models.
 _SIZE_PX, _WAVELENGTHS_NM = 128, np.arange(400.0, 701.0, 20.0)
 _SAMPLES = 64
@@ -56,9 +56,9 @@ def regress_inputs(
     """Compare what two arguments of the command line name, and name the change where they differ.
 
     Each is a spectral cube, several joined by commas, a folder of cubes, a model file or a packaged scene; models
-    are rendered at the other side's size and wavelengths. model, camera : what the cubes show; where left out, the
-    published box through the published camera, if the baseline shows it. declared : what the files do not state.
-    Raises InputError for what cannot be read or compared.
+    are rendered at the other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file
+    or a capture folder; where left out, the published box through the published camera, if the baseline shows it.
+    declared : what the files do not state. Raises InputError for what cannot be read or compared.
     """
     sides = [
         None if _is_model(text) else read_side(cube_paths(text), declared) for text in (baseline, candidate)
@@ -68,6 +68,8 @@ def regress_inputs(
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
     size = _SIZE_PX if known is None else known.shape
     view = None if stated is None else _view(stated, camera, size)
+    if view is None and camera is not None:
+        view = replace(_view(_PUBLISHED, camera, size), stated=False)
     grid = _WAVELENGTHS_NM if known is None or known.in_colour else known.wavelength_nm
     ready = [
         _rendered(text, camera, size, grid, seed) if side is None else side
@@ -135,36 +137,31 @@ def _is_model(text: str) -> bool:
     return text.endswith(".toml") or (text in packaged_scenes() and not Path(text).exists())
 
 
-def _camera(folder: Path | None, size: int | Sequence[int]) -> Camera:
-    """Raises InputError where the pictures are not of the camera's size."""
+def _seen(camera: Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
+    """Camera and lamp. Raises InputError where the pictures are not of the camera's size."""
     rows, columns = (size, size) if isinstance(size, int) else size
-    if folder is None:
+    if camera is None:
         if rows != columns:
             raise InputError(
-                "camera", f"pictures of {columns} x {rows} px", "a capture folder with their camera"
+                "camera", f"pictures of {columns} x {rows} px", "a camera file or a capture folder"
             )
-        return cornell_camera(rows)
-    fit, target, _ = calibrate_camera(load_capture(folder))
-    found = target.survey_camera if target is not None and target.survey_camera is not None else None
-    if found is None and fit is not None:
-        found = fit.camera
-    if found is None:
-        raise InputError(folder, "no [geometry] with points", "surveyed points, for the camera")
+        return cornell_camera(rows), None
+    found, lamp = view_of(camera)
     if not isinstance(size, int) and (found.height_px, found.width_px) != (rows, columns):
         raise InputError(
-            folder, f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
+            camera, f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
         )
-    return found
+    return found, lamp
 
 
 def _view(text: str, camera: Path | None, size: int | Sequence[int]) -> View:
-    scene, view, _ = model_cube_inputs(load_model(text), _camera(camera, size))
+    scene, view, _ = model_cube_inputs(load_model(text), *_seen(camera, size))
     return View(scene, view, True)
 
 
 def _rendered(text: str, camera: Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     chosen = load_model(text)
-    scene, view, bounces = model_cube_inputs(chosen, _camera(camera, size))
+    scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
     image = render(
         scene, view, grid, _SAMPLES, BATCHES, seed=chosen.render.seed + 7 * seed, max_bounces=bounces
     )
@@ -176,7 +173,7 @@ def _variants(view: View | None, baseline: Side, notes: list[str]) -> Variants |
     if view is None:
         if baseline.shape[0] != baseline.shape[1]:
             return None
-        view = replace(_view("cornell-box", None, baseline.shape), stated=False)
+        view = replace(_view(_PUBLISHED, None, baseline.shape), stated=False)
     try:
         variants = build_variants(view.scene, view.camera, baseline)
     except InputError as error:
@@ -192,8 +189,7 @@ def _variants(view: View | None, baseline: Side, notes: list[str]) -> Variants |
     if off > _RECOGNISED:
         return None
     notes.append(
-        f"the baseline shows the published box through the published camera (within {off:.1%}), whose surfaces and "
-        "light are used"
+        f"the baseline shows the published box (within {off:.1%}), whose surfaces and light are used"
     )
     return variants
 

@@ -18,18 +18,35 @@ from .noise import Noise, high_pass, smooth_variance
 from .outliers import Trimmed
 from .strata import BLOCKS, Strata
 
-__all__ = ["SHARES", "SYSTEMATIC", "PooledMean", "Pooling", "pool_of", "pooled_means", "quieter_part"]
+__all__ = [
+    "SHARES",
+    "SYSTEMATIC",
+    "PooledMean",
+    "Pooling",
+    "pool_of",
+    "pooled_means",
+    "quieter_part",
+    "roughness_of",
+]
 
 #: Parts of the false-alarm rate.
-SHARES = {"whole": 0.40, "surface": 0.20, "band": 0.10, "stratum": 0.05, "pattern": 0.10, "block": 0.15}
+SHARES = {
+    "whole": 0.10, "even": 0.35, "surface": 0.20, "band": 0.10, "stratum": 0.05, "pattern": 0.08, "block": 0.12,
+}  # fmt: skip
 
 #: Relative standard deviation of any pooled mean that no noise explains: the estimators' own accuracy.
 SYSTEMATIC = 1.0e-4
 
+#: Relative standard deviation of a cell that no noise explains; cells weigh at most so many times their median.
+_CELL_FLOOR, _HEAVIEST = 1e-3, 20.0
 #: Fewer pixels make no pool.
 _FEWEST = 12
 #: Small pools of skewed noise are judged as Student's t with no more degrees of freedom than this.
 _BLOCK_DEGREES = 12.0
+#: Steps of so many standard deviations count in full in patterns, smaller ones less.
+_CLEAR_SIGMAS = 10.0
+#: Edges whose second derivative is below this part of their step, times two, do not tell a blur.
+_SHARP = 0.2
 #: Power is stated for this part of all runs.
 _POWER = 0.9
 
@@ -66,6 +83,7 @@ class Pooling:
     """What all pools share. interpolation : (w,) relative standard deviation from differing wavelength grids.
 
     quieter : candidate's part in the mean of both pictures whose noise is independent of their difference's, 0 to 1.
+    roughness : (y, x) how much variance each pixel has beside others, for weights; None for that of ``noise``.
     """
 
     trimmed: Trimmed
@@ -74,6 +92,7 @@ class Pooling:
     false_alarms: float
     interpolation: NDArray[np.float64]
     quieter: float = 0.5
+    roughness: NDArray[np.float64] | None = None
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
@@ -89,8 +108,22 @@ def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_
     return own[0] / sum(own) if sum(own) > 0 else 0.5
 
 
+def roughness_of(
+    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(y, x) from the variances of two pictures (y, x, w), each over its own mean.
+
+    A variance that is estimated together with a mean is smaller where the mean is, and weights from it would bias the
+    mean. The parts of the two are such that these biases of their difference cancel.
+    """
+    first, second = (np.sqrt(variance).sum(axis=-1) ** 2 for variance in (baseline, candidate))
+    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
+    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
+    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
+
+
 def pooled_means(pooling: Pooling, names_of_bands: Sequence[str]) -> tuple[PooledMean, ...]:
-    """The whole picture, each surface, each band, edges, border and lamp, a grid of blocks, and two patterns."""
+    """The whole picture twice, each surface, each band, edges, border and lamp, a grid of blocks, and patterns."""
     strata, bands = pooling.strata, len(names_of_bands)
     ones = np.ones(bands)
     found = [pool_of(pooling, "whole", "whole picture", strata.body, ones, 1)]
@@ -107,7 +140,7 @@ def pooled_means(pooling: Pooling, names_of_bands: Sequence[str]) -> tuple[Poole
                 strata.smooth & (strata.block == i), ones, BLOCKS**2)
         for i in range(BLOCKS**2)
     ]  # fmt: skip
-    return (*(row for row in found if row is not None), *_patterns(pooling))
+    return (*(row for row in found if row is not None), *_even(pooling), *_patterns(pooling))
 
 
 def pool_of(
@@ -146,6 +179,48 @@ def pool_of(
         degrees=degrees,
         count=count,
     )
+
+
+def _even(pooling: Pooling) -> list[PooledMean]:
+    """The mean of the relative differences of cells, each weighted by its precision: the sharpest test of a change by
+    about the same factor everywhere, as of a paint or of the depth of paths.
+
+    Cells are surfaces, edges and border, in each block of the grid.
+    """
+    strata, noise, trimmed = pooling.strata, pooling.noise, pooling.trimmed
+    part = np.zeros(strata.block.shape, int)
+    for number, mask in enumerate((strata.edges, strata.border, *strata.surfaces.values()), start=1):
+        part[mask] = number
+    body = strata.body
+    _, cell, pixels = np.unique(
+        (part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True
+    )
+    outlier, each = trimmed.outlier[body], noise.total[body]
+    quiet = np.where(outlier, np.median(each), each)
+    bound = trimmed.level[body].sum(axis=-1)
+    aside = np.clip(trimmed.excess[body], -bound, bound)
+    rough = each if pooling.roughness is None else pooling.roughness[body]
+    rough = np.where(outlier, np.median(rough), rough)
+    sums = (bound, trimmed.difference[body].sum(axis=-1), quiet, aside, rough)
+    told = (pixels >= _FEWEST) & (np.bincount(cell, bound) > 0)
+    level, difference, variance, excess, unrest = (np.bincount(cell, values)[told] for values in sums)
+    if level.size < _FEWEST:
+        return []
+    more = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
+    floor = (_CELL_FLOOR * level) ** 2
+    variance = more * variance + floor
+    weight = level**2 / (
+        unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor
+    )  # of relative differences
+    weight = np.minimum(weight, _HEAVIEST * np.median(weight)) / level
+    total = float(weight @ level)
+    allowed = float(np.hypot(SYSTEMATIC, np.mean(pooling.interpolation)))
+    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2) / total
+    return [
+        _row(pooling, "even", "weighted by precision", int(pixels[told].sum()),
+             difference=float(weight @ difference) / total, sigma=float(np.hypot(sigma, allowed)),
+             degrees=level.size - 1.0, count=1)
+    ]  # fmt: skip
 
 
 def _scatter(
@@ -193,12 +268,12 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     curved = -_laplacian(half)
     own = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
     places = strata.used & own & (strata.edges | strata.lamp)
-    weight = np.where(places, 1 / np.maximum(span**2 + 9 * sigma, 1e-300), 0.0)
+    weight = np.where(places, 1 / np.maximum(span**2 + _CLEAR_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     left = total - scale * level
     found = []
     for name, slope, unit, clear in (
-        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0), ("blur", -curved / 2, "px^2", 0.5),
+        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0), ("blur", -curved / 2, "px^2", _SHARP),
     ):  # fmt: skip
         where = places & (np.abs(slope) > clear * span)
         terms = (weight * slope * left)[where]

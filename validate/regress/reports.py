@@ -50,7 +50,7 @@ def summary(outcome: Outcome) -> str:
     if outcome.same:
         return (
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
-            f"{whole.detectable:.3%} would have been seen"
+            f"{outcome.would_have_seen:.3%} would have been seen"
         )
     named = f", named {outcome.named[0].change} {outcome.named[0].parameters}" if outcome.named else ""
     return f"different: mean light {whole.difference:+.3%} +- {whole.sigma:.3%}{named}"

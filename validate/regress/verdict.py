@@ -13,7 +13,7 @@ from .grids import Common, common_wavelengths
 from .noise import Noise, noise_of, smooth_variance
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
-from .pooled import Pooling, pooled_means, quieter_part
+from .pooled import Pooling, pooled_means, quieter_part, roughness_of
 from .sides import Side, SurfaceMap
 from .strata import Strata, strata_of
 
@@ -64,7 +64,12 @@ def compared_sides(
         noise = replace(noise, total=noise.over(np.ones(variance.shape[-1])))
     before = cut.level.sum(axis=-1)
     quieter = quieter_part(before, before + cut.difference.sum(axis=-1), strata.smooth)
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter)
+    roughness = (
+        None
+        if a.variance is None or b.variance is None
+        else roughness_of(b.variance, a.variance, strata.body)
+    )
+    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness)
     return Comparison(common, strata, noise, cut, pooling)
 
 

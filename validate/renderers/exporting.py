@@ -7,8 +7,7 @@ from pathlib import Path
 from cboxlab.render.export import Exported, ExportSettings, exported_scene
 from cboxlab.scenes.cornell_box import cornell_camera
 
-from ..model import Model, model_cube_inputs
-from ..results import view_of
+from ..model import Model, model_cube_inputs, view_of
 
 __all__ = ["exported_model"]
 

@@ -1,7 +1,7 @@
 """What the public face ``cboxlab`` offers: from paths or objects to results that print, become dicts and files."""
 
 from .calibration import CalibrationResult, calibrate
-from .cube import CubeResult, CubeSettings, render, render_file, view_of
+from .cube import CubeResult, CubeSettings, render, render_file
 from .diagnosis import DiagnosisResult, diagnose
 from .inputs import ModelLike, as_model
 from .raw_frame import RawFrame, simulate
@@ -26,5 +26,4 @@ __all__ = [
     "render_file",
     "simulate",
     "validate",
-    "view_of",
 ]

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.capture import Capture
-from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.render.chain import stages_between
-from cboxlab.render.export import read_camera
 from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_strips
 from cboxlab.render.integrators import BATCHES, fireflies, relative_error, render_to_precision
 from cboxlab.render.integrators import render as integrate
@@ -21,15 +19,14 @@ from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress, share
 from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import ArrayLike, NDArray
 
-from ..model import Model, labelled_cube, model_cube_inputs
-from .inputs import ModelLike, as_capture, as_model
+from ..model import Model, labelled_cube, model_cube_inputs, view_of
+from .inputs import ModelLike, as_model
 from .provenance import provenance
 from .result import Result
 
-__all__ = ["CubeResult", "CubeSettings", "render", "render_file", "view_of"]
+__all__ = ["CubeResult", "CubeSettings", "render", "render_file"]
 
 #: Bytes of all passes of a cube from which on it is rendered and written by strips of rows.
 LARGEST_IN_MEMORY = 2**32
@@ -149,32 +146,6 @@ def _job(model: ModelLike, camera: Camera | Capture | str | Path, settings: Cube
     chosen = as_model(model)
     view, lamp = view_of(camera)
     return _Job(chosen, *model_cube_inputs(chosen, view, lamp), settings)
-
-
-def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | None]:
-    """A camera, that of a camera file (.json), or that of a capture or its folder, with the lamp that this states.
-
-    Raises InputError.
-    """
-    if isinstance(camera, Camera):
-        return camera, None
-    if isinstance(camera, str | Path) and Path(camera).suffix.lower() == ".json":
-        return read_camera(Path(camera)), None
-    return _camera_and_lamp(as_capture(camera))
-
-
-def _camera_and_lamp(capture: Capture) -> tuple[Camera, Spectrum | None]:
-    """As calibrated; the lamp as measured, None where the capture does not state it."""
-    fit, target, _ = calibrate_camera(capture)
-    stated = capture.manifest.lamp
-    lamp = None if stated is None else capture.light(stated.radiance)
-    if target is not None and target.survey_camera is not None:
-        return target.survey_camera, lamp
-    if fit is None:
-        raise InputError(
-            capture.folder / "capture.toml", "no [geometry] with points", "surveyed points, for the camera"
-        )
-    return fit.camera, lamp
 
 
 def render(

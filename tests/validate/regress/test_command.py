@@ -4,11 +4,13 @@ import json
 
 import pytest
 import xarray as xr
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.export import write_camera
 from cboxlab.render.files import write_cube
-from cboxlab.scenes import InputError
+from cboxlab.scenes import InputError, cornell_camera
 from cboxlab.validate.commands.cli import main
 from cboxlab.validate.regress import assert_same_light
-from pictures import noisy, rendered
+from pictures import SIZE, noisy, rendered
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +79,15 @@ def test_what_a_cube_does_not_state_is_asked_for_and_may_be_declared(cubes, tmp_
     assert ended("regress", cubes / "a.nc", cubes / "same.nc", *declared) == 2
     assert "states it itself" in capsys.readouterr().err.replace("\n", " ")
     assert ended("regress", plain, cubes / "same.nc", "--declare", "unit=W") == 2
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+def test_a_camera_file_is_the_view(cubes, tmp_path, capsys):
+    """As `cbox render --camera` takes it: it gives the surfaces, and one of another size is bad input."""
+    write_camera(tmp_path / "camera.json", cornell_camera(SIZE))
+    write_camera(tmp_path / "smaller.json", cornell_camera(SIZE // 2))
+    view = cubes / "a.nc", cubes / "same.nc", "--json", tmp_path / "r.json", "--camera"
+    assert ended("regress", *view, tmp_path / "camera.json", "--model", "cornell-box") == 0
+    assert "tall-block" in json.loads((tmp_path / "r.json").read_text())["surfaces"]
+    assert ended("regress", *view, tmp_path / "smaller.json") == 2
+    assert f"{SIZE} x {SIZE} px, as the cubes" in " ".join(capsys.readouterr().err.split())

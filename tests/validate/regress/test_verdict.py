@@ -5,12 +5,15 @@ probability below 4e-5; none is seen with these seeds.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.scenes import InputError
+from cboxlab.render.integrators import render
+from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.validate.regress import read_side, regress_sides, side_of
-from pictures import WAVELENGTHS, noisy, rendered
+from pictures import SIZE, WAVELENGTHS, noisy, rendered
+from scipy.ndimage import convolve1d
 
 
 def verdict(first, second):
@@ -60,6 +63,49 @@ def test_the_mean_difference_is_a_ratio_of_means_within_its_sigma():
     z = np.array([(row.difference - 0.01) / row.sigma for row in rows])
     assert abs(z.mean()) < 4 / np.sqrt(20)
     assert 0.3 < z.std() < 1.8
+
+
+@pytest.mark.parametrize("noises", [(0.02, 0.3), (0.3, 0.02), (0.04, 0.04)], ids=str)
+def test_weights_do_not_bias_the_even_change(noises):
+    """The mean of 20 statistics lies within four standard deviations of 0; with weights from the sum of both
+    variances it is off by 1.3 to 1.5 where one picture is noisier."""
+    rows = [
+        verdict(noisy(s, noise=noises[0]), noisy(99 + s, noise=noises[1])).of_kind("even")[0]
+        for s in range(20)
+    ]
+    assert abs(np.mean([row.statistic for row in rows])) < 4 / np.sqrt(20)
+
+
+def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
+    """Half of the picture ten times as noisy: a change of all light is seen that the mean of it does not show."""
+    clean, _ = rendered()
+    rows = []
+    for s in range(4):
+        first, second = noisy(2 * s, noise=0.02), noisy(2 * s + 1, 1.003 * clean, noise=0.02)
+        loud = [noisy(2 * s + 50 + i, p, noise=0.3) for i, p in enumerate((clean, 1.003 * clean))]
+        sides = [
+            replace(quiet, radiance=np.concatenate([quiet.radiance[:24], noise.radiance[24:]]),
+                    variance=np.concatenate([quiet.variance[:24], noise.variance[24:]]))
+            for quiet, noise in zip((first, second), loud, strict=True)
+        ]  # fmt: skip
+        outcome = verdict(*sides)
+        rows.append((outcome.whole, outcome.of_kind("even")[0]))
+    assert all(even.sigma < 0.5 * whole.sigma for whole, even in rows)
+    assert all(even.difference == pytest.approx(0.003, abs=4 * even.sigma) for _, even in rows)
+
+
+def test_another_pixel_filter_is_seen():
+    """A tent filter two pixels wide in place of a box of one, from a picture of half the pixel size."""
+    fine = render(cornell_box(), cornell_camera(2 * SIZE), WAVELENGTHS, samples=32, batches=2, seed=8)
+    picture = fine.project(np.eye(WAVELENGTHS.size))[0]
+    box, tent = (
+        convolve1d(convolve1d(picture, kernel, 0, mode="nearest"), kernel, 1, mode="nearest")[1::2, 1::2]
+        for kernel in (np.array([1, 1, 0]) / 2, np.array([1, 3, 3, 1, 0]) / 8)
+    )
+    assert verdict(noisy(0, box, noise=0.08), noisy(1, box, noise=0.08)).same
+    outcome = verdict(noisy(0, box, noise=0.08), noisy(1, tent, noise=0.08))
+    blur = next(row for row in outcome.of_kind("pattern") if row.name == "blur")
+    assert blur.different and blur.difference > 0
 
 
 def test_one_surface_alone_decides():
