@@ -22,7 +22,7 @@ def cameras():
         "distorted": replace(published, k1=-0.12),
         "inside, past a block": inside,
         "wide, from within": replace(inside, focal_length_px=0.2 * published.focal_length_px),
-        "askew, sees backs": replace(published, position_mm=np.array([700.0, 300.0, -500.0])),
+        "askew, sees backs": replace(published, position_mm=np.array([540.0, 300.0, -500.0])),
         "in the plane of a wall": replace(published, position_mm=np.array([300.0, 0.0, -800.0])),
     }
 
@@ -37,7 +37,7 @@ def test_shares_are_those_of_rays(name):
         for t in (tracer, replace(tracer, accelerator=in_a_tree(tracer.vertices)))
     )
     assert 0 < expected.sum() / len(pixels) <= 1
-    assert ((expected > 0) & (expected < 1)).any(axis=1).sum() > 50
+    assert ((expected > 0) & (expected < 1)).any(axis=1).sum() > 20
     off = np.abs(found - expected) * SAMPLES
     assert off.max() <= 2  # samples within rounding of an edge
     assert (off > 0.5).sum() <= 0.01 * len(pixels)
