@@ -44,17 +44,13 @@ def readme_pictures() -> None:
     """The bundled capture against the published box, and against that with the hidden effect fitted to it."""
     import cboxlab
     from cboxlab.validate.commands.demo import DEMO_CAPTURE
-    from cboxlab.validate.diagnose import fit_effect
-    from cboxlab.validate.model import Model
     from cboxlab.validate.predict import default_cache
     from cboxlab.validate.synthetic import open_seal
 
-    kept = default_cache()
-    before = cboxlab.validate(DEMO_CAPTURE, cache=kept)
-    effect, *_ = fit_effect(DEMO_CAPTURE, Model(), open_seal(DEMO_CAPTURE).effects[0][0], {}, cache=kept)
-    after = cboxlab.validate(DEMO_CAPTURE, model=Model().with_effect(effect), cache=kept)
-    print(before, effect.values, after, sep="\n")
-    draw(FIGURES / "readme-comparison.png", before.validation, after.validation)
+    before = cboxlab.Study.open(DEMO_CAPTURE, cache=default_cache())
+    after = before.add(open_seal(DEMO_CAPTURE).effects[0][0]).fit().render()
+    print(before, after, sep="\n")
+    draw(FIGURES / "readme-comparison.png", before.validations()[0], after.validations()[0])
 
 
 def draw(path: Path, before, after) -> None:
