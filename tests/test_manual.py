@@ -7,10 +7,12 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import matplotlib
 import pytest
+from cboxlab.calibration.capture.manifest import Manifest
 from cboxlab.validate.commands.app import app
 from cboxlab.validate.diagnose import diagnosis as diagnosis_module
 from cboxlab.validate.effects import catalogue
@@ -122,6 +124,20 @@ def test_the_notebook_that_finds_an_effect_runs(monkeypatch, desk):
     assert names["fitted"].chi2 < min(names["found"])
     assert names["record"]["selected"][0] == "veiling-glare"
     assert load_model(desk / "found" / "model.toml").effects[0].id == "veiling-glare"
+
+
+@pytest.mark.parametrize("page", ["capture-format", "model-format"])
+def test_the_example_of_a_format_is_one(page, tmp_path):
+    text = (DOCS / "reference" / f"{page}.md").read_text(encoding="utf-8")
+    example = re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1]
+    if page == "capture-format":
+        assert Manifest.model_validate(tomllib.loads(example)).band[0].id == "f550"
+        return
+    (tmp_path / "model.toml").write_text(example, encoding="utf-8")
+    assert [effect.id for effect in load_model(tmp_path / "model.toml").effects] == [
+        "veiling-glare",
+        "wall-reflectance",
+    ]
 
 
 def test_the_example_of_an_effect_is_one():

@@ -24,7 +24,7 @@ __all__ = ["BATCHES", "fireflies", "relative_error", "render_to_precision"]
 #: Number of passes of a picture, whose scatter gives its error.
 BATCHES = 8
 PILOT_SAMPLES = 64
-#: The error of scrambled Sobol' points decreases as samples^-0.7 in these scenes (measured: docs/engine.md).
+#: The error of scrambled Sobol' points decreases as samples^-0.7 in these scenes (measured: docs/measurements.md).
 CONVERGENCE = 0.7
 #: The most samples of a pass, and the most passes.
 MOST_SAMPLES = 2**15

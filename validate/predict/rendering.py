@@ -23,7 +23,7 @@ BATCHES = 8
 PILOT_SAMPLES = 64
 _MOST_SAMPLES = 8192
 
-#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/engine.md).
+#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/measurements.md).
 CONVERGENCE = 0.7
 
 
