@@ -53,6 +53,7 @@ def hyperspectral(
     from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
     from cboxlab.calibration.radiometry import as_scene, hyperspectral_cube, region_mask
     from cboxlab.render.files import WRITABLE, write_cube
+    from cboxlab.scenes.files import origin
 
     if out.suffix.lower() not in set(WRITABLE) - {".png"}:
         raise InputError("--out", f"'{out}'", "a cube's file name, ending in .nc, .exr or .hdr")
@@ -67,7 +68,8 @@ def hyperspectral(
         found = hyperspectral_cube(
             loaded, bands, inside, spectrum, reference_band=reference_band, aligned=not unaligned
         )
-    write_cube(out, as_scene(found.cube) if scene else found.cube)
+    made = (as_scene(found.cube) if scene else found.cube).assign_attrs(origin(capture=str(capture)))
+    write_cube(out, made)
     _print_bands(found)
     for note in dict.fromkeys((*noise.notes, *bands.notes, *found.notes)):
         say(f"• {note}")

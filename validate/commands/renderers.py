@@ -156,13 +156,14 @@ def _names(text: str) -> list[str]:
 def _collect(folder: Path) -> None:
     from cboxlab.render.export import FORMATS, read_rendered
     from cboxlab.render.files import write_cube
+    from cboxlab.scenes.files import origin
 
     done = [name for name in FORMATS if (folder / name / "out").is_dir()]
     if not done:
         raise InputError(folder, "nothing rendered", "an export with pictures in RENDERER/out")
     for name in done:
         path = folder / f"{name}.nc"
-        write_cube(path, read_rendered(folder, name))
+        write_cube(path, read_rendered(folder, name).assign_attrs(origin(renderer=name)))
         say(f"Cube: {path}")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
 from cboxlab.render.files import write_cube
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import origin, replacing
 from cboxlab.scenes.progress import QUIET, Progress, share
 
 from .judging import REFERENCE_SAMPLES, Judged, judge, noise_of, reference_cube, write_bias_map
@@ -80,12 +80,13 @@ def compare_renderers(
             judged.append(judge(name, cube, references[lamp], shown, run, share(own, 0.6, 1.0)))
             costs.append((name, judged[-1].variance, run.cpu_s, run.wall_s))
             if out is not None:
-                write_cube(out / f"{name}.nc", cube)
+                write_cube(out / f"{name}.nc", cube.assign_attrs(origin(renderer=name)))
                 write_bias_map(out / f"bias-{name}.png", judged[-1])
         if out is not None:
             for lamp, cube in references.items():
                 stated = lamp == exported.scene.lamp.reflects
-                write_cube(out / ("reference.nc" if stated else "reference-black-lamp.nc"), cube)
+                path = out / ("reference.nc" if stated else "reference-black-lamp.nc")
+                write_cube(path, cube.assign_attrs(origin(renderer="cboxlab")))
         found = ComparedRenderers(tuple(judged), left_out, tuple(costs))
         if out is not None:
             with replacing(out / "renderers.json") as path:
