@@ -280,7 +280,7 @@ def naming(seeds: int, size: int, rows: str) -> None:
         "swapped walls": ("swapped-walls", {"surfaces": ["right", "left"]},
                           lambda seed: rendered(with_swapped_walls(box), camera, seed)),
         "tent filter": ("pixel-filter", {}, lambda seed: through_tent(size, seed)),
-        "shift of (0.3, -0.5) px": ("shift", {}, lambda seed: rendered(box, off, seed)),
+        "shift of (0.3; -0.5) px": ("shift", {}, lambda seed: rendered(box, off, seed)),
     }  # fmt: skip
     baseline = rendered(box, camera, 1)
     variants = build_variants(box, camera, baseline)

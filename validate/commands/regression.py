@@ -35,7 +35,8 @@ def regress(
         str,
         typer.Argument(
             help="Spectral cube (.nc, .exr, .hdr) or picture in colour (.exr, .hdr), several joined by commas or a "
-            "folder of them (independent cubes of one picture), a model file (.toml) or cornell-box.",
+            "folder of them (independent cubes of one picture), a command that writes them to {out}, a model file "
+            "(.toml) or cornell-box.",
             show_default=False,
         ),
     ],

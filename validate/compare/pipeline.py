@@ -214,7 +214,7 @@ def validate(
         if not variant.compiled():
             raise InputError("render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
         light = solved_light(prepared, model.render, ())
-        image = foreign_picture(picture, prepared.scene, prepared.calibrated_camera, declared)
+        image = foreign_picture(picture, prepared.scene, prepared.calibrated_camera, declared, light)
         prepared = replace(
             prepared, picture=ForeignPicture(image, prepared.calibrated_camera, light, picture)
         )

@@ -41,7 +41,10 @@ class ForeignSide:
     def sentences(self) -> list[str]:
         """What there is to say of it, the energy first."""
         stated = "" if self.lamp_sigma is None else f", the lamp's power is stated to ± {self.lamp_sigma:.1%}"
-        told = [f"The other renderer's picture has {self.energy:+.2%} more light than the capture{stated}."]
+        more = "more" if self.energy > 0 else "less"
+        told = [
+            f"The other renderer's picture has {abs(self.energy):.2%} {more} light than the capture{stated}."
+        ]
         if self.max_bounces is not None:
             told.append(f"It looks like paths that end after {self.max_bounces} reflections.")
         return told

@@ -14,11 +14,15 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import NDArray
 
 __all__ = ["ForeignPicture", "foreign_picture", "require_level"]
 
 #: Of our pictures from the two cameras; they share their random numbers.
 _SAMPLES, _BATCHES = 256, 4
+
+#: Of our picture's mean spectrum; part of its largest value below which it is dark.
+_MEAN_SAMPLES, _DARK = 16, 1e-3
 
 #: A picture that many times as bright as the capture shows another lamp.
 _WRONG_LEVEL = 2.0
@@ -48,12 +52,14 @@ class ForeignPicture:
 
 
 def foreign_picture(
-    path: Path, scene: Scene, camera: Camera, declared: Declared = AS_STATED
+    path: Path, scene: Scene, camera: Camera, declared: Declared = AS_STATED, light: LightField | None = None
 ) -> RenderedImage:
-    """The cube at ``path`` as a rendered image on WAVELENGTH_NM, linear between its wavelengths.
+    """The cube at ``path`` as a rendered image on WAVELENGTH_NM.
 
     scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors, where it
-    has any, count as fully correlated between wavelengths. declared : what the file does not state.
+    has any, count as fully correlated between wavelengths. declared : what the file does not state. light : our
+    solution of the scene on WAVELENGTH_NM; between its wavelengths the cube's ratio to our mean spectrum is linear.
+    None : the cube itself is, which is off by several per cent where the lamp's spectrum bends.
 
     Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
     """
@@ -81,12 +87,34 @@ def foreign_picture(
     tracer = build_tracer(scene)
     return RenderedImage(
         coefficients=batches,
-        spectra=np.array([np.interp(WAVELENGTH_NM, wavelength, row) for row in np.eye(wavelength.size)]),
+        spectra=_between(wavelength, np.ones(WAVELENGTH_NM.size) if light is None else _mean(light, camera)),
         wavelength_nm=WAVELENGTH_NM,
         coverage=facet_coverage(tracer, camera),
         facet_surface=tracer.facet_surface,
         surface_names=tuple(surface.name for surface in scene.surfaces),
     )
+
+
+def _mean(light: LightField, camera: Camera) -> NDArray[np.float64]:
+    """(n,) mean spectrum of our picture on WAVELENGTH_NM, the lamp's pixels left out."""
+    image = gather(light, camera, _MEAN_SAMPLES, 1)
+    return np.asarray(
+        image.coefficients[0][image.surface >= 0].mean(axis=0, dtype=np.float64) @ image.spectra
+    )
+
+
+def _between(wavelength: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(w, n) spectra on WAVELENGTH_NM of cubes that are 1 at one of their wavelengths, by ratios to a reference (n,).
+
+    Where the reference is dark the ratio is that of the next wavelength.
+    """
+    here = np.interp(wavelength, WAVELENGTH_NM, reference)
+    lit = np.flatnonzero(here > _DARK * here.max())
+    found = np.zeros((wavelength.size, WAVELENGTH_NM.size))
+    for index in lit:
+        ratio = (lit == index) / here[index]
+        found[index] = np.interp(WAVELENGTH_NM, wavelength[lit], ratio) * reference
+    return found
 
 
 def require_level(picture: Path, lamp_scale: float) -> None:

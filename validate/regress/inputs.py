@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +32,8 @@ __all__ = ["assert_same_light", "regress_inputs", "regress_pictures"]
 #: Pictures that deviate less from the published box's (see ``mismatch``) show it.
 _RECOGNISED = 0.05
 _PUBLISHED = "cornell-box"
+#: In a command, where it writes; characters of a failed command's own words that are repeated.
+_OUT, _MOST_WORDS = "{out}", 400
 #: Of models rendered on the fly where both sides are models.
 _SIZE_PX, _WAVELENGTHS_NM = 128, np.arange(400.0, 701.0, 20.0)
 _SAMPLES = 64
@@ -55,14 +60,13 @@ def regress_inputs(
 ) -> Outcome:
     """Compare what two arguments of the command line name, and name the change where they differ.
 
-    Each is a spectral cube, several joined by commas, a folder of cubes, a model file or a packaged scene; models
-    are rendered at the other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file
-    or a capture folder; where left out, the published box through the published camera, if the baseline shows it.
-    declared : what the files do not state. Raises InputError for what cannot be read or compared.
+    Each is a spectral cube, several joined by commas, a folder of cubes, a command that writes one or more, such as
+    "ourrenderer box.xml -o {out}.exr", run by the shell, a model file or a packaged scene; models are rendered at the
+    other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file or a capture
+    folder; where left out, the published box through the published camera, if the baseline shows it. declared : what
+    the files do not state. Raises InputError for what cannot be read or compared.
     """
-    sides = [
-        None if _is_model(text) else read_side(cube_paths(text), declared) for text in (baseline, candidate)
-    ]
+    sides = [None if _is_model(text) else _read(text, declared) for text in (baseline, candidate)]
     require_used(declared, [name for side in sides if side is not None for name in side.declared])
     known = next((side for side in sides if side is not None), None)
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
@@ -131,6 +135,21 @@ def assert_same_light(
     ]
     lines += [f"  named: {n.change} {n.parameters} ({n.probability:.2f})" for n in outcome.named[:3]]
     raise AssertionError("\n".join(lines))
+
+
+def _read(text: str, declared: Declared) -> Side:
+    """Cubes, or what a command writes, which has {out} in the place of a path without ending."""
+    if _OUT not in text:
+        return read_side(cube_paths(text), declared)
+    with tempfile.TemporaryDirectory() as folder:
+        command = text.replace(_OUT, shlex.quote(f"{folder}/picture"))
+        done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+        if done.returncode:
+            words = (done.stderr.strip() or done.stdout.strip())[-_MOST_WORDS:]
+            raise InputError(
+                text, f"it ended with {done.returncode}: {words}", "a command that writes a picture"
+            )
+        return replace(read_side(cube_paths(folder), declared), source=text)
 
 
 def _is_model(text: str) -> bool:

@@ -53,6 +53,15 @@ def test_a_missing_cube_ends_with_2(cubes, tmp_path):
     assert not (tmp_path / "r.json").exists()
 
 
+def test_a_command_makes_a_picture(cubes):
+    """It writes to {out}; one that fails is bad input, with its own words."""
+    assert ended("regress", cubes / "a.nc", f"cp {cubes / 'same.nc'} {{out}}.nc") == 0
+    with pytest.raises(InputError, match="no such thing"):
+        assert_same_light(cubes / "a.nc", "echo no such thing >&2; exit 3 # {out}")
+    with pytest.raises(InputError, match="without spectral cubes"):
+        assert_same_light(cubes / "a.nc", "true {out}")
+
+
 def test_same_light_is_asserted(cubes):
     assert assert_same_light(cubes / "a.nc", cubes / "same.nc").same
     with pytest.raises(AssertionError, match="lamp-scale"):
