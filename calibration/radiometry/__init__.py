@@ -7,6 +7,7 @@ from .band_response import (
     response_factors,
     rest_curve,
     sensor_matrix,
+    tabulation_errors,
 )
 from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
 from .radiometry import Radiometry, measure_constant
@@ -43,5 +44,6 @@ __all__ = [
     "response_factors",
     "rest_curve",
     "sensor_matrix",
+    "tabulation_errors",
     "xyz_parts",
 ]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WavelengthGrid
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WavelengthGrid, trapezoidal_weights
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
@@ -23,11 +23,16 @@ __all__ = [
     "response_factors",
     "rest_curve",
     "sensor_matrix",
+    "tabulation_errors",
 ]
 
 #: The constants with the digits that the capture format prescribes.
 PLANCK_J_S = 6.626e-34
 SPEED_OF_LIGHT_M_S = 2.998e8
+
+
+#: The largest step for integrals over wavelength that CIE 15 recommends.
+TABLE_STEP_NM = 5.0
 
 
 def quanta_per_joule(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
@@ -66,6 +71,19 @@ class BandResponse:
 def sensor_matrix(responses: tuple[BandResponse, ...]) -> NDArray[np.float64]:
     """(band, wavelength) matrix W: the signals of radiance L (on the common grid) are W L."""
     return np.stack([response.weights for response in responses])
+
+
+def tabulation_errors(responses: tuple[BandResponse, ...], radiance: Spectrum) -> NDArray[np.float64]:
+    """(band,) relative change of the signals of a light source where the integral is taken in coarser steps.
+
+    How large the error of tables, known at some wavelengths only, may be: the trapezoidal rule in steps of
+    TABLE_STEP_NM against that of the responses' grid. Large where a spectrum begins or ends within a band.
+    """
+    grid = responses[0].grid
+    coarse = slice(None, None, round(TABLE_STEP_NM / grid.step_nm))
+    light = np.stack([response.response for response in responses]) * radiance.at(grid.nm)
+    rough = light[:, coarse] @ trapezoidal_weights(grid.nm[coarse])
+    return np.asarray(rough / np.maximum(light @ grid.weights, 1e-300) - 1)
 
 
 @dataclass(frozen=True, eq=False)

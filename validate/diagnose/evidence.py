@@ -104,8 +104,10 @@ def prior_pull(residual: NDArray) -> float:
 def something_remains(model: LinearModel, residual: NDArray, rendered: NDArray) -> bool:
     """Whether a residual (n + 11,) exceeds noise and the errors of the base picture and of the effects' shapes.
 
+    Errors that a band or a face shares, up to twice their standard deviation, are taken off.
     rendered : (n + 11,) with those of the effects only with which the picture is rendered again.
     """
+    rendered, residual = (model.without_shared_errors(vector) for vector in (rendered, residual))
     first, excess = (square(vector) / model.count - 1 for vector in (rendered, residual))
     return smooth_excess(model, residual) > max(
         _REMAINS, _REMAINS_PART * smooth_excess(model, rendered)

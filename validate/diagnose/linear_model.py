@@ -35,6 +35,9 @@ _EDGE_ERROR_PX = 0.005
 #: simulator's captures scatter by 0.06 to 0.08 %, differently in each capture; faces are compared with the same one.
 _BAND_ERROR, _FACE_ERROR = 0.0007, 0.001
 
+#: So many standard deviations of a shared error are no sign of an effect.
+_SHARED_MOST = 2.0
+
 #: Distance from faces' edges from which a pixel counts as interior, px: contact shadows depend on gaps below 1 mm.
 _FROM_EDGE_PX = 2
 
@@ -98,6 +101,14 @@ class LinearModel:
         basis = np.hstack([self.basis, u[:, values > _RELATIVE_CUTOFF * values[0]]])
         free = replace(self, basis=basis)
         return replace(free, residual=free.project(self.residual))
+
+    def without_shared_errors(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A residual (n + 11,), projected, less what errors shared by a band or a face explain of it, each at most
+        two standard deviations large."""
+        shared = self.shared_errors.astype(float)
+        shared -= self.basis @ (self.basis.T @ shared)
+        size = np.linalg.solve(np.eye(shared.shape[1]) + shared.T @ shared, shared.T @ residual)
+        return residual - shared @ np.clip(size, -_SHARED_MOST, _SHARED_MOST)
 
     def camera_change(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """A change (10,) of the camera's parameters, projected.
@@ -170,10 +181,12 @@ def _without_priors(pixels: NDArray) -> NDArray[np.float64]:
 def build_linear_model(
     *, measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
     camera_derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
+    band_errors: NDArray,
 ) -> LinearModel:  # fmt: skip
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
-    coverage : (y, x, f) of flat faces. camera_derivative : (10, band, y, x).
+    coverage : (y, x, f) of flat faces. camera_derivative : (10, band, y, x). band_errors : (band,) relative, of the
+    bands' signals by tables of spectra.
     """
     inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
@@ -193,12 +206,16 @@ def build_linear_model(
     interior = np.broadcast_to(inside, used.shape)[used]
     return LinearModel(
         used=used, interior=interior, patch=patch, sigma=sigma, priors=priors, basis=basis,
-        shared_errors=_shared_errors(fit.lamp_scale * base, coverage, used, sigma), residual=projected,
+        shared_errors=_shared_errors(fit.lamp_scale * base, coverage, used, sigma, band_errors),
+        residual=projected,
     )  # fmt: skip
 
 
-def _shared_errors(signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray) -> NDArray[np.float32]:
-    bands = [_BAND_ERROR * one[:, None, None] * signal for one in np.eye(len(signal))]
+def _shared_errors(
+    signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray, band_errors: NDArray
+) -> NDArray[np.float32]:
+    sizes = np.hypot(_BAND_ERROR, band_errors)
+    bands = [size * one[:, None, None] * signal for size, one in zip(sizes, np.eye(len(signal)), strict=True)]
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*bands, *faces)]
     return np.array(rows).T

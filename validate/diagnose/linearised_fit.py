@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.calibration.radiometry import tabulation_errors
 from cboxlab.render.chain import stages_between
 from cboxlab.render.device import variant
 from cboxlab.render.perturbation import warp_change
@@ -82,6 +83,7 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
         measured=prepared.measured, base=base + refit_change, variance=variance, used=rendered.used,
         coverage=rendered.image.coverage, camera_derivative=derivative, fit=fit_,
         calibrated=prepared.expected_camera(given), lamp_sigma=prepared.lamp_sigma,
+        band_errors=tabulation_errors(prepared.responses, prepared.scene.lamp.radiance),
     )  # fmt: skip
     return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, derivative)
 

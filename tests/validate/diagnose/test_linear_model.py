@@ -22,7 +22,7 @@ def parts():
     return generator, base, derivative, camera
 
 
-def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
+def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02, band_errors=(0, 0, 0)):
     fit = NuisanceFit(camera, scale, 0.001)
     return build_linear_model(
         measured=measured,
@@ -34,6 +34,7 @@ def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02):
         fit=fit,
         calibrated=camera,
         lamp_sigma=sigma,
+        band_errors=np.array(band_errors),
     )
 
 
@@ -107,3 +108,18 @@ def test_shared_errors_have_their_stated_size(parts):
         assert error[band] == pytest.approx(0.0007 * scale * base[band] / 5, rel=1e-5)
         assert not np.delete(error, band, axis=0).any()
     assert shared_errors[-1] == pytest.approx(0.001 * scale * base / 5, rel=1e-5)
+
+
+def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
+    """Of 1 % that one band is brighter, an error of 1 % takes all, one of 0.07 % twice itself."""
+    generator, base, derivative, camera = parts
+    brighter = base * np.array([1.01, 1.0, 1.0])[:, None, None]
+    noise = 5 * generator.standard_normal(SHAPE)
+    left = []
+    for error in (0.0, 0.01):
+        model = model_of(brighter + noise, base, derivative, camera, band_errors=(error, 0, 0))
+        left.append(smooth_excess(model, model.without_shared_errors(model.residual)))
+    quiet = model_of(base + noise, base, derivative, camera)
+    noise_only = smooth_excess(quiet, quiet.residual)
+    assert abs(left[1] - noise_only) < 0.1 * (left[0] - noise_only)
+    assert left[0] > noise_only + 0.05

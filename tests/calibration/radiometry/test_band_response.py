@@ -1,0 +1,20 @@
+"""Band responses: how far signals depend on the steps of tables."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.radiometry import BandResponse, tabulation_errors
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
+
+
+def test_a_spectrum_that_begins_within_a_band_makes_the_larger_error():
+    """By Euler and Maclaurin's formula: x (1 - x / 40), 0 beyond, has slopes of 1 and -1 at its ends."""
+    grid = INTEGRAL_GRID
+    x = grid.nm - grid.nm[0]
+    falling = np.maximum(1 - x / 40, 0)
+    inside = np.exp(-0.5 * ((grid.nm - 550) / 15) ** 2)
+    responses = tuple(BandResponse(n, grid, curve, 2.0) for n, curve in (("a", falling), ("b", inside)))
+    errors = tabulation_errors(responses, Spectrum(grid.nm, x / 100))
+    signal = 40**2 / 6
+    assert errors[0] == pytest.approx(-2 * (5**2 - 1) / 12 / signal, rel=0.01)
+    assert abs(errors[1]) < 1e-6
