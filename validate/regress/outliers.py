@@ -14,6 +14,8 @@ __all__ = ["Trimmed", "trimmed"]
 
 #: A pixel counts as an outlier beyond so many standard deviations of its neighbourhood.
 _SIGMAS = 6.0
+#: Bands with less than this part of the brightest one's mean tell nothing.
+_DARK = 1e-3
 #: Outliers that touch each other in greater number are a difference of the pictures.
 _LARGEST_GROUP = 9
 
@@ -39,27 +41,35 @@ def trimmed(
 ) -> Trimmed:
     """An outlier lies 6 standard deviations and one local range of the level from its neighbours' ratio.
 
-    difference, level, variance : (y, x, w). The local range lets edges that moved stay.
+    difference, level, variance : (y, x, w). The local range lets edges that moved stay. Sums over wavelengths are
+    looked at, and sums of bands over their means: a white firefly is far larger where the picture has little light.
     """
     total, ground = difference.sum(axis=-1), level.sum(axis=-1)
-    quiet = median_filter(ground, 3, mode="nearest")
-    scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
-    ratio = median_filter(total / scale, 7, mode="nearest")
-    left = total - ratio * ground
-    # fully correlated wavelengths are the widest that the sum can scatter
-    widest = np.sqrt(variance).sum(axis=-1) ** 2
-    sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
-    spread = 1.4826 * median_filter(np.abs(left), 7, mode="nearest")
-    allowed = _SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
-        1 + np.abs(ratio)
-    )
-    outlier = (np.abs(left) > allowed) | (np.abs(ground - quiet) > allowed + quiet)
+    means = level.mean(axis=(0, 1))
+    lit = means > _DARK * means.max()
+    even = np.divide(1.0, means, out=np.zeros_like(means), where=lit)
+    outlier = _far(total, ground, np.sqrt(variance).sum(axis=-1) ** 2, degrees)
+    outlier |= _far(difference @ even, level @ even, (np.sqrt(variance) @ even) ** 2, degrees)
     outlier &= _alone(outlier)
     clean, base = difference.copy(), level.copy()
     rows, columns = np.nonzero(outlier)
     clean[rows, columns] = _around(difference, outlier, rows, columns)
     base[rows, columns] = _around(level, outlier, rows, columns)
     return Trimmed(clean, base, outlier, np.where(outlier, total - clean.sum(axis=-1), 0.0))
+
+
+def _far(total: NDArray, ground: NDArray, widest: NDArray, degrees: float) -> NDArray[np.bool_]:
+    """(y, x) of sums over wavelengths (y, x); widest : their variance for fully correlated wavelengths, the widest."""
+    quiet = median_filter(ground, 3, mode="nearest")
+    scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
+    ratio = median_filter(total / scale, 7, mode="nearest")
+    left = total - ratio * ground
+    sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
+    spread = 1.4826 * median_filter(np.abs(left), 7, mode="nearest")
+    allowed = _SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
+        1 + np.abs(ratio)
+    )
+    return np.asarray((np.abs(left) > allowed) | (np.abs(ground - quiet) > allowed + quiet))
 
 
 def _alone(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -201,14 +201,16 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     aside = np.clip(trimmed.excess[body], -bound, bound)
     rough = each if pooling.roughness is None else pooling.roughness[body]
     rough = np.where(outlier, np.median(rough), rough)
-    sums = (bound, trimmed.difference[body].sum(axis=-1), quiet, aside, rough)
+    own = trimmed.difference[body].sum(axis=-1)
+    about = (own - bound * (own.sum() / max(float(bound.sum()), 1e-300))) ** 2
+    sums = (bound, own, quiet, about, aside, rough)
     told = (pixels >= _FEWEST) & (np.bincount(cell, bound) > 0)
-    level, difference, variance, excess, unrest = (np.bincount(cell, values)[told] for values in sums)
+    level, difference, stated, seen, excess, unrest = (np.bincount(cell, values)[told] for values in sums)
     if level.size < _FEWEST:
         return []
     more = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
     floor = (_CELL_FLOOR * level) ** 2
-    variance = more * variance + floor
+    variance = np.maximum(more * stated, noise.clustering * seen) + floor
     weight = level**2 / (
         unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor
     )  # of relative differences
@@ -226,16 +228,18 @@ def _even(pooling: Pooling) -> list[PooledMean]:
 def _scatter(
     pooling: Pooling, kind: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], mean: float
 ) -> float:
-    """Variance of the sum as the pool's own pixels tell."""
+    """Variance of the sum as the pool's own pixels tell.
+
+    Their squares about the mean bound what a single pixel can do: a firefly that is not set aside makes no alarm.
+    """
     own = pooling.trimmed.difference @ weights
-    if kind == "stratum":
-        return float(((own - mean * (pooling.trimmed.level @ weights))[mask] ** 2).sum())
+    about = float(((own - mean * (pooling.trimmed.level @ weights))[mask] ** 2).sum())
     inner = mask & pooling.strata.smooth
-    if inner.sum() < _FEWEST:
-        return 0.0
+    if kind == "stratum" or inner.sum() < _FEWEST:
+        return about
     squares = high_pass(own)[inner] ** 2
     # cut where a corner of the pattern touches an edge
-    return float(np.minimum(squares, 30 * np.median(squares)).mean()) * int(mask.sum())
+    return max(about, float(np.minimum(squares, 30 * np.median(squares)).mean()) * int(mask.sum()))
 
 
 def _row(
