@@ -144,7 +144,7 @@ def _furnace() -> Reference:
     camera = _facing([500.0, 500.0, 50.0], [0.0, 0.0, 1.0], 500.0, 500.0)
     # where the lamp itself is seen its own radiance, also 1, counts
     return Reference("furnace", "no light is lost or made", _scene(faces, _quad("light", hole), {"grey": _grey(1.0)}),
-                     camera, 1.0, None, (256, 65536), _even(camera))  # fmt: skip
+                     camera, 1.0, None, (256, 8192), _even(camera))  # fmt: skip
 
 
 def _polygon() -> Reference:
