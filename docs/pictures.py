@@ -55,13 +55,13 @@ def readme_pictures() -> None:
 
 def draw(path: Path, before, after) -> None:
     """Photograph, render, and residual over noise before and after."""
+    from cboxlab.validate.compare.colour_difference import srgb_preview
     from matplotlib.figure import Figure
 
-    maps = before.comparison.maps
-    white = float(np.nanpercentile(maps.xyz_rendered.values[:, 1], 99))
+    maps, white = before.comparison.maps, before.comparison.white
     panels = [
-        ("photograph", shown(maps.xyz_measured.values, white), {}),
-        ("render of the model", shown(maps.xyz_rendered.values, white), {}),
+        ("photograph", srgb_preview(maps.xyz_measured.values, white), {}),
+        ("render of the model", srgb_preview(maps.xyz_rendered.values, white), {}),
         ("difference, in σ", middle(before), {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}),
         ("after the effect is added", middle(after), {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}),
     ]
@@ -72,20 +72,12 @@ def draw(path: Path, before, after) -> None:
             axis.set_title(title)
             axis.set(xticks=[], yticks=[])
         figure.colorbar(image, ax=axis, shrink=0.8)
-        figure.savefig(path, dpi=110)
-    small_png(path)
+        figure.savefig(path, dpi=80, pil_kwargs={"optimize": True})
 
 
 def middle(validation) -> np.ndarray:
     """Residual over noise in the band in the middle (y, x)."""
     return validation.comparison.maps.residual_over_sigma.values[len(validation.comparison.bands) // 2]
-
-
-def shown(xyz: np.ndarray, white: float) -> np.ndarray:
-    """(y, x, 3) sRGB of XYZ maps (y, x, 3)."""
-    matrix = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
-    linear = np.clip(np.nan_to_num(xyz) / white @ matrix.T, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 if __name__ == "__main__":
