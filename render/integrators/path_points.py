@@ -104,7 +104,7 @@ class PathPoints:
         index, seed = self._own(index)
         seed = _mixed(seed ^ ((depth + 1) * 0x85EBCA6B))
         joint = depth < _JOINT_VERTICES
-        return dr.select(joint, index, _permuted(index, seed) & self._mask), joint, seed
+        return dr.select(joint, index, _shuffled(index, seed) & self._mask), joint, seed
 
     def _word(self, point: mi.UInt32, column: mi.UInt32 | int) -> mi.UInt32:
         return dr.gather(mi.UInt32, self._table, point * _WORDS + column)
@@ -135,6 +135,15 @@ def _mixed(x: mi.UInt32) -> mi.UInt32:
     x = x ^ (x >> 15)
     x = x * 0x846CA68B
     return x ^ (x >> 16)
+
+
+def _shuffled(index: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
+    """Owen's scrambling of an index: each bit depends on higher bits only.
+
+    A point's low bits say in which part of the unit interval it lies. Were they to depend on lower bits only, the same
+    half of all paths would lie in the same halves at every vertex.
+    """
+    return dr.brev(_permuted(dr.brev(index), seed))
 
 
 def _permuted(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:

@@ -6,6 +6,7 @@ so one choice of all seeds in 3,000 would fail somewhere.
 """
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -245,6 +246,20 @@ def test_vertices_of_a_path_take_columns_of_their_own():
     )
     for one, other in ((first, second), (first, third), (second, third)):
         assert len(np.unique(8 * one + other)) >= 16
+
+
+def test_later_vertices_of_one_lanes_paths_are_independent():
+    """4096 paths of one lane: the directions of two vertices fill an 8 x 8 grid evenly, 64 paths in each cell."""
+    count = 4096
+    lane, index = (values.astype(np.uint32) for values in (np.full(count, 5), np.arange(count)))
+    points = PathPoints(count, mi.UInt32(lane), seed=3)
+    first = {
+        depth: np.array(points.direction(mi.UInt32(index), dr.opaque(mi.UInt32, depth, count))[0])
+        for depth in (2, 3, 4, 7, 20)
+    }
+    for one, other in combinations(first, 2):
+        cells = np.histogram2d(first[one], first[other], 8, ((0, 1), (0, 1)))[0]
+        assert np.abs(cells - 64).max() < 6 * np.sqrt(64), (one, other)
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15, 0.2])
