@@ -155,7 +155,7 @@ def _write_channels(path: Path, exported: Exported) -> None:
             [
                 "wavelength_nm",
                 "lamp",
-                "lamp-reflectance",
+                "lamp_reflectance",
                 *(f"material-{name}" for name in exported.scene.materials),
             ]
         )

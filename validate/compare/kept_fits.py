@@ -26,7 +26,7 @@ _FITTED = ("position_mm", "rotation", "principal_point_px", "focal_length_px", "
 
 
 def kept_fit(
-    folder: Path | None, measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp,
+    folder: Path | None, *, measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp,
     calibrated: Camera, lamp_sigma: float | None,
 ) -> NuisanceFit:  # fmt: skip
     """What ``fit_nuisances`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made and kept.

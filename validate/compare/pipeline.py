@@ -309,8 +309,8 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     signal = predictor.signal(effects)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     return kept_fit(
-        prepared.cache, prepared.measured, variance, rendered.used, signal, predictor.warp,
-        prepared.expected_camera(effects), prepared.lamp_sigma,
+        prepared.cache, measured=prepared.measured, variance=variance, used=rendered.used, signal=signal,
+        warp=predictor.warp, calibrated=prepared.expected_camera(effects), lamp_sigma=prepared.lamp_sigma,
     )  # fmt: skip
 
 
