@@ -64,7 +64,7 @@ def write_neutral(folder: Path, exported: Exported) -> None:
     for name, material in scene.materials.items():
         _write_spectrum(folder / "spectra" / f"material-{name}.csv", material.reflectance, "reflectance")
     _write_spectrum(folder / "spectra" / "lamp.csv", scene.lamp.radiance, "radiance")
-    _write_spectrum(folder / "spectra" / "lamp-reflectance.csv", scene.lamp.reflectance, "reflectance")
+    _write_spectrum(folder / "spectra" / "lamp_reflectance.csv", scene.lamp.reflectance, "reflectance")
     _write_channels(folder / "spectra" / "channels.csv", exported)
     for batch in range(settings.batches):
         (folder / rays_path(batch)).write_bytes(subpixel_rays(exported, batch).tobytes())
@@ -103,7 +103,7 @@ def _entry(exported: Exported) -> dict[str, Any]:
             "name": scene.lamp.surface.name,
             "mesh": mesh_path(scene.lamp.surface),
             "radiance": "spectra/lamp.csv",
-            "reflectance": "spectra/lamp-reflectance.csv",
+            "reflectance": "spectra/lamp_reflectance.csv",
             "reflects": scene.lamp.reflects,
         },
         "max_bounces": exported.max_bounces,

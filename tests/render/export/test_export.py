@@ -53,7 +53,7 @@ def test_spectra_are_our_tables_and_channels_their_values(exported):
     assert np.allclose(channels["material-red"].at(at), scene.materials["red"].reflectance.at(at))
     assert np.allclose(channels["lamp"].at(at), scene.lamp.radiance.at(at))
     assert np.allclose(channels["lamp_reflectance"].at(at), 0.78)
-    reflected = read_spectra(folder / "spectra" / "lamp-reflectance.csv")["reflectance"]
+    reflected = read_spectra(folder / "spectra" / "lamp_reflectance.csv")["reflectance"]
     assert np.array_equal(reflected.values, scene.lamp.reflectance.values)
 
 
