@@ -18,8 +18,8 @@ import time
 from pathlib import Path
 
 import oracles_path  # noqa: F401
-from manual_commands import NEW_USER, commands
-from places import ROOT
+from helpers.manual_commands import NEW_USER, commands
+from helpers.places import ROOT
 
 
 def trial(page: str) -> bool:

@@ -17,7 +17,7 @@ import oracles_path  # noqa: F401
 from blind_diagnosis import Case, named, run
 from cboxlab.validate.commands.effect_picture import pictured_light, write_effect_picture
 from cboxlab.validate.effects import catalogue
-from installed_effects import own_effects
+from helpers.installed_effects import own_effects
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from graphlib import TopologicalSorter
 from html import escape
 from pathlib import Path
 
-from places import ROOT
+from helpers.places import ROOT
 
 #: From the lowest room to the highest.
 ROOMS = ("scenes", "calibration", "render", "validate")

@@ -8,8 +8,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from helpers.places import SHARED
 from hypothesis import HealthCheck, settings
-from places import SHARED
 
 # derandomize: the same examples on every run, so that a failure can be repeated
 settings.register_profile(

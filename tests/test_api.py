@@ -15,7 +15,7 @@ from cboxlab.validate.diagnose import diagnosis as diagnosis_module
 from cboxlab.validate.model import Model
 from cboxlab.validate.results import Result
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
-from places import ROOT
+from helpers.places import ROOT
 
 PAGE = ROOT / "docs" / "api.md"
 EFFECTS = ("veiling-glare", "ghost", "lamp-drift")

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 from cboxlab.render.device.variant import compiled
-from places import ROOT
+from helpers.places import ROOT
 
 BENCHMARKS = ROOT / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))

@@ -5,7 +5,7 @@ import sys
 
 import cboxlab
 import pytest
-from places import ROOT
+from helpers.places import ROOT
 
 NAMES = (
     "load_capture",

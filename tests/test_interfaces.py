@@ -5,7 +5,7 @@ import re
 
 import pytest
 from architecture import MODULES
-from places import ROOT
+from helpers.places import ROOT
 
 #: Positional parameters of a function, ``self`` included.
 MOST_POSITIONAL = 7

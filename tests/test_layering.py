@@ -5,7 +5,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 from architecture import DRAWING, MODULES, drawing, imported, imports_of, package_imports, package_of
-from places import ROOT
+from helpers.places import ROOT
 
 MAY_IMPORT = {
     "scenes": set(),

@@ -17,9 +17,9 @@ from cboxlab.validate.commands.app import app
 from cboxlab.validate.diagnose import diagnosis as diagnosis_module
 from cboxlab.validate.effects import catalogue
 from cboxlab.validate.model import load_model
-from glare_capture import GLARE, glare_capture
-from manual_commands import NEW_USER, commands, pages
-from places import ROOT
+from helpers.glare_capture import GLARE, glare_capture
+from helpers.manual_commands import NEW_USER, commands, pages
+from helpers.places import ROOT
 from typer.main import get_command
 
 DOCS = ROOT / "docs"

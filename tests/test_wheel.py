@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from architecture import ROOMS
-from places import ROOT
+from helpers.places import ROOT
 
 
 @pytest.fixture(scope="module")

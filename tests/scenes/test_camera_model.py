@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from cboxlab.scenes import Camera, cornell_camera
 from cboxlab.scenes.camera import PARAMETER_NAMES, REFERENCE_ROTATION
+from helpers.places import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
-from places import ROOT
 
 turned = st.lists(st.floats(-20, 20), min_size=3, max_size=3)
 distortions = st.floats(-0.3, 0.3)

@@ -11,9 +11,9 @@ import trimesh
 from cboxlab.scenes import InputError, load_scene
 from cboxlab.scenes.scene_entries import SceneFile
 from cboxlab.scenes.scene_file import PACKAGED
+from helpers.places import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
-from places import ROOT
 
 quoted = functools.partial(json.dumps, ensure_ascii=False)  # JSON's strings and lists are TOML's too
 HEADER = 'format = "scene/1"\nname = "test"\n'

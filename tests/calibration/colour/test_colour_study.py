@@ -18,7 +18,7 @@ from cboxlab.calibration.colour.radiance_ensemble import (
 from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
-from fake_capture import CENTRES_NM, response
+from helpers.fake_capture import CENTRES_NM, response
 
 STEP = INTEGRAL_GRID.weights
 

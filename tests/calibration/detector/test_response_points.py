@@ -6,7 +6,7 @@ import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
-from fake_capture import DISTANCE_MM, F_NUMBER, FakeCapture
+from helpers.fake_capture import DISTANCE_MM, F_NUMBER, FakeCapture
 
 TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
 

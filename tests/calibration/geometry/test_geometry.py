@@ -14,7 +14,7 @@ from cboxlab.calibration.geometry.camera_fit import SurveyedPoints, fit_camera, 
 from cboxlab.calibration.geometry.camera_jacobian import parameter_jacobian
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.errors import InputError
-from places import SHARED
+from helpers.places import SHARED
 from scipy import stats
 from scipy.spatial.transform import Rotation
 

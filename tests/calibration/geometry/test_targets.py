@@ -15,7 +15,7 @@ from cboxlab.calibration.geometry.target_camera import fit_camera_targets
 from cboxlab.calibration.geometry.targets import TargetView, detect_target
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
-from places import SHARED
+from helpers.places import SHARED
 from scipy import stats
 from scipy.spatial.transform import Rotation
 

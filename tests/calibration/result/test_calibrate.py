@@ -13,7 +13,7 @@ from cboxlab.calibration.colour.patch_colour import patch_errors, patch_xyz, smo
 from cboxlab.calibration.colour.shading import PatchPixels, fit_shading
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
-from fake_capture import CONSTANT, FakeCapture
+from helpers.fake_capture import CONSTANT, FakeCapture
 from PIL import Image
 
 KEYS = {

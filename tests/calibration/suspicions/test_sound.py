@@ -3,8 +3,8 @@
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.result import calibrate
-from fake_capture import FakeCapture
-from places import ROOT
+from helpers.fake_capture import FakeCapture
+from helpers.places import ROOT
 
 
 @pytest.mark.parametrize("lacking", [{}, {"flats": False}, {"darks": False}, {"references": False}], ids=str)

@@ -12,7 +12,7 @@ from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.suspicions import explain_points, find_suspicions
 from cboxlab.scenes.errors import InputError
-from places import ROOT
+from helpers.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import OpenEXR
 import pytest
-from boxes import box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
 from cboxlab.scenes import InputError, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh
+from helpers.boxes import box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.bounces import render_bounces
 from cboxlab.render.integrators.derivatives import render_derivatives
 from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
+from helpers.boxes import BANDS, box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.choice import render
 from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
@@ -15,6 +14,7 @@ from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.integrators.stock import render_stock
 from cboxlab.render.radiosity.final_gather import solve_light
 from cboxlab.scenes import InputError, Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
+from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

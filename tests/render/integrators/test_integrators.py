@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.choice import render
 from cboxlab.render.integrators.path_tracer import render_path_tracer
@@ -19,6 +18,7 @@ from cboxlab.render.radiosity.final_gather import gather, render_final_gather, s
 from cboxlab.render.visibility.pinhole import film_for, resampling
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.progress import Teller
+from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
 needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, FLAT, box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.bounces import render_bounces
 from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
@@ -15,6 +14,7 @@ from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.integrators.stock import render_stock
 from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
+from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

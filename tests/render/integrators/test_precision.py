@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.files.cube_files import read_cube, write_cube
 from cboxlab.render.files.cube_strips import read_strips, strip_cameras, write_strips
@@ -16,6 +15,7 @@ from cboxlab.render.integrators.passes import Job, combined, render_pass
 from cboxlab.render.integrators.precision import BATCHES, fireflies, relative_error, render_to_precision
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.progress import Cancelled, Teller
+from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

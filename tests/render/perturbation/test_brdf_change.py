@@ -5,12 +5,12 @@ False alarms: as stated in test_render_physics.
 
 import numpy as np
 import pytest
-from boxes import BANDS, box_with_lamp, camera_inside
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.perturbation.brdf_change import Coat, changed_reflection, fresnel
 from cboxlab.render.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
+from helpers.boxes import BANDS, box_with_lamp, camera_inside
 from scipy.ndimage import binary_dilation
 from scipy.stats import chi2
 

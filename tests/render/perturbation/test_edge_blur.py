@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, camera_inside, lamp_and, quad, square
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.image.blur import blur
 from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.perturbation.edge_blur import build_edge_blur
 from cboxlab.render.perturbation.warp import build_warp
 from cboxlab.render.visibility.tracer import build_tracer
+from helpers.boxes import BANDS, camera_inside, lamp_and, quad, square
 from scipy.special import erf
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: a picture is rendered")

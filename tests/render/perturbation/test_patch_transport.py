@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.perturbation.patch_light import patch_light
 from cboxlab.render.perturbation.patch_transport import build_patch_transport
@@ -16,6 +15,7 @@ from cboxlab.render.radiosity.final_gather import gather, solve_light
 from cboxlab.render.visibility.primary import facet_coverage
 from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
+from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student
 

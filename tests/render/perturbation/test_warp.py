@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from boxes import BANDS
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.perturbation.warp import build_warp, pixels_per_unit, warp_change
 from cboxlab.render.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
+from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
 pytestmark = pytest.mark.skipif(

@@ -5,7 +5,6 @@ False alarms: as stated in test_render_physics.
 
 import numpy as np
 import pytest
-from boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
@@ -15,6 +14,7 @@ from cboxlab.render.radiosity.solution import indirect_basis, solve, trace_excha
 from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Scene, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh
+from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(
     not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"

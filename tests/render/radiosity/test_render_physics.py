@@ -10,7 +10,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from boxes import BANDS, EDGE, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.path_points import PathPoints
@@ -25,6 +24,7 @@ from cboxlab.validate.renderers.closed_forms import (
     parallel_squares,
     perpendicular_rectangles,
 )
+from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

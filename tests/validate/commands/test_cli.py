@@ -20,7 +20,7 @@ from cboxlab.validate.commands import console
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.model.model_file import load_model
 from cboxlab.validate.synthetic.blind import open_seal
-from command_line import assert_one_line_of_help
+from helpers.command_line import assert_one_line_of_help
 
 
 @pytest.fixture

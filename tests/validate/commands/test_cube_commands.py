@@ -12,7 +12,7 @@ from cboxlab.validate.commands.cli import main
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.compare.maps import read_map
 from cboxlab.validate.model.model_file import load_model
-from command_line import assert_one_line_of_help
+from helpers.command_line import assert_one_line_of_help
 from PIL import Image
 
 

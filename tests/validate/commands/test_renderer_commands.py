@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.files import read_cube
-from command_line import assert_one_line_of_help
+from helpers.command_line import assert_one_line_of_help
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

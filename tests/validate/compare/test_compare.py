@@ -7,7 +7,7 @@ from cboxlab.validate.compare.colour_difference import White, delta_e_2000, delt
 from cboxlab.validate.compare.comparison import compare
 from cboxlab.validate.compare.regions import edge_distance_px, edges, interiors
 from cboxlab.validate.report.verdict import verdict, warnings
-from fake_box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from boxes import BANDS
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.image.light_shares import LightShares, light_shares
 from cboxlab.render.integrators.path_tracer import render_path_tracer
@@ -13,6 +12,7 @@ from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.compare.failure import parts, ranked_failures
 from cboxlab.validate.report.table_sections import parts_section
+from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
 NAMES = ("floor", "left", "right")

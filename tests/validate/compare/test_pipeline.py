@@ -9,7 +9,6 @@ import shutil
 
 import numpy as np
 import pytest
-from browser import open_browser
 from cboxlab.render.chain.bands import render_bands
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.integrators.precision import render_to_precision
@@ -23,6 +22,7 @@ from cboxlab.validate.compare.pipeline import validate
 from cboxlab.validate.model.model_file import Model
 from cboxlab.validate.report.write import write_validation
 from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+from helpers.browser import open_browser
 from scipy import stats
 
 SIZE = 64

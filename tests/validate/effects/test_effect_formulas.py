@@ -13,7 +13,7 @@ from cboxlab.scenes.shapes import vector_area
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.effects import catalogue
-from fake_stages import NM, apply, counts, curves, light
+from helpers.fake_stages import NM, apply, counts, curves, light
 from scipy.special import ndtr
 
 

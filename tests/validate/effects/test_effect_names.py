@@ -4,7 +4,7 @@ import ast
 
 import pytest
 from cboxlab.validate.effects import catalogue
-from places import ROOT
+from helpers.places import ROOT
 
 ROOMS = ("scenes", "calibration", "render", "validate")
 

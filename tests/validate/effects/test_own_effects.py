@@ -8,7 +8,7 @@ from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.effects import catalogue
-from installed_effects import own_effects
+from helpers.installed_effects import own_effects
 
 STAGES = {
     "washed-surface": "scene", "one-more-bounce": "settings", "soot": "transport", "focus-breathing": "camera",

@@ -15,7 +15,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.predict import picture_cache
 from cboxlab.validate.predict.picture_cache import cached_picture, picture_key, sources
-from places import ROOT
+from helpers.places import ROOT
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

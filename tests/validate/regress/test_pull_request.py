@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.render.files import write_cube
 from cboxlab.validate.commands.cli import main
-from other_suite import run_suite
+from helpers.other_suite import run_suite
 from pictures import noisy, rendered
 
 TEST = """

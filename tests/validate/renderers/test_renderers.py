@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import box_with_lamp, camera_inside
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
 from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
 from cboxlab.validate.renderers import compare_renderers, judge, missing, reference_cube, run_renderer
+from helpers.boxes import box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

@@ -5,9 +5,9 @@ import unicodedata
 from io import BytesIO
 
 import pytest
-from browser import open_browser
 from cboxlab.validate.report.page import ReportInputs, build_report
-from fake_box import FakeBox, fake_run, fake_weights
+from helpers.browser import open_browser
+from helpers.fake_box import FakeBox, fake_run, fake_weights
 from pypdf import PdfReader
 
 BOX = FakeBox(size=48)

@@ -11,13 +11,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import uvicorn
-from browser import open_browser
 from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.compare import band_centres
 from cboxlab.validate.diagnose import diagnosis as diagnosis_module
 from cboxlab.validate.model import load_model
 from cboxlab.validate.studio import Workbench, build_app
-from glare_capture import GLARE, glare_capture
+from helpers.browser import open_browser
+from helpers.glare_capture import GLARE, glare_capture
 from starlette.testclient import TestClient
 
 #: Effects that the diagnosis tries here; each costs seconds.

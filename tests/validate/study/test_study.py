@@ -15,7 +15,7 @@ from cboxlab.validate.model import load_model
 from cboxlab.validate.predict import picture_cache
 from cboxlab.validate.results import Study
 from cboxlab.validate.results import study as study_module
-from glare_capture import GLARE, glare_capture
+from helpers.glare_capture import GLARE, glare_capture
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from browser import open_browser
 from cboxlab.render.image import RenderedImage
 from cboxlab.validate.compare import srgb_preview
 from cboxlab.validate.report.metrics import metrics
 from cboxlab.validate.viewer import changed_data, encoded, picture_data, viewer_fragment
 from cboxlab.validate.viewer.light import pixel_spectra
-from fake_box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.browser import open_browser
+from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
 
 BOX = FakeBox(size=48)
 #: The bands' wavelengths out of order, so that sorting shows.

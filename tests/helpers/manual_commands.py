@@ -6,7 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
-from places import ROOT
+from helpers.places import ROOT
 
 __all__ = ["NEW_USER", "commands", "pages"]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cboxlab.validate.effects import catalogue
 
-PACKAGE = Path(__file__).parent / "validate" / "effects" / "own_package"
+PACKAGE = Path(__file__).parents[1] / "validate" / "effects" / "own_package"
 
 
 @contextmanager
