@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import Cancelled, Progress, Teller
 
+from ..terminal import Stages
+
 __all__ = ["Jobs"]
 
 Value = TypeVar("Value")
@@ -92,17 +94,22 @@ class Jobs:
         await self.cancel()
         loop = asyncio.get_running_loop()
 
+        stages = Stages(name, lambda line: None)
+
         def told(stage: str, part: float) -> None:
-            loop.call_soon_threadsafe(self._progress, name, stage, part, background)
+            loop.call_soon_threadsafe(self._progress, name, stages, stage, part, background)
 
         teller = Teller(told)
         task = asyncio.create_task(self._run(name, function, teller, done))
         self._running = (teller, task, background)
-        self._progress(name, "", 0.0, background)
+        self._progress(name, stages, "", 0.0, background)
 
-    def _progress(self, name: str, stage: str, part: float, background: bool) -> None:
+    def _progress(self, name: str, stages: Stages, stage: str, part: float, background: bool) -> None:
         if self._running is not None:
-            self.told = {"job": name, "stage": stage, "done": part, "background": background}
+            stages.tell(stage, part)
+            self.told = {
+                "job": name, "stage": stage, "done": stages.done, "times": stages.times(), "background": background,
+            }  # fmt: skip
             self.tell({"event": "progress", **self.told})
 
     async def _run(

@@ -2,10 +2,11 @@
 
 from .command_line import JsonOption, command_line
 from .output import console, data_table, errors, give_json, say, this_run
-from .stages import told_time, watch_stages
+from .stages import Stages, told_time, watch_stages
 
 __all__ = [
     "JsonOption",
+    "Stages",
     "command_line",
     "console",
     "data_table",

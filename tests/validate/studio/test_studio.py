@@ -276,8 +276,9 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
         diagnosis_module, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED]
     )
     page.run(
-        "(() => {const stage = document.getElementById('stage'); globalThis.stages = new Set();"
-        "new MutationObserver(() => stages.add(stage.textContent)).observe(stage, {childList: true})})()"
+        "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
+        "globalThis[id + '_seen'] = all;"
+        "new MutationObserver(() => all.add(e.textContent)).observe(e, {childList: true})}"
     )
     before = chi2(page)
     press(page, "diagnose")
@@ -287,8 +288,10 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
         time.sleep(0.2)
     assert page.run("document.getElementById('mistake').textContent") == ""
     page.until("!document.getElementById('diagnosis').hidden")
-    stages = page.run("[...stages].join('; ')")
+    stages = page.run("[...stage_seen].join('; ')")
     assert "trying every effect" in stages and "choosing among effects" in stages
+    times = page.run("[...times_seen]")
+    assert len(times) > 3 and all(" gone" in told for told in times)
     press(page, "adopt")
     page.until("page.controls.length === 1")
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before

@@ -244,6 +244,21 @@ def test_zoom_is_linked_and_a_click_finds_its_pixel(page):
     assert page.run("v.state.zoom") == 1
 
 
+@pytest.mark.parametrize("zoom", [1, 3])
+def test_axes_number_the_pixels_at_their_centres(page, zoom):
+    """A pixel's centre (n + 0.5) lies zoom times its distance from the view's centre, in shares of 48 px, off 50 %."""
+    page.run(f"v.set({{mode: 'side', zoom: {zoom}, x: 24, y: 28}})")
+    centres = (24, 24 if zoom == 1 else 28)
+    for axis, marks in enumerate(("across", "down")):
+        found = page.run(
+            f"[...document.querySelectorAll('.cbv-{marks} span')].map("
+            "e => [parseInt(e.textContent), parseFloat(e.style.left || e.style.top)])"
+        )
+        assert len(found) >= 3 * 2
+        for number, percent in found:
+            assert percent == pytest.approx(50 + 100 * zoom * (number + 0.5 - centres[axis]) / 48, abs=0.1)
+
+
 def test_wheel_zooms_about_the_pointer_and_dragging_moves(page):
     """Ctrl + wheel: the pixel under the pointer stays there. A drag by a quarter of the width moves by a quarter."""
     there = _at(page, 0, 12, 12)

@@ -163,6 +163,7 @@ function showJob(told) {
   if (told) {
     $("stage").textContent = `${told.background ? "in the background: " : ""}${told.job}${told.stage && told.stage !== told.job ? ": " + told.stage : ""}`;
     $("progress").value = told.done;
+    $("times").textContent = told.times;
     $("cancel").hidden = told.background;
   }
   if (Boolean(before) !== Boolean(page.job)) enable(!page.job);

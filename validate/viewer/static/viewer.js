@@ -247,7 +247,9 @@ class CBoxViewer {
       const canvas = html("canvas", { tabindex: "0", role: "application", "aria-roledescription": "picture" });
       canvas.style.aspectRatio = `${this.picture.width} / ${this.picture.height}`;
       this._listen(canvas);
-      this._figures.append(html("figure", {}, [html("figcaption"), canvas, html("div", { class: "cbv-bars" })]));
+      const scales = ["cbv-down", "cbv-across"].map((name) => html("div", { class: name, "aria-hidden": "true" }));
+      const framed = html("div", { class: "cbv-framed" }, [scales[0], canvas, scales[1]]);
+      this._figures.append(html("figure", {}, [html("figcaption"), framed, html("div", { class: "cbv-bars" })]));
     }
     this._figures.dataset.panes = panes.length;
     panes.forEach((ids, n) => {
@@ -317,6 +319,7 @@ class CBoxViewer {
   _drawPane(canvas, ids) {
     const g = this._geometry(canvas);
     if (!g.width) return;
+    this._drawAxes(canvas.parentElement, g);
     const ratio = window.devicePixelRatio || 1;
     [canvas.width, canvas.height] = [Math.round(g.width * ratio), Math.round(g.height * ratio)];
     const context = canvas.getContext("2d");
@@ -357,6 +360,21 @@ class CBoxViewer {
         context.strokeRect(middle[0] - size / 2 - 1, middle[1] - size / 2 - 1, size + 2, size + 2);
       }
     }
+  }
+
+  /** Pixel numbers left of the picture and below it; a number stands at the centre of its pixel. */
+  _drawAxes(framed, g) {
+    const marks = (start, size, side) => {
+      const [low, high] = [-start, size - start].map((v) => v / g.cell - 0.5);
+      return ticks(low, high, Math.max(2, size / 70)).filter(Number.isInteger).map((v) => {
+        const place = (100 * (start + (v + 0.5) * g.cell)) / size;
+        return html("span", { style: `${side}:${place.toFixed(3)}%` }, String(v));
+      });
+    };
+    framed.querySelector(".cbv-down").replaceChildren(...marks(g.top, g.height, "top"));
+    const across = marks(g.left, g.width, "left");
+    if (across.length) across[across.length - 1].append(" px");
+    framed.querySelector(".cbv-across").replaceChildren(...across);
   }
 
   /** Numbers in the pixels, where these are large enough. */
