@@ -12,8 +12,8 @@ from cboxlab.render.image.blur import blur
 from cboxlab.scenes import cornell_box
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.commands import console
-from cboxlab.validate.commands.demo import DEMO_CAPTURE, run_demo
-from cboxlab.validate.compare.pipeline import rendered_from, validate
+from cboxlab.validate.commands.demo import run_demo
+from cboxlab.validate.compare.pipeline import rendered_from, validated
 from cboxlab.validate.diagnose.alternatives import SelectedEffect
 from cboxlab.validate.diagnose.diagnosis import diagnose, refitted
 from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
@@ -126,9 +126,9 @@ def test_a_camera_pulled_away_by_pixels_comes_back(outcome):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_model_without_any_reflection_has_nothing_to_compare():
+def test_a_model_without_any_reflection_has_nothing_to_compare(outcome):
     with pytest.raises(InputError, match="max_bounces"):
-        validate(DEMO_CAPTURE, Model(render=RenderSettings(max_bounces=0)))
+        validated(outcome[0].prepared, Model(render=RenderSettings(max_bounces=0, noise=3.0)))
 
 
 def test_record_has_the_agreed_keys(outcome, tmp_path):
@@ -172,7 +172,7 @@ def test_final_model_is_written_and_read_back(outcome, tmp_path):
     ]
 
 
-def test_model_with_the_true_effect_is_adequate(monkeypatch):
+def test_model_with_the_true_effect_is_adequate(outcome, monkeypatch):
     """Given the effect, nothing is missing: the diagnosis must not invent a second cause.
 
     Only causes in the camera compete here, the nearest to glare; those in the scene take long to screen.
@@ -183,7 +183,8 @@ def test_model_with_the_true_effect_is_adequate(monkeypatch):
         lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
     )
     effect = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
-    validation = validate(DEMO_CAPTURE, Model(effects=(effect,), render=RenderSettings(noise=1.5)))
+    model = Model(effects=(effect,), render=RenderSettings(noise=1.5))
+    validation = validated(outcome[0].prepared, model)
     assert diagnose(validation).adequate
 
 
