@@ -265,7 +265,7 @@ def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
 
 
 def test_the_promised_figures_are_met(shared):
-    """On a capture by another simulator, with the effect that it hides in the model; its answers have the true camera."""
+    """On a capture by another simulator, the effect that it hides in the model; its answers have the true camera."""
     answer = json.loads((shared / "captures" / "answers.json").read_text())["mystery-2"]
     effect = apply_checked(answer["effect"], answer["params"], "answers.json")
     result = validate(
