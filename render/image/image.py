@@ -68,7 +68,10 @@ class RenderedImage:
 
         The variance is estimated from the scatter of the batches; NaN with a single batch.
         """
-        values = self.coefficients @ (self.spectra @ weights)
+        mixed = self.spectra @ weights
+        values = np.empty((*self.coefficients.shape[:-1], mixed.shape[1]))
+        for row in range(values.shape[1]):  # all rows at once would need the coefficients in double precision
+            values[:, row] = self.coefficients[:, row] @ mixed
         count = len(values)
         mean = values.mean(axis=0)
         variance = values.var(axis=0, ddof=1) / count if count > 1 else np.full_like(mean, np.nan)

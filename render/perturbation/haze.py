@@ -58,13 +58,17 @@ class AirTransport:
 
     def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
         """(..., w) a smooth quantity, given in the cells (v, w), interpolated at points (..., 3) in mm."""
-        parts, start = [], 0
-        for axes in self.axes:
+        part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
+        result, start = np.empty((*part.shape, values.shape[1])), 0
+        for k, axes in enumerate(self.axes):
+            here = part == k
             shape = tuple(len(axis) for axis in axes)
             own = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
-            parts.append(RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(points_mm))
+            result[here] = RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(
+                points_mm[here]
+            )
             start += int(np.prod(shape))
-        return np.where(points_mm[..., 2:] < self.front_mm, parts[-1], parts[0])
+        return result
 
     def between_cells(self, extinction_per_mm: float) -> NDArray[np.float64]:
         """(v, v) mm: mean radiance in the cell of a row per source (radiance per mm) in the cell of a column.
