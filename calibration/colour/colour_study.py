@@ -40,15 +40,14 @@ class ColourStudy(OwnMappings):
 
     @property
     def reason(self) -> str:
-        """One sentence: which weights are used and why."""
-        best = self.recommended
+        """Which weights are used and why, in three short sentences."""
         shown = ", ".join(
-            f"{method} {float(error.delta_e_2000.mean()):.2f} (Z rms {100 * float(error.rms[2]):.0f}%)"
+            f"{method} {float(error.delta_e_2000.mean()):.2f} ({100 * float(error.rms[2]):.0f} %)"
             for method, error in self.errors.items()
         )
         return (
-            f"XYZ uses {best} filter weights: the smallest mean CIEDE2000 over {self.spectra} ({shown}); "
-            f"training on {self.ensemble}"
+            f"XYZ uses {self.recommended} filter weights, with the smallest mean CIEDE2000. Over {self.spectra} it is, "
+            f"beside the rms error of Z: {shown}. Trained weights are fitted to {self.ensemble}."
         )
 
 

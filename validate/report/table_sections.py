@@ -55,12 +55,9 @@ def where_section(
     sentences = ["Noise explains the difference: there is no excess to locate."]
     if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
         worst = max(regions["place"], key=lambda r: r.share_of_excess)
-        surface = max(regions["surface"], key=lambda r: r.share_of_excess)
-        sentences = [
+        sentences = [f.sentence for f in failures] or [
             f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.words)}, with "
-            f"{percent(worst.share_of_residuals, 0)} % of the residuals. Of the surfaces and what is beside them, "
-            f"{surface.words} has most: {percent(surface.share_of_excess, 0)} %.",
-            *(f.sentence for f in failures),
+            f"{percent(worst.share_of_residuals, 0)} % of the residuals."
         ]
     return ReportSection(
         "Where it fails",

@@ -248,7 +248,8 @@ class CBoxViewer {
       canvas.style.aspectRatio = `${this.picture.width} / ${this.picture.height}`;
       this._listen(canvas);
       const scales = ["cbv-down", "cbv-across"].map((name) => html("div", { class: name, "aria-hidden": "true" }));
-      const framed = html("div", { class: "cbv-framed" }, [scales[0], canvas, scales[1]]);
+      const unit = html("div", { class: "cbv-px", "aria-hidden": "true" }, "px");
+      const framed = html("div", { class: "cbv-framed" }, [scales[0], canvas, unit, scales[1]]);
       this._figures.append(html("figure", {}, [html("figcaption"), framed, html("div", { class: "cbv-bars" })]));
     }
     this._figures.dataset.panes = panes.length;
@@ -372,9 +373,7 @@ class CBoxViewer {
       });
     };
     framed.querySelector(".cbv-down").replaceChildren(...marks(g.top, g.height, "top"));
-    const across = marks(g.left, g.width, "left");
-    if (across.length) across[across.length - 1].append(" px");
-    framed.querySelector(".cbv-across").replaceChildren(...across);
+    framed.querySelector(".cbv-across").replaceChildren(...marks(g.left, g.width, "left"));
   }
 
   /** Numbers in the pixels, where these are large enough. */
