@@ -50,10 +50,7 @@ print(cboxlab.validate.commands.console is console, cboxlab.render.chain is chai
 """
 
 
-@pytest.mark.parametrize(
-    "first",
-    ["import cboxlab", "import cboxlab.validate.commands", "from cboxlab.render.chain import RenderSettings"],
-)
+@pytest.mark.parametrize("first", ["", "from cboxlab.render.chain import RenderSettings"])
 def test_a_room_and_a_function_have_one_name_whichever_comes_first(first, tmp_path):
     assert run(f"{first}\nimport cboxlab{CALLED}", tmp_path) == ["called", "True", "True", "True"]
 
