@@ -25,8 +25,14 @@ __all__ = ["diagnose", "studio"]
 
 
 def diagnose(
-    capture: Annotated[
-        Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="capture...",
+            help="A folder of the capture format (capture.toml). Further captures of the same box (other exposures, "
+            "apertures, places of the camera) decide between causes that the first one cannot tell apart.",
+            show_default=False,
+        ),
     ],
     *,
     model: Annotated[Path | None, typer.Option(help="Model file (TOML); default the published box.")] = None,
@@ -50,7 +56,7 @@ def diagnose(
     chosen, cache = as_model(model), None if no_cache else default_cache()
     require_compiled()
     with options(render="--render"), bar("calibrating") as report:
-        result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
             report.stage("writing the report")
             result.write(out)

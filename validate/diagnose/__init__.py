@@ -1,7 +1,7 @@
 """Which effect the model lacks: hypotheses, screening, fits, selection, held-out tests."""
 
 from .causes import Cause
-from .diagnosis import Diagnosis, Ranked, Step, diagnose
+from .diagnosis import Diagnosis, FurtherCaptureFound, Ranked, Step, diagnose
 from .effect_fit import fit_effect, fit_effects
 from .further_captures import Separation
 from .linear_model import nuisance_priors
@@ -10,6 +10,7 @@ from .search import judged_by_priors
 __all__ = [
     "Cause",
     "Diagnosis",
+    "FurtherCaptureFound",
     "Ranked",
     "Separation",
     "Step",

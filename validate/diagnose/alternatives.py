@@ -30,7 +30,7 @@ class SelectedEffect:
     """A selected effect, and the other effects of the catalogue in its stead, all other selected ones staying.
 
     alternatives : best first. chi2_without : chi2 with none of them. heldout_pixels, heldout_bands : its gain where
-    it was not fitted, see ``heldout``; NaN where that cannot be tried.
+    it was not fitted, see ``heldout``; NaN where that cannot be tried. count : number of samples that chi2 sums.
     """
 
     candidate: Candidate
@@ -38,6 +38,7 @@ class SelectedEffect:
     chi2_without: float
     heldout_pixels: float
     heldout_bands: float
+    count: int
 
     @property
     def indistinguishable(self) -> list[Candidate]:
@@ -70,6 +71,7 @@ def with_alternatives(
                 fitted, tuple(best), square(problem.model.project(residual)),
                 np.nan if prior else heldout_pixels(linearised.model, residual, shape),
                 np.nan if prior else heldout_bands(linearised.model, residual, shape),
+                linearised.model.count,
             )
         )  # fmt: skip
     return found

@@ -47,6 +47,7 @@ from .linearised_fit import (
 )
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_singles, pairs_replaced
+from .several_captures import FurtherFit, same_camera, settled
 from .unexplained import beats, explained, stands_out
 
 __all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose", "refitted"]
@@ -93,6 +94,18 @@ class Step(OwnMappings):
     comparison: Comparison
 
 
+@dataclass(frozen=True)
+class FurtherCaptureFound:
+    """Another capture of the box: chi2 per sample of the model as given and with the effects found, and whether
+    anything remains that they do not explain. same_camera : whether it states the same sensor, lens and filters."""
+
+    capture: str
+    same_camera: bool
+    chi2_per_dof: float
+    final_chi2_per_dof: float
+    adequate: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What a model lacks.
@@ -106,7 +119,7 @@ class Diagnosis:
     residual : (band, y, x) measured less the model as given, over sigma, without what camera and lamp can imitate; NaN
     where not used. causes : the likeliest ones tried alone, to be seen beside it.
     explanation : what a family of fields says about what no effect explains; None where nothing remains.
-    render : what another renderer's picture lacks by itself; None for our own.
+    render : what another renderer's picture lacks by itself; None for our own. further : the other captures asked.
     """
 
     adequate: bool
@@ -124,11 +137,16 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     explanation: Explanation | None = None
     render: ForeignSide | None = None
+    further: tuple[FurtherCaptureFound, ...] = ()
 
 
-def diagnose(validation: Validation, progress: Progress = QUIET) -> Diagnosis:
+def diagnose(
+    validation: Validation, progress: Progress = QUIET, further: Sequence[Validation] = ()
+) -> Diagnosis:
     """Find which effects of the catalogue explain a validation's residual.
 
+    further : of other captures of the same box. They decide between the effects found and those that could stand in
+    their stead, and are compared with the model found.
     Raises InputError where nothing could be compiled and so nothing can be predicted.
     """
     validation, render = foreign_side(validation)
@@ -173,6 +191,10 @@ def diagnose(validation: Validation, progress: Progress = QUIET) -> Diagnosis:
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
+    others = [_further_fit(validation, one, chosen) for one in further]
+    if chosen and others:
+        known = settled(prepared, linearised, known, others)
+        chosen = [one.candidate for one in known]
     if not chosen:
         linearised = first
     residual = residual_with(linearised, chosen)
@@ -222,6 +244,28 @@ def diagnose(validation: Validation, progress: Progress = QUIET) -> Diagnosis:
         causes=likeliest_causes(start, singles, [c.hypothesis.effect.id for c in chosen]) if selected else (),
         explanation=explanation,
         render=render,
+        further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
+    )
+
+
+def _further_fit(validation: Validation, other: Validation, chosen: Sequence[Candidate]) -> FurtherFit:
+    """Another capture's picture, rendered and linearised with the effects found in the first one."""
+    plain = linearised_fit(other.prepared, other.rendered, other.model.effects)
+    there = refitted(other, plain, chosen) if chosen else plain
+    captures = (v.prepared.calibration.capture for v in (validation, other))
+    return FurtherFit(other.prepared, there, same_camera(*captures))
+
+
+def _found_in(other: Validation, found: FurtherFit, chosen: Sequence[Candidate]) -> FurtherCaptureFound:
+    linearised = found.linearised
+    before, residual = linearised.model.residual, residual_with(linearised, chosen)
+    rendered = residual_with_rendered(linearised, chosen)
+    return FurtherCaptureFound(
+        capture=other.prepared.calibration.capture.folder.name,
+        same_camera=found.camera_shared,
+        chi2_per_dof=square(before) / linearised.model.count,
+        final_chi2_per_dof=square(residual) / linearised.model.count,
+        adequate=not something_remains(linearised.model, residual, rendered),
     )
 
 
@@ -293,27 +337,27 @@ def _ranking(
     nothing is missing has NOTHING_MISSING of it.
     """
     unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
-    entries = {c.hypothesis.effect.id: _ranked(c, start, 0.0) for c in reversed(singles)}
+    entries = {c.hypothesis.effect.id: _ranked(c, start.count, 0.0) for c in reversed(singles)}
     if set(selected) - {UNKNOWN}:
         for effect in sorted(known, key=lambda e: e.chi2_without):
             everyone = [effect.candidate, *effect.alternatives]
             for candidate, share in zip(everyone, _shares(everyone, effect.chi2_without), strict=True):
-                entry = _ranked(candidate, start, (1 - unknown) * share)
+                entry = _ranked(candidate, effect.count, (1 - unknown) * share)
                 other = entries.get(entry.effect)
                 if candidate is effect.candidate or other is None or entry.probability > other.probability:
                     entries[entry.effect] = entry
     else:
         rest = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
         for candidate, share in zip(singles, _shares(singles, start.chi2), strict=True):
-            entries[candidate.hypothesis.effect.id] = _ranked(candidate, start, rest * share)
+            entries[candidate.hypothesis.effect.id] = _ranked(candidate, start.count, rest * share)
     lowest = min((c.chi2 for c in singles), default=start.chi2)
     entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
     return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
 
 
-def _ranked(candidate: Candidate, start: LinearModel, probability: float) -> Ranked:
+def _ranked(candidate: Candidate, count: int, probability: float) -> Ranked:
     values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
-    return Ranked(candidate.hypothesis.effect.id, values, sigma, candidate.chi2 / start.count, probability)
+    return Ranked(candidate.hypothesis.effect.id, values, sigma, candidate.chi2 / count, probability)
 
 
 def _shares(candidates: Sequence[Candidate], chi2_without: float) -> list[float]:

@@ -13,9 +13,9 @@ from cboxlab.scenes.progress import QUIET, Progress
 from ..compare import Validation
 from ..effects import AppliedEffect, catalogue
 from .hypotheses import Hypothesis, hypotheses
-from .joint_fit import JointFit
 from .linearised_fit import linearised_fit
 from .search import Candidate, FitProblem, Signature, fit, judged_by_priors, screen, signature
+from .several_captures import JointFit
 
 __all__ = ["fit_effect", "fit_effects"]
 
@@ -77,7 +77,8 @@ def fit_effects(
     candidates = {index: _candidate(effects[index]) for index in chosen if effects[index].effect.numbers}
     if not candidates:
         raise _nothing_to_fit(", ".join(effects[index].id for index in chosen) or "no effect")
-    joint = JointFit.of([linearised_fit(v.prepared, v.rendered, given) for v in validations])
+    parts = [linearised_fit(v.prepared, v.rendered, given) for v in validations]
+    joint = JointFit.of(parts, [v.prepared for v in validations])
     camera = joint.parts[0].predictor.camera
     rounds = _ROUNDS if len(candidates) > 1 else 1
     for turn in range(rounds):

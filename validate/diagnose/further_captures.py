@@ -106,7 +106,7 @@ def _signal(
     linearised: LinearisedFit, effects: Sequence[AppliedEffect], capture: FurtherCapture
 ) -> NDArray[np.float64]:
     """(band, y, x) DN that a further capture would show."""
-    altered = [_stopped_down(effect, capture.aperture) for effect in effects]
+    altered = [effect.at_aperture(capture.aperture) for effect in effects]
     predictor, sensing = linearised.predictor, linearised.predictor.sensing
     light = predictor.before_optics(altered)
     factor = capture.exposure * capture.aperture**2
@@ -119,12 +119,6 @@ def _signal(
     arriving = np.zeros((1, 1, 1)) if capture.capped else factor[:, None, None]
     scene = light.scaled(linearised.scale * arriving)
     return expected_signal(scene, there, altered, predictor.camera)
-
-
-def _stopped_down(effect: AppliedEffect, aperture: float) -> AppliedEffect:
-    growing = [p.name for p in effect.effect.numbers if p.grows_with_aperture]
-    values = {name: aperture * float(effect.values[name]) for name in growing}
-    return replace(effect, values={**effect.values, **values})
 
 
 def _whitened(

@@ -59,6 +59,11 @@ class Candidate(OwnMappings):
         """The effect with its fitted numbers."""
         return self.hypothesis.at(self.numbers)
 
+    def at_aperture(self, factor: float) -> Candidate:
+        """The candidate with the aperture's diameter times a factor."""
+        there = self.applied.at_aperture(factor).values
+        return replace(self, numbers={name: float(there[name]) for name in self.numbers})
+
 
 @dataclass(frozen=True, eq=False)
 class NumberStep:

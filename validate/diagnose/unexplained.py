@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
+from cboxlab.render.chain import after_stage
 from cboxlab.render.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
@@ -142,7 +143,7 @@ def _transport(linearised: LinearisedFit) -> Transport:
     traced = predictor.transport
     exchange, patches = traced.light.exchange, traced.light.patches
     nm = predictor.effective_nm
-    reflectance = predictor.scene.reflectances(nm)
+    reflectance = after_stage(predictor.scene, predictor.included, "scene").reflectances(nm)
     first = np.repeat(exchange.direct[:, None], len(nm), axis=1)
     radiance = solve(exchange, reflectance[patches.material], first).astype(np.float32)
     arriving = traced.direct[:, None] + traced.gather @ radiance

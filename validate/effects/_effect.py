@@ -118,7 +118,8 @@ class Effect:
     are read out. spectral_step_nm : of the transport stage: steps of the wavelengths, dividing 300 nm, at which a
     synthetic capture computes its change; the change is linear in between.
     imitates_lamp_power : whether the fit of the lamp's power can do all that the effect does to the picture. Then only
-    the lamp's stated uncertainty speaks against the effect.
+    the lamp's stated uncertainty speaks against the effect. own_to_capture : whether it belongs to one capture and not
+    to box or camera, so that another capture of the same box has numbers of its own.
     """
 
     id: str
@@ -133,6 +134,7 @@ class Effect:
     acts_on_charge: bool = True
     spectral_step_nm: int = 20
     imitates_lamp_power: bool = False
+    own_to_capture: bool = False
 
     def __post_init__(self) -> None:
         """Raises ValueError for a title that does not fit into a list."""
@@ -204,3 +206,10 @@ class AppliedEffect(OwnMappings):
     def apply(self, value: Any, *context: Any) -> Any:
         """The stage's value, changed."""
         return self.effect.apply(value, *context, **self.values)
+
+    def at_aperture(self, factor: float) -> AppliedEffect:
+        """The effect with the aperture's diameter times a factor."""
+        growing = {
+            p.name: factor * float(self.values[p.name]) for p in self.effect.numbers if p.grows_with_aperture
+        }
+        return replace(self, values={**self.values, **growing}) if growing else self

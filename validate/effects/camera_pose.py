@@ -32,6 +32,7 @@ EFFECT = Effect(
         *(Parameter(f"t{axis}_mm", "mm", null=0.0, low=-50.0, high=50.0, step=0.5) for axis in "xyz"),
     ),
     apply=_apply,
+    own_to_capture=True,
     confirm="Photograph the surveyed points again: their images now want another camera than the old ones. "
     "The picture's edges and the points disagree in the same way in all bands.",
     sources=("Rodrigues' formula; OpenCV's convention of world to camera",),

@@ -26,5 +26,6 @@ EFFECT = Effect(
     "middle of each band's frames.",
     parameters=(Parameter("per_minute", "min^-1", null=0.0, low=-0.1, high=0.1, step=1e-3),),
     apply=_apply,
+    own_to_capture=True,
     confirm="Take the first band once more at the end of the sequence, or log the lamp with a photodiode.",
 )

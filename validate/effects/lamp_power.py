@@ -20,6 +20,7 @@ EFFECT = Effect(
     summary="The lamp is brighter or dimmer than its table: radiance times scale, at all wavelengths alike.",
     parameters=(Parameter("scale", "1", null=1.0, low=0.05, high=20.0, step=1e-2),),
     apply=_apply,
+    own_to_capture=True,
     imitates_lamp_power=True,
     confirm="Measure the lamp again with the spectroradiometer, warm and at the voltage of the capture, and "
     "compare the radiometer's own scale with the reference source. It shows only beyond the lamp's stated "

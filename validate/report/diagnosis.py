@@ -19,7 +19,7 @@ from .metrics import PathStep
 
 __all__ = [
     "diagnosis_record", "error_sentence", "evidence_sentences", "finding_sentences",
-    "in_short", "path_steps", "ranked_values", "separation_sentence",
+    "further_sentences", "in_short", "path_steps", "ranked_values", "separation_sentence",
     "step_name", "unexplained_sentences", "values_words", "write_diagnosis",
 ]  # fmt: skip
 
@@ -50,6 +50,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "separations": [asdict(s) for s in diagnosis.separations],
         "explanation": explanation_record(diagnosis.explanation),
         "render": None if diagnosis.render is None else asdict(diagnosis.render),
+        "further": [asdict(one) for one in diagnosis.further],
     }
 
 
@@ -167,15 +168,26 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
     """The result in sentences, the finding first."""
     foreign = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
-        return [in_short(diagnosis), *foreign]
+        return [in_short(diagnosis), *foreign, *further_sentences(diagnosis)]
     return [
         in_short(diagnosis),
         *foreign,
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *(f"To confirm {effect.id}: {effect.effect.confirm}" for effect in diagnosis.path[-1].effects),
+        *further_sentences(diagnosis),
         *(separation_sentence(s) for s in diagnosis.separations),
         *evidence_sentences(diagnosis),
+    ]
+
+
+def further_sentences(diagnosis: Diagnosis) -> list[str]:
+    """What the other captures of the box say, one sentence each."""
+    return [
+        f"In {one.capture}, which {'the same' if one.same_camera else 'another'} camera took, χ² per sample is "
+        f"{one.chi2_per_dof:.2f} with the model as given and {one.final_chi2_per_dof:.2f} with what was found: "
+        f"{'nothing remains' if one.adequate else 'something remains'}."
+        for one in diagnosis.further
     ]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from cboxlab.calibration.capture import Capture
 from cboxlab.render.files import AS_STATED, Declared
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress, share
 
 from ..compare import Validation
@@ -64,7 +65,7 @@ class DiagnosisResult(Result):
 
 def diagnose(
     capture: Capture | ValidationResult | str | Path,
-    *,
+    *further: Capture | ValidationResult | str | Path,
     model: ModelLike = None,
     render: str | Path | None = None,
     noise: float | None = None,
@@ -76,12 +77,22 @@ def diagnose(
     """Name the effects that the model lacks, fit them and show the error falling.
 
     capture : as of ``validate``, or its result, which is then not computed again; the other arguments are those of
-    ``validate``. Raises InputError as ``validate`` does, and where nothing can be compiled (no LLVM, no GPU).
+    ``validate``. further : other captures of the same box, which decide between effects that the first one cannot tell
+    apart. Raises InputError as ``validate`` does, where nothing can be compiled (no LLVM, no GPU), and for another
+    renderer's picture with several captures.
     """
-    if not isinstance(capture, ValidationResult):
-        capture = validate(
-            capture, model=model, render=render, noise=noise, seed=seed, cache=cache, declared=declared,
-            progress=share(progress, 0.0, _VALIDATION),
-        )  # fmt: skip
-        progress = share(progress, _VALIDATION, 1.0)
-    return DiagnosisResult(diagnosed(capture.validation, progress), capture.validation)
+    if render is not None and further:
+        raise InputError(
+            "diagnose", "another renderer's picture and several captures", "one capture with a picture"
+        )
+    captures, validations = (capture, *further), []
+    for index, one in enumerate(captures):
+        if not isinstance(one, ValidationResult):
+            part = share(progress, *(_VALIDATION * k / len(captures) for k in (index, index + 1)))
+            one = validate(
+                one, model=model, render=render, noise=noise, seed=seed, cache=cache, declared=declared,
+                progress=part,
+            )  # fmt: skip
+        validations.append(one.validation)
+    found = diagnosed(validations[0], share(progress, _VALIDATION, 1.0), validations[1:])
+    return DiagnosisResult(found, validations[0])

@@ -22,6 +22,7 @@ from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit, residual_with
 from cboxlab.validate.diagnose.search import fit, screen, signature
 from cboxlab.validate.diagnose.selection import best_singles
+from cboxlab.validate.diagnose.unexplained import excess_of
 from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue
 from cboxlab.validate.model.model_file import Model, load_model, write_model
 from cboxlab.validate.model.stages import displacement
@@ -256,6 +257,13 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     np.testing.assert_allclose(after, predictor.patch_picture((darker,)), rtol=1e-5)
     lit = plain > 0
     assert abs(after[lit] / plain[lit] - 1).max() > 0.05
+    # a picture rendered with it: what remains is explained with the paints of that scene
+    linearised = linearised_fit(outcome[0].prepared, outcome[0].rendered, ())
+    there = replace(linearised, predictor=replace(predictor, included=(effect,)))
+    excess = excess_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
+    assert (
+        len(excess.transport.reflectance) == len(predictor.scene.materials) + 2
+    )  # the new paint and the lamp
 
 
 def test_averaged_changes_stay_on_their_face():
@@ -292,7 +300,9 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         for name, h in known.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
-    one = SelectedEffect(offset, (replace(glare, chi2=offset.chi2),), linearised.model.chi2, 1.0, 1.0)
+    one = SelectedEffect(
+        offset, (replace(glare, chi2=offset.chi2),), linearised.model.chi2, 1.0, 1.0, linearised.model.count
+    )
     (found,) = separations(validation.prepared, linearised, [one])
     assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)

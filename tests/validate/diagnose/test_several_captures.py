@@ -1,0 +1,98 @@
+"""Several captures of one box: what they share is fitted to all, what belongs to one capture to each by itself."""
+
+from dataclasses import replace
+
+import cboxlab
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose.hypotheses import Hypothesis
+from cboxlab.validate.diagnose.linear_model import LinearModel
+from cboxlab.validate.diagnose.search import Candidate, fit
+from cboxlab.validate.diagnose.several_captures import JointProblem, same_camera
+from cboxlab.validate.effects import AppliedEffect, Effect, Parameter, catalogue
+from helpers.places import ROOT
+
+COUNT, NUISANCES = 400, 11
+
+
+def model(residual):
+    """A linear model whose nuisances can imitate nothing."""
+    whitened = np.append(residual, np.zeros(NUISANCES))
+    return LinearModel(
+        used=np.ones((1, 1, COUNT), bool), interior=np.ones(COUNT, bool), patch=np.arange(COUNT) // 20,
+        sigma=np.ones(COUNT), priors=np.zeros((NUISANCES, NUISANCES)),
+        basis=np.eye(COUNT + NUISANCES)[:, -1:], shared_errors=np.zeros((COUNT + NUISANCES, 1), np.float32),
+        residual=whitened,
+    )  # fmt: skip
+
+
+class OneShape:
+    """A problem in which an effect adds its number times a shape."""
+
+    scale = 1.0
+
+    def __init__(self, shape, residual):
+        self.shape, self.model = np.append(shape, np.zeros(NUISANCES)), model(residual)
+
+    def change(self, applied):
+        return float(applied.values["width"]) * self.shape
+
+    def camera_change(self, applied):
+        return np.zeros_like(self.shape)
+
+    def noise_averaging_gain(self, applied):
+        return 0.0
+
+
+def candidate(grows):
+    width = Parameter("width", "px", null=0.0, low=-9.0, high=9.0, step=0.1, grows_with_aperture=grows)
+    effect = Effect("blurred", "optics", "", (width,), lambda light, width: light, "")
+    return Candidate(
+        Hypothesis(effect, (width,), {}), {"width": 0.1}, {}, np.inf, np.zeros(COUNT + NUISANCES)
+    )
+
+
+@pytest.mark.parametrize("grows", [True, False])
+def test_a_number_that_grows_with_the_aperture_is_half_at_half_of_it(grows):
+    """Two captures of the same width at full aperture, the second at half: a joint fit finds it within 5 sigma.
+
+    By least squares over both, its standard deviation is 1 / sqrt(sum of squares of both shapes).
+    """
+    rng = np.random.default_rng(4)
+    shapes, apertures = rng.standard_normal((2, COUNT)), (1.0, 0.5)
+    factors = apertures if grows else (1.0, 1.0)
+    residuals = [2.0 * f * s + rng.standard_normal(COUNT) for f, s in zip(factors, shapes, strict=True)]
+    problem = JointProblem(tuple(map(OneShape, shapes, residuals)), apertures)
+    joined = problem.model.joined([part.model.residual for part in problem.parts])
+    found = fit(problem, candidate(grows), joined)
+    sigma = 1 / np.sqrt(sum(f**2 * np.sum(s**2) for f, s in zip(factors, shapes, strict=True)))
+    assert found.numbers["width"] == pytest.approx(2.0, abs=5 * sigma)
+    assert found.chi2 == pytest.approx(2 * COUNT, abs=5 * np.sqrt(4 * COUNT))
+
+
+def test_an_effect_at_another_aperture():
+    defocus = AppliedEffect(catalogue()["defocus"], {"sigma_px": 0.8})
+    assert defocus.at_aperture(0.5).values["sigma_px"] == pytest.approx(0.4)
+    glare = AppliedEffect(catalogue()["veiling-glare"], {"fraction": 0.01})
+    assert glare.at_aperture(0.5) is glare
+
+
+def test_effects_of_one_capture_are_those_of_lamp_power_and_camera_place():
+    own = {effect.id for effect in catalogue().values() if effect.own_to_capture}
+    assert own == {"lamp-power", "lamp-drift", "camera-pose"}
+
+
+def test_the_same_camera_has_the_same_sensor_lens_and_filters():
+    """Gain and exposures may differ."""
+    capture = cboxlab.load_capture(ROOT / "validate" / "data" / "demo-capture")
+    m = capture.manifest
+
+    def other(**tables):
+        return replace(capture, manifest=m.model_copy(update=tables))
+
+    bands = [band.model_copy(update={"exposure_s": 2 * band.exposure_s}) for band in m.band]
+    gain = m.camera.model_copy(update={"gain_e_per_dn": 3.0})
+    assert same_camera(capture, other(band=bands, camera=gain))
+    assert not same_camera(capture, other(band=bands[1:]))
+    assert not same_camera(capture, other(camera=m.camera.model_copy(update={"bit_depth": 14})))
+    assert not same_camera(capture, other(lens=m.lens.model_copy(update={"focal_length_mm": 50.0})))
