@@ -161,7 +161,8 @@ def same_camera(one: Capture, other: Capture) -> bool:
     def stated(capture: Capture) -> tuple[object, ...]:
         m = capture.manifest
         sensor = m.camera.model, *capture.shape, m.camera.bit_depth, m.camera.pixel_pitch_um
-        return *sensor, m.lens.focal_length_mm, *((band.id, band.transmittance) for band in m.band)
+        filters = sorted((band.id, band.transmittance or "") for band in m.band)
+        return *sensor, m.lens.focal_length_mm, *filters
 
     return stated(one) == stated(other)
 

@@ -22,7 +22,7 @@ from ..report import (
     write_diagnosis,
     write_validation,
 )
-from .inputs import ModelLike
+from .inputs import ModelLike, as_capture
 from .result import Result
 from .validation import ValidationResult, validate
 
@@ -85,7 +85,8 @@ def diagnose(
         raise InputError(
             "diagnose", "another renderer's picture and several captures", "one capture with a picture"
         )
-    captures, validations = (capture, *further), []
+    captures = [one if isinstance(one, ValidationResult) else as_capture(one) for one in (capture, *further)]
+    validations = []
     for index, one in enumerate(captures):
         if not isinstance(one, ValidationResult):
             part = share(progress, *(_VALIDATION * k / len(captures) for k in (index, index + 1)))

@@ -83,14 +83,14 @@ def test_effects_of_one_capture_are_those_of_lamp_power_and_camera_place():
 
 
 def test_the_same_camera_has_the_same_sensor_lens_and_filters():
-    """Gain and exposures may differ."""
+    """Gain, exposures and the order of the bands may differ."""
     capture = cboxlab.load_capture(ROOT / "validate" / "data" / "demo-capture")
     m = capture.manifest
 
     def other(**tables):
         return replace(capture, manifest=m.model_copy(update=tables))
 
-    bands = [band.model_copy(update={"exposure_s": 2 * band.exposure_s}) for band in m.band]
+    bands = [band.model_copy(update={"exposure_s": 2 * band.exposure_s}) for band in reversed(m.band)]
     gain = m.camera.model_copy(update={"gain_e_per_dn": 3.0})
     assert same_camera(capture, other(band=bands, camera=gain))
     assert not same_camera(capture, other(band=bands[1:]))
