@@ -16,6 +16,7 @@ from .console import (
     choose_device,
     console,
     data_table,
+    errors,
     give_json,
     options,
     positive_number,
@@ -185,7 +186,7 @@ def capture(
     give_json(json, {"capture": out, "size_px": size, "sealed": hide, **secret})
     if hide:
         say(f"Sealed. Keep this hash to detect any change of the answer: {digest}")
-        say(f"Open the answer with: cbox reveal {out}")
+        say(f"Open the answer with: cbox reveal {out} --hash {digest}")
         if truncated is not None:
             say(f"Diagnose it with its own model: cbox diagnose {out} --model {out / 'model.toml'}")
     elif chosen.effects:
@@ -222,20 +223,53 @@ def reveal(
     diagnosis: Annotated[
         Path | None, typer.Option(help="File of `cbox diagnose --json`, to be scored.")
     ] = None,
+    expected_hash: Annotated[
+        str | None,
+        typer.Option(
+            "--hash",
+            help="The hash told when the capture was sealed; another one ends with exit code 1.",
+            show_default=False,
+        ),
+    ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Open a sealed answer, and score a diagnosis against it."""
+    """Open a sealed answer, and score a diagnosis against it.
+
+    Exit code 1, and nothing is opened, where the seal has another hash than --hash.
+    """
     from ..synthetic import open_seal, read_diagnosis, score
 
     with options("`cbox diagnose --json` writes one."):
         found = None if diagnosis is None else read_diagnosis(diagnosis)
     with options("`cbox capture --hide` makes one."):
         answer = open_seal(folder)
-    say("The seal is intact." if answer.effects else "The seal is intact; no effect was hidden.")
+    if expected_hash is not None and expected_hash.strip().lower() != answer.sha256:
+        errors.print(
+            f"{folder}: the seal has the hash {answer.sha256}, not {expected_hash}: another answer was sealed since",
+            markup=False, highlight=False, soft_wrap=True,
+        )  # fmt: skip
+        raise typer.Exit(1)
+    say(f"The seal's hash: {answer.sha256}")
+    if expected_hash is None:
+        say("Capture and answer are those of this seal. Whether it is the first one is not checked: give --hash, "
+            "the hash told when the capture was sealed.")  # fmt: skip
+    else:
+        say("It is the one told: capture and answer are unchanged since then.")
+    if not answer.effects:
+        say("No effect was hidden.")
     result = None if found is None else score(answer, found)
     _print_answer(answer, result)
     hidden = [{"effect": name, "parameters": dict(values)} for name, values in answer.effects]
-    give_json(json, {"hidden": hidden, "score": None if result is None else result.to_dict()})
+    checked = expected_hash is not None
+    give_json(
+        json,
+        {
+            "sha256": answer.sha256,
+            "hash_checked": checked,
+            "hidden": hidden,
+            "score": None if result is None else result.to_dict(),
+        },
+    )
 
 
 def _print_answer(answer: Answer, result: Score | None) -> None:

@@ -34,12 +34,20 @@ _SALT_BYTES = 16
 STRONGEST_STEPS = 20.0
 
 
+#: No number of an effect is larger.
+_LARGEST = 1e9
+
+
 @dataclass(frozen=True)
 class Answer(OwnMappings):
-    """The hidden effects of a capture. effects : (identifier, parameters) in order. capture : digest of its files."""
+    """The hidden effects of a capture. effects : (identifier, parameters) in order. capture : digest of its files.
+
+    sha256 : the seal's hash, which whoever sealed the capture told beforehand.
+    """
 
     effects: tuple[tuple[str, Mapping[str, str | float]], ...]
     capture: str
+    sha256: str = ""
 
 
 def draw_effect(generator: np.random.Generator, allowed: Sequence[str] = ()) -> AppliedEffect:
@@ -134,13 +142,28 @@ def open_seal(folder: Path) -> Answer:
         raise InputError(folder / _ANSWER, "an answer that differs from the sealed one", f"the hash {stated}")
     try:
         record = json.loads(content[_SALT_BYTES:])
-        hidden = tuple((str(e["effect"]), dict(e["parameters"])) for e in record["effects"])
+        hidden = tuple((str(e["effect"]), _hidden_values(e)) for e in record["effects"])
         capture = record["capture"]
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(folder / _ANSWER, "an answer in another format", expected) from None
     if capture != _capture_digest(folder):
         raise InputError(folder, "files that differ from the sealed capture", "the unchanged capture")
-    return Answer(hidden, capture)
+    return Answer(hidden, capture, str(stated))
+
+
+def _hidden_values(entry: Mapping[str, Any]) -> dict[str, str | float]:
+    """The parameters of one hidden effect. Raises ValueError for values that its effect cannot have."""
+    values = dict(entry["parameters"])
+    effect = catalogue().get(str(entry["effect"]))
+    names = {p.name for p in effect.parameters if p.choices} if effect else ()
+    for key, value in values.items():
+        if not (isinstance(value, str) if key in names else _is_number(value) or effect is None):
+            raise ValueError(key)
+    return values
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 @dataclass(frozen=True)
@@ -185,6 +208,8 @@ def read_diagnosis(path: Path) -> Mapping[str, Any]:
         ranking, selected = content["ranking"], content["selected"]
         sound = all(isinstance(r["effect"], str) and isinstance(r["parameters"], dict) for r in ranking)
         sound = sound and all(isinstance(name, str) for name in selected)
+        values = [value for r in ranking for value in r["parameters"].values()]
+        sound = sound and all(v is None or isinstance(v, str) or _is_number(v) for v in values)
     except (KeyError, TypeError):
         raise InputError(path, "other content", expected) from None
     if not sound:
@@ -221,5 +246,6 @@ def _errors(effect: Effect, truth: Mapping[str, str | float], fitted: Mapping[st
         else:
             null = parameter.null if parameter.null is not None and np.isfinite(parameter.null) else 0.0
             change = float(true) - null
-            errors[parameter.name] = (float(found) - null) / change - 1 if change else float("nan")
+            known = change and _is_number(found)
+            errors[parameter.name] = (float(found) - null) / change - 1 if known else float("nan")
     return errors

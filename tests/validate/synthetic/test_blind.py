@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.stages import PHOTOGRAPHED
 from cboxlab.scenes import InputError
-from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validate.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.validate.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
 
 
@@ -57,7 +57,35 @@ def test_a_new_seal_over_the_old_one_has_another_hash(sealed):
     folder, digest = sealed
     other = seal(folder, [apply_checked("ghost", {"fraction": 0.01}, "test")], np.random.default_rng(4))
     assert open_seal(folder).effects[0][0] == "ghost"
-    assert other != digest
+    assert other == open_seal(folder).sha256 != digest
+
+
+@pytest.mark.parametrize(("which", "code"), [("told", 0), ("none", 0), ("other", 1)])
+def test_the_hash_told_decides_whether_the_answer_is_opened(sealed, cbox, which, code):
+    folder, digest = sealed
+    options = {"told": ["--hash", digest.upper()], "none": [], "other": ["--hash", "0" * 64]}[which]
+    found, out, err = cbox("reveal", folder, *options)
+    assert found == code
+    assert digest in (err if code else out)
+    assert ("veiling-glare" in out) == (code == 0)
+    assert ("is not checked" in out) == (which == "none")
+
+
+@pytest.mark.parametrize("value", [[1], {"a": 1}, None, True, "x", 1e300])
+def test_a_crafted_answer_is_refused(sealed, value):
+    folder, _ = sealed
+    crafted = AppliedEffect(catalogue()["veiling-glare"], {"fraction": value})
+    seal(folder, [crafted], np.random.default_rng(4))
+    with pytest.raises(InputError, match=r"answer\.sealed.*another format"):
+        open_seal(folder)
+
+
+@pytest.mark.parametrize("value", ["[1]", "{}", "true", "1e999", "NaN"])
+def test_a_crafted_diagnosis_is_refused(tmp_path, value):
+    entry = f'{{"effect": "ghost", "parameters": {{"fraction": {value}}}}}'
+    (tmp_path / "d.json").write_text(f'{{"ranking": [{entry}], "selected": []}}')
+    with pytest.raises(InputError, match=r"d\.json"):
+        read_diagnosis(tmp_path / "d.json")
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"sha256_of_salt_and_answer": 1'])
