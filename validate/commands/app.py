@@ -33,6 +33,7 @@ app = command_line(
         commands_measured.calibrate,
         commands_hyperspectral.hyperspectral,
         commands_measured.compare,
+        commands_measured.verify,
         commands_diagnosis.diagnose,
         commands_diagnosis.studio,
         commands_regression.regress,

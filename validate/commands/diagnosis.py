@@ -46,7 +46,7 @@ def diagnose(
 ) -> None:
     """Find the physical effects that the model lacks, add them, and show how the error decreases."""
     from ..predict import default_cache
-    from ..results import as_model
+    from ..results import as_model, write_manifest
     from ..results import diagnose as run
     from .summary import print_diagnosis, print_failures, print_suspicions
 
@@ -59,7 +59,8 @@ def diagnose(
         result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
             report.stage("writing the report")
-            result.write(out)
+            inputs = [*captures, *(path for path in (model, render) if path is not None)]
+            write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
     print_suspicions(result.validation.prepared.calibration)
     print_failures(result.validation)
     print_diagnosis(result.diagnosis)

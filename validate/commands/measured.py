@@ -1,4 +1,4 @@
-"""Commands on captures: demo, validate, calibrate, compare."""
+"""Commands on captures and their results: demo, validate, calibrate, compare, verify."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from ..compare import StackComparison
 
-__all__ = ["NoCacheOption", "RenderOption", "calibrate", "compare", "demo", "validate"]
+__all__ = ["NoCacheOption", "RenderOption", "calibrate", "compare", "demo", "validate", "verify"]
 
 CaptureFolder = Annotated[
     Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
@@ -70,7 +70,7 @@ def validate(
 ) -> None:
     """Calibrate a capture, render the model, compare and write a report."""
     from ..predict import default_cache
-    from ..results import as_model
+    from ..results import as_model, write_manifest
     from ..results import validate as run
     from .summary import print_validation
 
@@ -81,7 +81,8 @@ def validate(
     with options(render="--render"), bar("calibrating") as report:
         result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")
-        result.write(out)
+        inputs = [path for path in (capture, model, render) if path is not None]
+        write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
     print_validation(result.validation)
     give_json(json, result.to_dict())
     say(f"Report: {out / 'report.html'}")
@@ -112,24 +113,26 @@ def calibrate(
         _write_first_manifest(capture, json)
         return
     from ..results import calibrate as run
+    from ..results import write_manifest
     from .summary import print_suspicions
 
     require_folder(out)
     with bar("calibrating"):
         result = run(capture, reference_uncertainty=reference_uncertainty)
-    result.write(out)
+    written = [*result.write(out)]
     calibration = result.calibration
     _print_calibration(calibration)
     print_suspicions(calibration)
     for note in calibration.notes:
         say(f"• {note}")
     if refine_geometry:
-        _refine_geometry(calibration, out)
+        written.append(_refine_geometry(calibration, out))
+    write_manifest(out, written, [capture])
     give_json(json, result.to_dict())
     say(f"Calibration: {out / 'calibration.json'}")
 
 
-def _refine_geometry(calibration: Calibration, out: Path) -> None:
+def _refine_geometry(calibration: Calibration, out: Path) -> Path:
     from cboxlab.calibration.result import refine_geometry, write_geometry
 
     camera, errors = refine_geometry(calibration)
@@ -147,6 +150,7 @@ def _refine_geometry(calibration: Calibration, out: Path) -> None:
         )
     console.print(table)
     say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
+    return out / "geometry.json"
 
 
 def _write_first_manifest(folder: Path, json: Path | None) -> None:
@@ -277,3 +281,25 @@ def _print_comparison(comparison: StackComparison) -> None:
         console.print(worst)
     for note in comparison.notes:
         say(f"• {note}")
+
+
+def verify(
+    folder: Annotated[
+        Path, typer.Argument(help="Results of validate, diagnose or calibrate.", show_default=False)
+    ],
+    *,
+    json: JsonOption = None,
+) -> None:
+    """Check that results, and the inputs they were made from, are those of their manifest.json.
+
+    Exit code 0 unchanged, 1 something changed or is gone, 2 no manifest.
+    """
+    from ..results import verify as run
+
+    found = run(folder)
+    for line in found.lines():
+        say(line)
+    give_json(json, {"sound": found.sound, **asdict(found)})
+    if not found.sound:
+        raise typer.Exit(1)
+    say(f"{folder}: {found.outputs} results and {found.inputs} inputs are unchanged.")

@@ -6,6 +6,7 @@ from .diagnosis import DiagnosisResult, diagnose
 from .inputs import ModelLike, as_model
 from .raw_frame import RawFrame, simulate
 from .result import Result
+from .result_manifest import Verification, verify, write_manifest
 from .study import Study
 from .validation import ValidationResult, validate
 
@@ -19,6 +20,7 @@ __all__ = [
     "Result",
     "Study",
     "ValidationResult",
+    "Verification",
     "as_model",
     "calibrate",
     "diagnose",
@@ -26,4 +28,6 @@ __all__ = [
     "render_file",
     "simulate",
     "validate",
+    "verify",
+    "write_manifest",
 ]
