@@ -39,7 +39,9 @@ def add(
     effect: Annotated[
         str,
         typer.Argument(
-            help="Identifier, see `cbox effects`.", show_default=False, autocompletion=complete_effect
+            help="Identifier, see `cbox effects`, or an effect file (.toml).",
+            show_default=False,
+            autocompletion=complete_effect,
         ),
     ],
     values: Annotated[list[str] | None, typer.Argument(help="key=value ...", show_default=False)] = None,
@@ -53,17 +55,18 @@ def add(
     from cboxlab.scenes.scene_file import load_scene
 
     from ..effects import apply_checked, names_in
-    from ..model import Model, load_model, write_model
+    from ..model import Model, load_model, named_effect, write_model
 
     if model.suffix != ".toml":
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
     given = dict(_pair(text) for text in values or ())
     current = load_model(model) if model.exists() else Model(name=model.stem)
-    applied = apply_checked(effect, given, "cbox add", names_in(load_scene(current.scene)))
+    known = named_effect(effect, Path())
+    applied = apply_checked(known, given, "cbox add", names_in(load_scene(current.scene)))
     before_after: dict[str, float] = {}
     if fit is not None:
         require_folder(model.parent)
-        applied, before_after = _fitted(fit, current, effect, given)
+        applied, before_after = _fitted(fit, current, applied.effect, given)
     if current.scene.endswith(".toml"):
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     grown = current.with_effect(applied)
@@ -73,20 +76,20 @@ def add(
         + (f" ± {applied.sigma[key]:.2g}" if key in applied.sigma else "")
         for key, value in applied.values.items()
     )
-    own = {"effect": effect, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
+    own = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
     give_json(json, {"model": model, "added": own, "effects": [e.id for e in grown.effects], **before_after})
-    say(f"{model}: added {effect} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
+    say(f"{model}: added {applied.id} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
 
 
 def _fitted(
-    capture: Path, model: Model, effect: str, given: dict[str, str | float]
+    capture: Path, model: Model, effect: Effect, given: dict[str, str | float]
 ) -> tuple[AppliedEffect, dict[str, float]]:
     """The fitted effect, and chi-square per sample before and after as keys of the record."""
     from ..diagnose import fit_effect
     from ..predict import default_cache
     from ..results import Study
 
-    with options(fit="--fit"), bar(f"fitting {effect}") as report:
+    with options(fit="--fit"), bar(f"fitting {effect.id}") as report:
         study = Study.open(capture, model=model, cache=default_cache(), progress=share(report, 0.0, 0.8))
         applied, before, after = fit_effect(study.validations()[0], effect, given, share(report, 0.8, 1.0))
     say(f"χ² per sample: {before:.4g} without the effect, {after:.4g} with it, camera and lamp fitted")
@@ -116,6 +119,18 @@ def _print_list(known: Mapping[str, Effect]) -> None:
     say("One effect with its parameters: cbox effects ID")
 
 
+def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
+    from ..fields import effect_of_diagnosis
+
+    require_folder(path.parent)
+    effect, caution = effect_of_diagnosis(path, diagnosis)
+    give_json(json, {"file": path, "caution": caution, **effect.to_dict()})
+    say(f"{path}: {effect.in_few_words}")
+    if caution:
+        say(caution)
+    say(f"Add it, its amplitude fitted: cbox add model.toml {path} --fit CAPTURE")
+
+
 def effects(
     identifier: Annotated[
         str | None, typer.Argument(metavar="ID", help="One effect, in full.", autocompletion=complete_effect)
@@ -123,11 +138,25 @@ def effects(
     picture: Annotated[
         Path | None, typer.Option(help="Write the effect's change of the bundled capture (PNG).")
     ] = None,
+    new: Annotated[
+        str | None,
+        typer.Option(help="Write NAME.toml, an effect of what a diagnosis could not name.", metavar="NAME"),
+    ] = None,
+    diagnosis: Annotated[
+        Path | None, typer.Option("--from", help="The diagnosis.json that explains it.", show_default=False)
+    ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Show the catalogue of physical effects that a model may lack."""
+    """Show the catalogue of physical effects that a model may lack, or write one from a diagnosis."""
     from ..effects import catalogue
 
+    if new is not None or diagnosis is not None:
+        if new is None or diagnosis is None or identifier is not None:
+            raise InputError(
+                "cbox effects", "one of --new and --from", "cbox effects --new NAME --from diagnosis.json"
+            )
+        _write_new(Path(f"{new.removesuffix('.toml')}.toml"), diagnosis, json)
+        return
     if picture is not None and (identifier is None or picture.suffix.lower() != ".png"):
         raise InputError(
             "--picture", f"{picture} of {identifier or 'no effect'}", "one effect and a file '.png'"

@@ -11,7 +11,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 
 from ..compare import Validation
-from ..effects import AppliedEffect, catalogue
+from ..effects import AppliedEffect, Effect
 from .hypotheses import Hypothesis, hypotheses
 from .linearised_fit import linearised_fit
 from .search import Candidate, FitProblem, Signature, fit, judged_by_priors, screen, signature
@@ -27,7 +27,7 @@ _ROUNDS = 2
 
 
 def fit_effect(
-    validation: Validation, identifier: str, given: Mapping[str, str | float], progress: Progress = QUIET
+    validation: Validation, effect: Effect, given: Mapping[str, str | float], progress: Progress = QUIET
 ) -> tuple[AppliedEffect, float, float]:
     """The effect's parameters at the least chi2 in the capture, on top of the model's own effects.
 
@@ -38,7 +38,6 @@ def fit_effect(
     """
     model = validation.model
     linearised = linearised_fit(validation.prepared, validation.rendered, model.effects)
-    effect = catalogue()[identifier]
     choices = [p.name for p in effect.parameters if p.choices]
     numbers = {key: value for key, value in given.items() if key not in choices}
     possible = [
@@ -46,12 +45,12 @@ def fit_effect(
             one, free=tuple(p for p in one.free if p.name not in numbers), fixed={**one.fixed, **numbers},
             held=tuple(numbers),
         )
-        for one in _ways(validation, identifier, {k: v for k, v in given.items() if k in choices})
+        for one in _ways(validation, effect, {k: v for k, v in given.items() if k in choices})
     ]  # fmt: skip
     known = [signature(linearised.predictor, linearised.given, linearised.rendered.used, h) for h in possible]
     problem, residual = linearised.problem(()), linearised.model.residual
     if not any(known) or not any(h.free for h in possible):
-        raise _nothing_to_fit(identifier)
+        raise _nothing_to_fit(effect.id)
     progress.stage("fitting the effect")
     best = _best(problem, known, residual)
     progress.part(1.0)
@@ -111,15 +110,15 @@ def _nothing_to_fit(identifier: str) -> InputError:
     )
 
 
-def _ways(validation: Validation, identifier: str, choices: Mapping[str, str | float]) -> list[Hypothesis]:
+def _ways(validation: Validation, effect: Effect, choices: Mapping[str, str | float]) -> list[Hypothesis]:
     """The ways in which an effect can act in a capture, with these choices made."""
     model, scene = validation.model, validation.prepared.scene
     bands = validation.comparison.bands
     settings = after_stage(model.render, model.effects, "settings")
     return [
         one
-        for one in hypotheses(bands, scene, settings)
-        if one.effect.id == identifier and all(one.fixed[key] == value for key, value in choices.items())
+        for one in hypotheses(bands, scene, settings, [effect])
+        if all(one.fixed[key] == value for key, value in choices.items())
     ]
 
 
@@ -135,7 +134,7 @@ def _from_null(
     """The best fit of an effect from its null value instead of the numbers at hand, its names as they are."""
     applied = candidate.applied
     choices = {p.name: applied.values[p.name] for p in applied.effect.parameters if p.choices}
-    ways = [one for one in _ways(validation, applied.id, choices) if one.free]
+    ways = [one for one in _ways(validation, applied.effect, choices) if one.free]
     known = [
         Signature(way, tuple(p.coordinate_step for p in way.free), None, candidate.by_priors) for way in ways
     ]

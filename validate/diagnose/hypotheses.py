@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cboxlab.render.chain import RenderSettings
@@ -33,15 +33,20 @@ class Hypothesis(OwnMappings):
         return AppliedEffect(self.effect, {**self.fixed, **null, **numbers})
 
 
-def hypotheses(bands: tuple[str, ...], scene: Scene, settings: RenderSettings) -> list[Hypothesis]:
+def hypotheses(
+    bands: tuple[str, ...],
+    scene: Scene,
+    settings: RenderSettings,
+    effects: Iterable[Effect] | None = None,
+) -> list[Hypothesis]:
     """All hypotheses that make sense for a capture of these bands, this scene and a model rendered so.
 
-    An effect of the settings that has no free number makes sense only where it changes them: light that bounces on
-    cannot be missing where no bounce was left out.
+    effects : by default those of the catalogue. An effect of the settings that has no free number makes sense only
+    where it changes them: light that bounces on cannot be missing where no bounce was left out.
     """
     present = names_in(scene, bands)
     found = []
-    for known in catalogue().values():
+    for known in catalogue().values() if effects is None else effects:
         effect = known.within(scene)
         named = [p for p in effect.parameters if p.choices]
         started = [p for p in effect.numbers if p.null is None]

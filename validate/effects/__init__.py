@@ -67,23 +67,28 @@ def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str,
     return {**names, "band": bands} if bands else names
 
 
+def _in_catalogue(identifier: str | None, where: str) -> Effect:
+    known = catalogue()
+    if identifier not in known:
+        allowed = f"one of {', '.join(known)}"
+        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), known))
+    return known[identifier]
+
+
 def apply_checked(
-    identifier: str | None,
+    identifier: str | Effect | None,
     values: Mapping[str, Any],
     where: str,
     names: Mapping[Kind, Sequence[str]] = MappingProxyType({}),
 ) -> AppliedEffect:
     """An effect with checked values; parameters left out take their default, or else their null value.
 
+    identifier : of the catalogue, or an effect that a file holds.
     names : what a parameter of a kind may name (see ``names_in``); where it says nothing, any name will do.
 
     Raises InputError (at ``where``) for an unknown effect or parameter, a wrong type, a value out of bounds.
     """
-    known = catalogue()
-    if identifier not in known:
-        allowed = f"one of {', '.join(known)}"
-        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), known))
-    effect = known[identifier]
+    effect = identifier if isinstance(identifier, Effect) else _in_catalogue(identifier, where)
     parameters = [p.name for p in effect.parameters]
     for name in values:
         if name not in parameters:

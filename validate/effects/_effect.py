@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
+from pathlib import Path
 from textwrap import shorten
 from typing import Any, Literal
 
@@ -119,7 +121,8 @@ class Effect:
     synthetic capture computes its change; the change is linear in between.
     imitates_lamp_power : whether the fit of the lamp's power can do all that the effect does to the picture. Then only
     the lamp's stated uncertainty speaks against the effect. own_to_capture : whether it belongs to one capture and not
-    to box or camera, so that another capture of the same box has numbers of its own.
+    to box or camera, so that another capture of the same box has numbers of its own. file : of which it was read; None
+    in the catalogue.
     """
 
     id: str
@@ -135,6 +138,7 @@ class Effect:
     spectral_step_nm: int = 20
     imitates_lamp_power: bool = False
     own_to_capture: bool = False
+    file: Path | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError for a title that does not fit into a list."""
@@ -197,6 +201,13 @@ class AppliedEffect(OwnMappings):
     def id(self) -> str:
         """The effect's identifier."""
         return self.effect.id
+
+    def name_below(self, folder: Path | None) -> str:
+        """How files in a folder name the effect: its identifier, or the way to its own file; whole without folder."""
+        file = self.effect.file
+        if file is None:
+            return self.id
+        return file.as_posix() if folder is None else Path(os.path.relpath(file, folder.resolve())).as_posix()
 
     @property
     def stage(self) -> Stage:

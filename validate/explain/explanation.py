@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fields import FittedField
+from .as_field import fitted_field
 from .excess import Excess
 from .form import Form, changed
-from .image_bases import hot_spot
 from .optics_forms import optics_forms
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
+from .spot_cells import hot_spot
 from .spots import fits_the_place
 from .surface_forms import surface_forms
 
@@ -72,7 +74,8 @@ class Explanation:
     (band, y, x) DN explained. sigma : (band, y, x) DN of a pixel's noise, NaN where unused. left : (band, y, x)
     residual over sigma that stays, NaN where unused. spectrum : (band,) the change over the signal where it acts.
     heldout : see ``FieldFit``. gain : chi2 that it lowers. evidence : 2 ln over noise alone.
-    forms : number of forms that were tried. sharp : see ``Form``.
+    forms : number of forms that were tried. sharp : see ``Form``. field : what an effect is made of; None where no
+    family explains it.
     """
 
     family: str
@@ -93,6 +96,7 @@ class Explanation:
     evidence: float
     forms: int
     sharp: bool
+    field: FittedField | None
 
     @property
     def runner_up(self) -> str | None:
@@ -146,6 +150,7 @@ def explain(excess: Excess) -> Explanation:
         evidence=winner.evidence,
         forms=len(forms),
         sharp=winner.sharp,
+        field=fitted_field(excess, winner),
     )
 
 
@@ -165,7 +170,7 @@ def _nothing(excess: Excess, rivals: Sequence[Rival], forms: int) -> Explanation
         NONE, "no family explains it", None, None, (), excess.bands, 0.0, True,
         (Rival(NONE, "no family explains it", None, 0.0, 0.0), *rivals), zero,
         np.where(excess.used, excess.sigma, np.nan), np.where(excess.used, excess.residual, np.nan),
-        np.zeros(len(excess.bands)), 0.0, 0.0, 0.0, forms, False,
+        np.zeros(len(excess.bands)), 0.0, 0.0, 0.0, forms, False, None,
     )  # fmt: skip
 
 

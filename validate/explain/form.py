@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..fields import Acts, ImageMaps, WaveMap
 from .excess import Excess
 from .field import FieldFit, Normal, normal
 
@@ -24,16 +25,22 @@ class Form:
     """family : one of FAMILIES. words : what it is. surface : on which it acts alone, or None. local : whether it acts
     in one place of the picture. sharp : whether it is a pattern that errors of the rendered picture do not make: rows,
     columns, waves, one band alone. choices : number of such forms among which this one is the best.
+    acts, maps : what it acts on (see ``fields.FittedField``), and by which maps; one map on several surfaces where it
+    has one coefficient. radius : of exchanges with neighbours, px. radiance : (band,) of a thing in front.
     """
 
     family: str
     words: str
     fit: FieldFit
     columns: Columns
+    acts: Acts
+    maps: ImageMaps | tuple[WaveMap, ...]
     surface: str | None = None
     local: bool = False
     sharp: bool = False
     choices: int = 1
+    radius: int = 1
+    radiance: NDArray[np.float64] | None = None
 
     @property
     def evidence(self) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fields import ImageMaps
 from .excess import Excess
 from .field import FieldFit, Normal, finished, solved
 from .form import Form, equations
@@ -17,12 +18,21 @@ __all__ = ["order_forms"]
 #: Repeats of a band differ where their chi2 exceeds this multiple of what noise makes of it.
 _REPEATS_DIFFER = 4.0
 
+#: One map, 1 everywhere.
+_EVEN = ImageMaps("cosines")
+
 
 def order_forms(excess: Excess) -> Iterator[Form]:
     """Levels that step or run with time, and levels that follow the wavelength or stand out in a line."""
 
     def made(band: int) -> NDArray[Any]:
         return excess.signal[band].astype(np.float32).reshape(1, -1)
+
+    def in_time(words: str, fit: FieldFit, choices: int = 1) -> Form:
+        return Form("time-order", words, fit, made, "gain", _EVEN, choices=choices)
+
+    def in_lamp(words: str, fit: FieldFit, choices: int = 1) -> Form:
+        return Form("lamp-spectrum", words, fit, made, "lamp", _EVEN, choices=choices)
 
     n = equations(excess, made)
     bands = len(excess.bands)
@@ -31,34 +41,24 @@ def order_forms(excess: Excess) -> Iterator[Form]:
     repeats = repeats_excess(excess)
     for k in range(1, bands):
         step = (rank >= k).astype(float)
-        yield Form(
-            "time-order", "a step of the lamp", _shaped(n, step[:, None], repeats), made, choices=bands
-        )
+        yield in_time("a step of the lamp", _shaped(n, step[:, None], repeats), bands)
         if k < bands - 1:
             ramp = np.maximum(time - np.sort(time)[k], 0)
-            yield Form(
-                "time-order",
-                "a drift of the lamp that sets in",
-                _shaped(n, ramp[:, None], repeats),
-                made,
-                choices=bands,
-            )
+            yield in_time("a drift of the lamp that sets in", _shaped(n, ramp[:, None], repeats), bands)
     powers = np.array([(time / max(time.max(), 1e-9)) ** p for p in (1, 2, 3)]).T
-    yield Form("time-order", "a drift of the lamp", _shaped(n, powers[:, :2], repeats), made)
+    yield in_time("a drift of the lamp", _shaped(n, powers[:, :2], repeats))
     if repeats > 0:
-        yield Form(
-            "time-order", "levels that differ from frame to frame", _shaped(n, np.eye(bands), repeats), made
-        )
+        yield in_time("levels that differ from frame to frame", _shaped(n, np.eye(bands), repeats))
     place = (excess.nm - excess.nm.min()) / max(np.ptp(excess.nm), 1e-9)
     waves = np.array([np.cos(np.pi * i * place) for i in (1, 2, 3)]).T
-    yield Form("lamp-spectrum", "smooth over the wavelength", _shaped(n, waves, 0.0), made)
+    yield in_lamp("smooth over the wavelength", _shaped(n, waves, 0.0))
     order = np.argsort(excess.nm)
     for i in range(bands):
-        yield Form("lamp-spectrum", "a line", _shaped(n, np.eye(bands)[:, [i]], 0.0), made, choices=bands)
+        yield in_lamp("a line", _shaped(n, np.eye(bands)[:, [i]], 0.0), bands)
         if i + 1 < bands:
             pair = np.eye(bands)[:, order[i : i + 2]]
-            yield Form("lamp-spectrum", "a line", _shaped(n, pair, 0.0), made, choices=bands)
-    yield Form("lamp-spectrum", "free in each band", _shaped(n, np.eye(bands), 0.0), made)
+            yield in_lamp("a line", _shaped(n, pair, 0.0), bands)
+    yield in_lamp("free in each band", _shaped(n, np.eye(bands), 0.0))
 
 
 def repeats_excess(excess: Excess) -> float:

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..fields import Acts, ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum
 from .form import Columns, Form, equations, scaled
-from .image_bases import Spot, cells, columns, cosines, rows, wave
+from .spot_cells import Spot, cells
 
 __all__ = ["sensor_forms"]
 
 _ORDER = 10
+
+_ACTS: dict[str, Acts] = {"sensor-offset": "offset", "sensor-gain": "gain"}
 
 #: Frequencies below this, in waves over the picture, are left to cosines.
 _FEWEST_WAVES = 3
@@ -25,19 +28,22 @@ _FEWEST_WAVES = 3
 def sensor_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
     """All offsets and gains: over rows, columns, smoothly, as one wave, in one spot; in all bands or in each."""
     bases = {
-        "rows": rows(excess.shape), "columns": columns(excess.shape),
-        "a smooth pattern": cosines(excess.shape, _ORDER),
+        "rows": ImageMaps("rows"), "columns": ImageMaps("columns"),
+        "a smooth pattern": ImageMaps("cosines", order=_ORDER),
     }  # fmt: skip
-    for words, basis in bases.items():
-        yield from _both(excess, words, basis, sharp=words != "a smooth pattern")
+    for words, maps in bases.items():
+        yield from _both(excess, words, maps, sharp=words != "a smooth pattern")
     for family, operator in _operators(excess).items():
         for frequency, band in _waves(excess, operator):
-            made = _columns(operator, wave(excess.shape, frequency))
+            maps = ImageMaps("wave", per_px=frequency)
+            made = _columns(operator, maps.matrix(excess.shape))
             n = equations(excess, made)
             count = excess.shape[0] * excess.shape[1] // 2
             only = np.ones(len(excess.bands)) if band is None else np.eye(len(excess.bands))[band]
-            yield Form(family, "a wave", fixed_spectrum(n, only), made, sharp=True, choices=count)
-            yield Form(family, "a wave in each band", each_band(n), made, sharp=True, choices=count)
+            acts = _ACTS[family]
+            yield Form(family, "a wave", fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
+            each = each_band(n)
+            yield Form(family, "a wave in each band", each, made, acts, maps, sharp=True, choices=count)
     if spot is not None:
         yield from _both(excess, "a spot", cells(spot.region), local=True)
 
@@ -51,18 +57,23 @@ def _columns(operator: NDArray[Any], basis: NDArray[Any] | csr_matrix) -> Column
 
 
 def _both(
-    excess: Excess, words: str, basis: NDArray[Any] | csr_matrix, local: bool = False, sharp: bool = False
+    excess: Excess, words: str, maps: ImageMaps, local: bool = False, sharp: bool = False
 ) -> Iterator[Form]:
-    bands = len(excess.bands)
+    bands, basis = len(excess.bands), maps.matrix(excess.shape)
     for family, operator in _operators(excess).items():
+        acts = _ACTS[family]
         made = _columns(operator, basis)
         n = equations(excess, made)
-        yield Form(family, words, fixed_spectrum(n, np.ones(bands)), made, local=local, sharp=sharp)
+        yield Form(
+            family, words, fixed_spectrum(n, np.ones(bands)), made, acts, maps, local=local, sharp=sharp
+        )
         strongest = int(np.argmax(each_band(n).size))
         one = fixed_spectrum(n, np.eye(bands)[strongest])
-        yield Form(family, f"{words} in one band", one, made, local=local, sharp=True, choices=bands)
+        yield Form(
+            family, f"{words} in one band", one, made, acts, maps, local=local, sharp=True, choices=bands
+        )
         if not local:
-            yield Form(family, f"{words} in each band", each_band(n), made, sharp=sharp)
+            yield Form(family, f"{words} in each band", each_band(n), made, acts, maps, sharp=sharp)
 
 
 def _waves(excess: Excess, operator: NDArray[Any]) -> list[tuple[tuple[float, float], int | None]]:

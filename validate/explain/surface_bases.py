@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial import cKDTree
 
+from ..fields import WaveMap
 from .excess import Excess, Transport
 
 __all__ = ["Maps", "lamp_dn", "surface_maps"]
@@ -24,12 +25,13 @@ _FLAT = 0.01
 class Maps:
     """Smooth maps on every surface; the first of each surface is 1 everywhere on it.
 
-    surface : (k,) index of each map's surface. reflectance : (band, k, pixel) DN for a relative change of the
-    reflectance by the map. light : (band, k, pixel) DN for irradiance over pi, relative to the lamp's radiance.
-    lobe : (band, k, pixel) DN for radiance in the lamp's colour that is only seen.
+    surface : (k,) index of each map's surface. waves : (k,) the maps. reflectance : (band, k, pixel) DN for a
+    relative change of the reflectance by the map. light : (band, k, pixel) DN for irradiance over pi, relative to the
+    lamp's radiance. lobe : (band, k, pixel) DN for radiance in the lamp's colour that is only seen.
     """
 
     surface: NDArray[np.int64]
+    waves: tuple[WaveMap, ...]
     reflectance: NDArray[np.float32]
     light: NDArray[np.float32]
     lobe: NDArray[np.float32]
@@ -40,16 +42,17 @@ def surface_maps(excess: Excess) -> Maps:
     t = excess.transport
     everything = np.concatenate([t.position, t.patch_position])
     owner = np.concatenate([t.surface, t.patch_surface])
-    found, surfaces = [], []
+    found, surfaces, waves = [], [], []
     for index in range(len(excess.names)):
         if not (t.surface == index).any():
             continue
         own = owner == index
-        for values in _smooth(everything[own]):
+        for wave in _smooth(excess.names[index], everything[own]):
             image = np.zeros(len(owner))
-            image[own] = values
+            image[own] = wave.at(everything[own])
             found.append(image)
             surfaces.append(index)
+            waves.append(wave)
     fragments, patches = np.split(np.array(found).T, [len(t.surface)])
     height, width = excess.shape
     bands = len(excess.bands)
@@ -72,7 +75,7 @@ def surface_maps(excess: Excess) -> Maps:
             values = rho[:, None] * (fragments * here[:, None] + (t.gather[some] @ onward)[nearest])
             target[b] = dn * _pixels(t, values, height * width)
         lobe[b] = dn * seen
-    return Maps(np.array(surfaces), reflectance, light, lobe)
+    return Maps(np.array(surfaces), tuple(waves), reflectance, light, lobe)
 
 
 def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -106,15 +109,16 @@ def _pixels(t: Transport, values: NDArray[Any], count: int) -> NDArray[np.float3
     )
 
 
-def _smooth(position: NDArray[Any]) -> list[NDArray[np.float64]]:
+def _smooth(name: str, position: NDArray[Any]) -> list[WaveMap]:
     """Products of cosines along the directions in which a surface extends."""
     low, extent = position.min(axis=0), np.ptp(position, axis=0)
     wide = [axis for axis in range(3) if extent[axis] > _FLAT * extent.max()]
     order = _ORDER if len(wide) < 3 else _ORDER - 1
-    place = (position - low) / np.maximum(extent, 1e-9)
     found = []
     for powers in np.ndindex(*(order + 1,) * len(wide)):
         if sum(powers) <= order:
-            waves = [np.cos(np.pi * n * place[:, axis]) for n, axis in zip(powers, wide, strict=True)]
-            found.append(np.prod(waves, axis=0) / (1 + (np.linalg.norm(powers) / _CORNER) ** 2))
+            waves = np.zeros((1, 3))
+            waves[0, wide] = powers
+            size = 1 / (1 + (float(np.linalg.norm(powers)) / _CORNER) ** 2)
+            found.append(WaveMap(name, low, extent, waves, np.array([size])))
     return found

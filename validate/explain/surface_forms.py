@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..fields import ImageMaps, WaveMap
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
 from .form import Columns, Form, equations, scaled
-from .image_bases import Spot, cells
+from .spot_cells import Spot, cells
 from .surface_bases import lamp_dn, surface_maps
 
 __all__ = ["surface_forms"]
@@ -26,24 +27,25 @@ def surface_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
     """All forms that act on surfaces."""
     maps = surface_maps(excess)
     first = np.array([np.flatnonzero(maps.surface == s)[0] for s in np.unique(maps.surface)])
-    yield from _paints(excess, maps.surface[first], maps.reflectance[:, first])
+    yield from _paints(
+        excess, maps.surface[first], maps.reflectance[:, first], [maps.waves[i] for i in first]
+    )
     for index in np.unique(maps.surface):
         own = np.flatnonzero(maps.surface == index)
         name = excess.names[index]
         made = _taken(maps.reflectance[:, own])
         n = equations(excess, made)
-        several = len(first)
-        yield Form("reflectance-map", "a smooth map", free_spectrum(n), made, name, choices=several)
+        several, waves = len(first), tuple(maps.waves[i] for i in own)
+        fit = free_spectrum(n)
+        yield Form("reflectance-map", "a smooth map", fit, made, "reflectance", waves, name, choices=several)
         made = _taken(maps.lobe[:, own])
         n = equations(excess, made)
-        bands = len(excess.bands)
-        yield Form(
-            "reflection-lobe", "a sheen", fixed_spectrum(n, np.ones(bands)), made, name, choices=several
-        )
+        fit = fixed_spectrum(n, np.ones(len(excess.bands)))
+        yield Form("reflection-lobe", "a sheen", fit, made, "radiance", waves, name, choices=several)
     made = _taken(maps.light)
-    yield Form(
-        "extra-light", "light that falls on several surfaces", free_spectrum(equations(excess, made)), made
-    )
+    fit = free_spectrum(equations(excess, made))
+    words = "light that falls on several surfaces"
+    yield Form("extra-light", words, fit, made, "irradiance", maps.waves)
     if spot is not None:
         yield from _spots(excess, spot)
 
@@ -52,7 +54,9 @@ def _taken(columns: NDArray[Any]) -> Columns:
     return lambda band: columns[band]
 
 
-def _paints(excess: Excess, surfaces: NDArray[Any], columns: NDArray[Any]) -> Iterator[Form]:
+def _paints(
+    excess: Excess, surfaces: NDArray[Any], columns: NDArray[Any], waves: Sequence[WaveMap]
+) -> Iterator[Form]:
     """Free spectra of each surface's paint, and of each material on all of its surfaces."""
     t = excess.transport
     paint = np.array([t.material[np.argmax(t.surface == s)] for s in surfaces])
@@ -65,18 +69,25 @@ def _paints(excess: Excess, surfaces: NDArray[Any], columns: NDArray[Any]) -> It
         made = _taken(columns[:, own].sum(axis=1, keepdims=True))
         n = equations(excess, made)
         surface = name if len(own) == 1 else None
-        yield Form("paint-spectrum", f"the paint of {name}", each_band(n), made, surface, choices=len(groups))
+        even = tuple(waves[i] for i in own)
+        words = f"the paint of {name}"
+        yield Form(
+            "paint-spectrum", words, each_band(n), made, "reflectance", even, surface, choices=len(groups)
+        )
 
 
 def _spots(excess: Excess, spot: Spot) -> Iterator[Form]:
-    basis = cells(spot.region)
+    bells = cells(spot.region)
+    basis = csr_matrix(bells.matrix(excess.shape))
     seen = excess.surface[spot.region]
     seen = seen[seen >= 0]
     bands = len(excess.bands)
     if len(seen):
         owner = int(np.argmax(np.bincount(seen)))
         inside = scaled(basis, excess.surface == owner)
-        inside = inside[np.flatnonzero(np.asarray(inside.sum(axis=1)).ravel() > 0.5)]
+        seen_by = np.flatnonzero(np.asarray(inside.sum(axis=1)).ravel() > 0.5)
+        inside = inside[seen_by]
+        own = replace(bells, centres=tuple(bells.centres[i] for i in seen_by))
         name = excess.names[owner]
 
         def stained(band: int) -> csr_matrix:
@@ -86,18 +97,21 @@ def _spots(excess: Excess, spot: Spot) -> Iterator[Form]:
             return inside * float(lamp_dn(excess, band))
 
         n = equations(excess, stained)
-        yield Form("reflectance-map", "a stain", free_spectrum(n), stained, name, True)
+        fit = free_spectrum(n)
+        yield Form("reflectance-map", "a stain", fit, stained, "reflectance", own, name, local=True)
         n = equations(excess, shining)
-        yield Form("reflection-lobe", "a glossy spot", fixed_spectrum(n, np.ones(bands)), shining, name, True)
+        fit = fixed_spectrum(n, np.ones(bands))
+        yield Form("reflection-lobe", "a glossy spot", fit, shining, "radiance", own, name, local=True)
 
     def lit(band: int) -> csr_matrix:
         return scaled(basis, excess.signal[band])
 
-    yield Form("extra-light", "light on one place", free_spectrum(equations(excess, lit)), lit, None, True)
-    yield _object(excess, basis)
+    fit = free_spectrum(equations(excess, lit))
+    yield Form("extra-light", "light on one place", fit, lit, "reflectance", bells, local=True)
+    yield _object(excess, basis, bells)
 
 
-def _object(excess: Excess, basis: csr_matrix) -> Form:
+def _object(excess: Excess, basis: csr_matrix, bells: ImageMaps) -> Form:
     """A thing of one radiance in each band in front of the rest, a (o - s): its outline a and radiance o in turn."""
     measured = excess.signal + excess.residual * np.where(excess.used, excess.sigma, 0.0)
     over = np.sum(excess.residual.astype(float) ** 2, axis=0).ravel() * (
@@ -105,9 +119,9 @@ def _object(excess: Excess, basis: csr_matrix) -> Form:
     )
     core = over > 0.3 * over.max()
     radiance = np.array([np.median(one.ravel()[core]) for one in measured])
-    ones = np.ones(len(excess.bands))
+    ones, fitted_with = np.ones(len(excess.bands)), radiance
     for _ in range(_ROUNDS):
-        made = _in_front(excess, basis, radiance)
+        fitted_with, made = radiance, _in_front(excess, basis, radiance)
         n = equations(excess, made)
         fit = fixed_spectrum(n, ones)
         outline = np.clip(fit.coefficients[0] @ basis, 0.0, 1.0)
@@ -117,7 +131,8 @@ def _object(excess: Excess, basis: csr_matrix) -> Form:
         seen = np.where(outline > 0.05, weight / np.maximum(outline, 0.05), 0.0)
         radiance = np.sum(seen * wanted, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
     penalty = len(ones) * np.log(max(fit.gain, 2.0))
-    return Form("object", "a thing in front", replace(fit, evidence=fit.evidence - penalty), made, None, True)
+    fit = replace(fit, evidence=fit.evidence - penalty)
+    return Form("object", "a thing in front", fit, made, "front", bells, local=True, radiance=fitted_with)
 
 
 def _in_front(excess: Excess, basis: csr_matrix, radiance: NDArray[Any]) -> Columns:

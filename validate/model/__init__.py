@@ -1,6 +1,6 @@
 """The model: a scene, the effects added to it, and how to render it."""
 
-from .model_file import Model, checked_effects, load_model, model_text, write_model
+from .model_file import Model, checked_effects, load_model, model_text, named_effect, write_model
 from .stages import displacement, labelled_cube, model_cube_inputs, seen_through, with_further_distortion
 from .view import view_of
 
@@ -12,6 +12,7 @@ __all__ = [
     "load_model",
     "model_cube_inputs",
     "model_text",
+    "named_effect",
     "seen_through",
     "view_of",
     "with_further_distortion",

@@ -15,9 +15,10 @@ from cboxlab.scenes.input_files import read_toml
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..effects import AppliedEffect, apply_checked, names_in
+from ..effects import AppliedEffect, Effect, apply_checked, names_in
+from ..fields import load_effect_file
 
-__all__ = ["Model", "checked_effects", "load_model", "model_text", "write_model"]
+__all__ = ["Model", "checked_effects", "load_model", "model_text", "named_effect", "write_model"]
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,17 @@ def load_model(path_or_name: str | Path) -> Model:
     scene = entry.scene
     if scene.endswith(".toml"):
         scene = str((path.parent / scene).resolve())
-    effects = checked_effects(entry.effect, scene, f"{path}: effect")
+    effects = checked_effects(entry.effect, scene, f"{path}: effect", path.parent)
     settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
     return Model(scene, effects, settings, entry.name or path.stem)
 
 
 def checked_effects(
-    entries: Sequence[Mapping[str, Any]], scene: str, where: str
+    entries: Sequence[Mapping[str, Any]], scene: str, where: str, folder: Path
 ) -> tuple[AppliedEffect, ...]:
     """The effects of a file's entries, each a table of ``id``, values and ``sigma``, in a scene by name or path.
+
+    An ``id`` that ends in .toml is an effect file, relative to ``folder``.
 
     Raises InputError (at ``where[index]``) for an entry that is none.
     """
@@ -88,8 +91,15 @@ def checked_effects(
         values, place = dict(entry), f"{where}[{index}]"
         identifier = values.pop("id", None)
         sigma = _checked_sigma(values.pop("sigma", {}), f"{place}.sigma")
-        effects.append(replace(apply_checked(identifier, values, place, names), sigma=sigma))
+        known = named_effect(identifier, folder)
+        effects.append(replace(apply_checked(known, values, place, names), sigma=sigma))
     return tuple(effects)
+
+
+def named_effect(name: str | None, folder: Path) -> str | Effect | None:
+    """The effect of the file that a name is, relative to ``folder``; the name itself where it is none of a file."""
+    is_file = isinstance(name, str) and name.endswith(".toml")
+    return load_effect_file(folder / str(name)) if is_file else name
 
 
 def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
@@ -99,15 +109,15 @@ def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
     return {key: float(value) for key, value in sigma.items()}
 
 
-def model_text(model: Model) -> str:
-    """The content of the model's file."""
+def model_text(model: Model, folder: Path | None = None) -> str:
+    """The content of the model's file. folder : in which it is to lie; None names files by their whole paths."""
     lines = ['format = "model/1"', f"name = {_toml(model.name)}", f"scene = {_toml(model.scene)}", "", "[render]",
              f"noise = {model.render.noise!r}"]  # fmt: skip
     if model.render.max_bounces is not None:
         lines.append(f"max_bounces = {model.render.max_bounces}")
     lines.append(f"seed = {model.render.seed}")
     for effect in model.effects:
-        lines += ["", "[[effect]]", f"id = {_toml(effect.id)}"]
+        lines += ["", "[[effect]]", f"id = {_toml(effect.name_below(folder))}"]
         lines += [f"{key} = {_toml(value)}" for key, value in effect.values.items()]
         if effect.sigma:
             lines.append(
@@ -119,7 +129,7 @@ def model_text(model: Model) -> str:
 def write_model(path: Path, model: Model) -> None:
     """Write a model file, complete or not at all; ``load_model`` reads the same model back."""
     with replacing(path) as temporary:
-        temporary.write_text(model_text(model), encoding="utf-8")
+        temporary.write_text(model_text(model, path.parent), encoding="utf-8")
 
 
 def _toml(value: str | float) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..explain import NONE, Explanation
+from ..fields import field_record
 from .blocks import Cell, ReportSection, Table, number, significant
 from .plots import map_row, residual_scale
 
@@ -35,6 +36,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
     if explanation is None:
         return {
             "family": NONE, "surface": None, "centre_px": None, "bands": [], "share": 0.0, "runner_up": None,
+            "field": None,
         }  # fmt: skip
     centre = explanation.centre_px
     return {
@@ -51,6 +53,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
         "heldout": float(explanation.heldout),
+        "field": None if explanation.field is None else field_record(explanation.field),
         "families": [
             {
                 "family": r.family,

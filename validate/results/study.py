@@ -16,8 +16,8 @@ from cboxlab.scenes.progress import QUIET, Progress, share
 from ..compare import Prepared, Validation, prepare, under_model, validated
 from ..diagnose import diagnose as diagnosed
 from ..diagnose import fit_effects
-from ..effects import AppliedEffect, apply_checked, names_in
-from ..model import Model, write_model
+from ..effects import AppliedEffect, Effect, apply_checked, names_in
+from ..model import Model, named_effect, write_model
 from ..report import write_validation
 from ..study import Base, History, Prediction, State, StudyFile, predict, read_study, write_study
 from .diagnosis import DiagnosisResult
@@ -200,17 +200,18 @@ class Study(Result):
         return replace(self, history=self.history.then(effects))
 
     def add(self, effect: str, /, **values: str | float) -> Study:
-        """With one more effect; parameters left out get their default, or else their null value.
+        """With one more effect, of the catalogue or of an effect file; parameters left out get their default, or else
+        their null value.
 
         Raises InputError for an unknown effect or parameter, and a value out of bounds.
         """
-        return self.with_effects((*self.effects, self._checked(effect, values)))
+        return self.with_effects((*self.effects, self._checked(named_effect(effect, Path()), values)))
 
     def change(self, which: int | str, /, **values: str | float) -> Study:
         """With other values of one effect. which : its index, or its identifier (the last effect of that name)."""
         index = self._index(which)
         old = self.effects[index]
-        return self._with(index, self._checked(old.id, {**old.values, **values}))
+        return self._with(index, self._checked(old.effect, {**old.values, **values}))
 
     def remove(self, which: int | str, /) -> Study:
         """Without one effect. which : as of ``change``."""
@@ -295,7 +296,7 @@ class Study(Result):
     def _with(self, index: int, effect: AppliedEffect) -> Study:
         return self.with_effects((*self.effects[:index], effect, *self.effects[index + 1 :]))
 
-    def _checked(self, effect: str, values: dict[str, str | float]) -> AppliedEffect:
+    def _checked(self, effect: str | Effect | None, values: dict[str, str | float]) -> AppliedEffect:
         prepared = self._pictures.prepared[0]
         bands = tuple(prepared.calibration.capture.band_ids)
         return apply_checked(effect, values, "effect", names_in(prepared.scene, bands))

@@ -74,7 +74,7 @@ def write_study(path: Path, study: StudyFile) -> None:
             "seed": model.render.seed,
         },
         "states": [
-            {"effects": _entries(state.effects), "rendered_with": _entries(state.rendered_with)}
+            {"effects": _entries(state.effects, place), "rendered_with": _entries(state.rendered_with, place)}
             for state in study.history.states
         ],
         "at": study.history.at,
@@ -95,8 +95,10 @@ def read_study(path: Path) -> StudyFile:
     scene = str((place / entry.scene).resolve()) if entry.scene.endswith(".toml") else entry.scene
     states = tuple(
         State(
-            checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects"),
-            checked_effects(_read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with"),
+            checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects", place),
+            checked_effects(
+                _read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with", place
+            ),
         )
         for index, state in enumerate(entry.states)
     )
@@ -110,12 +112,13 @@ def _relative(path: Path, place: Path) -> str:
     return Path(os.path.relpath(path.resolve(), place)).as_posix()
 
 
-def _entries(effects: Sequence[AppliedEffect]) -> list[dict[str, Any]]:
+def _entries(effects: Sequence[AppliedEffect], place: Path) -> list[dict[str, Any]]:
     """JSON has no infinity: it is written as text."""
     found = []
     for effect in effects:
         values = {key: _INFINITE if value == math.inf else value for key, value in effect.values.items()}
-        found.append({"id": effect.id, **values, **({"sigma": dict(effect.sigma)} if effect.sigma else {})})
+        sigma = {"sigma": dict(effect.sigma)} if effect.sigma else {}
+        found.append({"id": effect.name_below(place), **values, **sigma})
     return found
 
 

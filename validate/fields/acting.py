@@ -1,0 +1,173 @@
+"""What a fitted field does at its stage of the chain, times an amplitude: 1 as found, 0 nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from cboxlab.render.chain import Counts, Light, Stage
+from cboxlab.render.perturbation import PatchLight
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from numpy.typing import NDArray
+
+from ..effects import Effect, Parameter
+from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_neighbours
+from .fitted_field import Acts, FittedField
+
+__all__ = ["AMPLITUDE", "field_effect"]
+
+AMPLITUDE = Parameter("amplitude", "1", null=0.0, low=-5.0, high=5.0, step=0.02, default=1.0)
+
+#: Step of the camera by which displacements are found, px.
+_STEP_PX = 0.05
+
+_STAGES: dict[Acts, Stage] = {
+    "offset": "counts", "gain": "counts", "displacement": "optics", "neighbours": "optics", "halo": "optics",
+    "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
+    "front": "transport",
+}  # fmt: skip
+
+
+def field_effect(name: str, field: FittedField, title: str, summary: str) -> Effect:
+    """The effect of a field, with one parameter, the amplitude."""
+    acting: Mapping[Stage, Callable[..., Any]] = {
+        "counts": _on_counts, "optics": _on_light, "scene": _on_scene, "transport": _on_surfaces,
+    }  # fmt: skip
+    stage = _STAGES[field.acts]
+    return Effect(
+        id=name, stage=stage, title=title, summary=summary, parameters=(AMPLITUDE,),
+        apply=partial(acting[stage], field, name),
+        confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude there.",
+        acts_on_charge=field.acts == "gain",
+    )  # fmt: skip
+
+
+def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[int]) -> NDArray[np.float64]:
+    """(band, times, y, x) the maps' sums; ``rows`` are the field's bands. Raises InputError for another size."""
+    if field.image is None or field.coefficients is None:
+        raise TypeError("a field on the sensor has maps and coefficients")
+    if shape != field.size:
+        found, expected = (f"{size[1]} x {size[0]} px" for size in (shape, field.size))
+        raise InputError(f"effect {name}", f"a picture of {found}", f"{expected}, for which it was fitted")
+    matrix = field.image.matrix(shape)
+    own = field.coefficients[rows].reshape(-1, matrix.shape[0])
+    return np.asarray(own @ matrix).reshape(len(rows), -1, *shape)
+
+
+def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) -> Counts:
+    missing = [band for band in counts.bands if band not in field.bands]
+    if missing:
+        raise InputError(f"effect {name}", f"band '{missing[0]}'", f"one of {', '.join(field.bands)}")
+    rows, columns = counts.scene.shape[1:]
+    own = [field.bands.index(band) for band in counts.bands]
+    change = amplitude * _images(field, name, (rows, columns), own)[:, 0]
+    if field.acts == "offset":
+        return replace(counts, scene=counts.scene + change)
+    dark = counts.dark_scene[:, None, None]
+    return replace(counts, scene=dark + (1 + change) * (counts.scene - dark))
+
+
+def _nearest(field: FittedField, nm: NDArray[np.float64]) -> list[int]:
+    """Of each wavelength, the field's band next to it."""
+    return [int(np.argmin(np.abs(field.nm - one))) for one in nm]
+
+
+def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> Light:
+    rows, columns = light.signal.shape[1:]
+    fields = _images(field, name, (rows, columns), _nearest(field, light.effective_nm))
+    if field.acts == "displacement":
+        change = np.sum(np.moveaxis(fields, 1, 0) * _moved(light), axis=0)
+    elif field.acts == "neighbours":
+        steps = neighbour_steps(field.radius)
+        change = np.array([
+            sum(part * with_neighbours(image, step) for part, step in zip(own, steps, strict=True))
+            for own, image in zip(fields, light.signal, strict=True)
+        ])  # fmt: skip
+    else:
+        change = np.array([
+            sum(part * with_halo(image, width) for part, width in zip(own, HALO_WIDTHS_PX, strict=True))
+            for own, image in zip(fields, light.signal, strict=True)
+        ])  # fmt: skip
+    return light.with_signal(light.signal + amplitude * change)
+
+
+def _moved(light: Light) -> NDArray[np.float64]:
+    """(2, band, y, x) DN per px that the picture moves to the right and down."""
+    if light.moved is None:
+        down, right = np.gradient(light.signal, axis=(1, 2))
+        return -np.array([right, down])
+    u, v = light.camera.principal_point_px
+    found = []
+    for way in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
+        ends = [
+            light.moved(
+                replace(light.camera, principal_point_px=np.array([u + sign * way[0], v + sign * way[1]]))
+            )
+            for sign in (1, -1)
+        ]
+        found.append((ends[0] - ends[1]) / (2 * _STEP_PX))
+    return np.array(found)
+
+
+def _spectrum(field: FittedField, nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(w,) what was found in the band next to each wavelength: between the bands nothing is known."""
+    if field.spectrum is None:
+        raise TypeError("a field of the scene has a spectrum")
+    return np.asarray(field.spectrum[_nearest(field, nm)])
+
+
+def _on_scene(field: FittedField, _: str, scene: Scene, amplitude: float) -> Scene:
+    """The lamp's table, sampled every 1 nm beside its own samples."""
+    table = scene.lamp.radiance
+    inside = (table.wavelength_nm[0] <= WAVELENGTH_NM) & (table.wavelength_nm[-1] >= WAVELENGTH_NM)
+    grid = np.union1d(table.wavelength_nm, WAVELENGTH_NM[inside])
+    factor = np.maximum(1 + amplitude * _spectrum(field, grid), 0.0)
+    return scene.with_lamp(Spectrum(grid, table.at(grid) * factor, table.outside))
+
+
+def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: float) -> PatchLight:
+    patches, fragments = _values(field, name, light)
+    spectrum = _spectrum(field, light.wavelength_nm)
+    reflectance = light.fragment_reflectance
+    if field.acts == "front":
+        hidden = amplitude * fragments[:, None]
+        return light.change(
+            fragment_reflectance=reflectance * (1 - hidden),
+            fragment_emission=light.fragment_emission * (1 - hidden) + hidden * spectrum,
+        )
+    change = amplitude * fragments[:, None] * spectrum
+    if field.acts == "radiance":
+        return light.change(fragment_emission=light.fragment_emission + change)
+    on_patches = amplitude * patches[:, None] * spectrum
+    if field.acts == "irradiance":
+        return light.change(
+            fragment_emission=light.fragment_emission + reflectance * change,
+            patch_emission=light.patch_emission + light.patch_reflectance * on_patches,
+        )
+    return light.change(
+        fragment_reflectance=np.maximum(reflectance * (1 + change), 0.0),
+        patch_reflectance=np.maximum(light.patch_reflectance * (1 + on_patches), 0.0),
+    )
+
+
+def _values(
+    field: FittedField, name: str, light: PatchLight
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(p,), (f,) the maps' values. Raises InputError for a surface that the scene lacks."""
+    transport, patches = light.transport, light.transport.light.patches
+    known = [surface.name for surface in light.scene.surfaces]
+    on_patches, on_fragments = np.zeros(len(patches)), np.zeros(len(transport.pixel))
+    for one in field.surfaces:
+        if one.surface not in known:
+            raise InputError(f"effect {name}", f"surface '{one.surface}'", f"one of {', '.join(known)}")
+        index = known.index(one.surface)
+        here, there = transport.surface == index, patches.surface == index
+        on_fragments[here] += one.at(transport.position[here])
+        on_patches[there] += one.over_patches(patches.centre[there], transport.position[here])
+    return on_patches, on_fragments
