@@ -50,27 +50,31 @@ def _image(scene: Scene, camera: Camera, seed: int) -> RenderedImage:
 
 
 @cache
-def _sound(seed: int) -> RenderedImage:
-    camera, _, box = laboratory(seed)
+def _sound(place: int, seed: int) -> RenderedImage:
+    camera, _, box = laboratory(place)
     return _image(box, camera, seed)
 
 
-def write_capture(folder: Path, name: str, seed: int) -> Truth:
-    """One capture with a cause; ``none`` leaves the box sound."""
+def write_capture(folder: Path, name: str, seed: int, taken: int = 0) -> Truth:
+    """One capture with a cause; ``none`` leaves the box sound.
+
+    taken : how often it was taken before: the same box, camera and cause, but other noise in picture and frames.
+    """
     place = 9000 + seed % _LABORATORIES
     camera, settings, box = laboratory(place)
     draw = np.random.default_rng([seed, len(name)])
+    noise = seed + 5000 * taken
     made = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
-    pictures = [(_image(s, c, seed + i), c, w) for i, (s, c, w) in enumerate(made.pictures)]
+    pictures = [(_image(s, c, noise + i), c, w) for i, (s, c, w) in enumerate(made.pictures)]
     total: Stack | None = None
-    for image, seen, weight in pictures or [(_sound(place), camera, 1.0)]:
+    for image, seen, weight in pictures or [(_sound(place, place + 5000 * taken), camera, 1.0)]:
         signals, uniform, _ = photographed_light(image, (), None, seen, settings)
         total = weight * signals if total is None else total + weight * signals
     assert total is not None
-    sees_lamp = _sound(place).sees_lamp
+    sees_lamp = _sound(place, place + 5000 * taken).sees_lamp
     scene = photographed_scene(Model())
     write_photographs(
-        folder, made.light(total), uniform, sees_lamp, camera=camera, scene=scene, settings=settings, seed=seed,
+        folder, made.light(total), uniform, sees_lamp, camera=camera, scene=scene, settings=settings, seed=noise,
         hooks=made.hooks,
     )  # fmt: skip
     return made.truth

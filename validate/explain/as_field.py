@@ -67,10 +67,10 @@ def _waves(waves: tuple[WaveMap, ...], values: NDArray[np.float64]) -> tuple[Sur
 
 
 def _points(excess: Excess, image: NDArray[np.float64], surface: str | None) -> tuple[SurfaceMap, ...]:
-    """The image's values at the points of the scene that its pixels see, on one surface or on all."""
+    """The image's values at the points of the scene that its pixels see, on one surface or on all but the lamp's."""
     t = excess.transport
     values = image.ravel()[t.pixel]
-    there = np.abs(values) > _NOTHING * np.abs(image).max()
+    there = (np.abs(values) > _NOTHING * np.abs(image).max()) & (t.surface < len(excess.names))
     found = []
     for index in np.unique(t.surface[there]):
         name = excess.names[index]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.validate.explain import NONE, explain
 from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
+from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import gaussian_filter, shift
-from small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 
 NOISE = np.random.default_rng(11)
 

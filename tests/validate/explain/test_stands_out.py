@@ -5,7 +5,7 @@ import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.unexplained import stands_out
 from cboxlab.validate.explain import explain
-from small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 
 DRAW = np.random.default_rng(5)
 

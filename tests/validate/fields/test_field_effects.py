@@ -1,0 +1,109 @@
+"""A cause is explained, written as an effect file, read again, and changes the picture as the cause did."""
+
+import json
+
+import numpy as np
+import pytest
+from cboxlab.render.chain import Counts, Light
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.validate.effects import apply_checked
+from cboxlab.validate.explain import explain
+from cboxlab.validate.fields import PointMap, effect_of_diagnosis
+from cboxlab.validate.report.explanation import explanation_record
+from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from scipy.ndimage import shift
+
+NM = np.array([450.0, 520, 590, 660])
+DARK = np.full(BANDS, 100.0)
+DRAW = np.random.default_rng(7)
+
+
+def _shifted(band, by):
+    change = np.zeros(SIGNAL.shape)
+    change[band] = shift(SIGNAL[band], (0, by), order=3, mode="nearest") - SIGNAL[band]
+    return change
+
+
+CAUSES = {
+    "sensor-offset": SIGMA * DRAW.normal(0, 1.5, (BANDS, SIZE, 1)),
+    "sensor-gain": SIGNAL * DRAW.normal(0, 0.02, (1, 1, SIZE)),
+    "displacement": _shifted(2, 0.2),
+    "blur": (_shifted(1, 1) + _shifted(1, -1)) / 5,
+    "time-order": SIGNAL * np.array([0.02, 0, 0, 0.02])[:, None, None],
+}
+
+
+def _written(folder, cause):
+    """The explanation of a cause, and the effect read back from the file written of it."""
+    found = explain(small_excess(cause))
+    diagnosis = folder / "diagnosis.json"
+    diagnosis.write_text(json.dumps({"selected": ["unknown"], "explanation": explanation_record(found)}))
+    return found, effect_of_diagnosis(folder / "found.toml", diagnosis)[0]
+
+
+def _counts(bands=("b0", "b1", "b2", "b3")):
+    frames, seconds = SIGNAL + DARK[:, None, None], np.ones(BANDS)
+    return Counts(
+        bands, frames, frames, frames, DARK, DARK, DARK, seconds, seconds, seconds, seconds, 65535.0
+    )
+
+
+def _changed(effect, amplitude):
+    """What an effect of the sensor or the optics changes, DN."""
+    applied = apply_checked(effect, {"amplitude": amplitude}, "test")
+    if effect.stage == "counts":
+        return applied.apply(_counts()).scene - DARK[:, None, None] - SIGNAL
+    return applied.apply(Light(SIGNAL, NM, cornell_camera(SIZE))).signal - SIGNAL
+
+
+@pytest.mark.parametrize("family", CAUSES)
+def test_the_effect_written_of_a_cause_does_what_the_cause_did(tmp_path, family):
+    found, effect = _written(tmp_path, CAUSES[family])
+    assert found.family == family
+    once = _changed(effect, 1.0)
+    assert np.abs(once - found.change).max() < 1e-3 * np.abs(found.change).max()
+    assert np.sum((once - CAUSES[family]) ** 2) < 0.25 * np.sum(CAUSES[family] ** 2)
+    assert np.allclose(_changed(effect, -0.5), -0.5 * once)
+    assert np.abs(_changed(effect, 0.0)).max() < 1e-9
+
+
+def test_a_line_of_the_lamp_stands_about_its_band(tmp_path):
+    found, effect = _written(tmp_path, SIGNAL * np.array([0.0, 0.03, 0.02, 0])[:, None, None])
+    assert (found.family, effect.stage) == ("lamp-spectrum", "scene")
+    scene = cornell_box()
+    there = apply_checked(effect, {}, "test").apply(scene).lamp.radiance
+    ratio = there.at(NM) / scene.lamp.radiance.at(NM)
+    assert ratio[1] - ratio[0] == pytest.approx(0.03, abs=0.004)
+    assert ratio[2] - ratio[0] == pytest.approx(0.02, abs=0.004)
+
+
+def test_a_stain_becomes_values_at_points_of_its_surface():
+    depth = np.array([0.12, 0.08, 0.03, 0.0])[:, None, None]
+    bell = np.exp(-((COLUMNS - 33) ** 2 + (ROWS - 38) ** 2) / 32) * (ROWS >= 30)
+    excess = small_excess(-SIGNAL * depth * bell)
+    field = explain(excess).field
+    (stain,) = field.surfaces
+    assert (field.acts, stain.surface) == ("reflectance", "floor")
+    centre = excess.transport.position.reshape(SIZE, SIZE, 3)[38, 33]
+    assert stain.at(centre[None])[0] * field.spectrum == pytest.approx(-depth[:, 0, 0], abs=0.012)
+    assert stain.at(np.array([[0.0, 0, 0]]))[0] == 0
+
+
+def test_values_at_points_are_linear_in_between_and_nothing_beyond():
+    points = np.array([[0.0, 5, 0], [10, 5, 0], [0, 5, 10], [10, 5, 10]])
+    plane = PointMap("floor", points, np.array([1.0, 2.0, 3.0, 4.0]))
+    there = np.array([[5.0, 5, 5], [2.5, 5, 0], [11, 5, 5]])
+    assert plane.at(there) == pytest.approx([2.5, 1.25, 0.0])
+    assert plane.over_patches(np.array([[2.0, 5, 2], [90, 5, 90]]), points) == pytest.approx([2.5, 0.0])
+    alone = PointMap("floor", points[:1], np.array([1.0]))
+    assert alone.at(points[:2]) == pytest.approx([1.0, 0.0])
+
+
+def test_a_field_of_the_sensor_is_for_its_own_bands_and_size(tmp_path):
+    _, effect = _written(tmp_path, CAUSES["sensor-offset"])
+    with pytest.raises(InputError, match="effect found: found band 'green'; expected one of b0, b1, b2, b3"):
+        effect.apply(_counts(("b0", "b1", "b2", "green")), amplitude=1.0)
+    _, blur = _written(tmp_path / "..", CAUSES["blur"])
+    with pytest.raises(InputError, match="a picture of 48 x 47 px; expected 48 x 48 px"):
+        blur.apply(Light(SIGNAL[:, 1:], NM, cornell_camera(SIZE)), amplitude=1.0)
