@@ -59,7 +59,7 @@ def diagnose(
         result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
             report.stage("writing the report")
-            inputs = [*captures, *(path for path in (model, render) if path is not None)]
+            inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]
             write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
     print_suspicions(result.validation.prepared.calibration)
     print_failures(result.validation)

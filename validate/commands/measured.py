@@ -81,7 +81,7 @@ def validate(
     with options(render="--render"), bar("calibrating") as report:
         result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")
-        inputs = [path for path in (capture, model, render) if path is not None]
+        inputs = [path for path in (capture, model, render, *chosen.files) if path is not None]
         write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
     print_validation(result.validation)
     give_json(json, result.to_dict())

@@ -30,6 +30,12 @@ class Model:
     render: RenderSettings = field(default_factory=RenderSettings)
     name: str = "published box"
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The scene file and the effect files that it names; what comes with the program is none of them."""
+        scene = () if self.scene in packaged_scenes() else (Path(self.scene),)
+        return *scene, *(e.effect.file for e in self.effects if e.effect.file is not None)
+
     def with_effect(self, effect: AppliedEffect) -> Model:
         """The model with one more effect."""
         return replace(self, effects=(*self.effects, effect))

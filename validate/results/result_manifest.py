@@ -63,7 +63,8 @@ def write_manifest(
 ) -> Path:
     """Write ``MANIFEST`` into a folder of results. Its files are given relative to it, inputs by absolute paths.
 
-    outputs : files below ``folder``. inputs : files, or folders with all files in them. seed : of the render.
+    outputs : files below ``folder``, or folders there. inputs : the same anywhere; a packaged model's name, which is no
+    file, is left out. seed : of the render.
     """
     mitsuba = sys.modules.get("mitsuba")
     content = {
@@ -72,8 +73,10 @@ def write_manifest(
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "mitsuba_variant": None if mitsuba is None else mitsuba.variant(),
         "seed": seed,
-        "inputs": {str(path): _content(path) for given in inputs for path in _files(given.resolve())},
-        "outputs": {path.relative_to(folder).as_posix(): _content(path) for path in sorted(set(outputs))},
+        "inputs": {str(path): _content(path) for one in inputs for path in _files(one.resolve())},
+        "outputs": {
+            path.relative_to(folder).as_posix(): _content(path) for one in outputs for path in _files(one)
+        },
     }
     with replacing(folder / MANIFEST) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -96,8 +99,8 @@ def verify(folder: Path) -> Verification:
 
 
 def _files(path: Path) -> list[Path]:
-    """A file itself, or all files of a folder."""
-    return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    """A file itself, or all files of a folder; none of a path where nothing is."""
+    return sorted(p for p in (path, *path.rglob("*")) if p.is_file())
 
 
 def _content(path: Path) -> dict[str, Any]:
