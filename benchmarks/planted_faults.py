@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,6 +102,30 @@ FAULTS = (
         "flat-dark", "the bias for the flat's own dark frame", "calibration/correction/correction.py",
         "above_dark = stack.mean(axis=0) - dark.at(table.exposure_s)",
         "above_dark = stack.mean(axis=0) - dark.bias",
+        ("calibration/correction", "calibration/result/test_calibrate.py"),
+    ),
+    Fault(
+        "flat-exposure", "the dark of the band's exposure for the flat's", "calibration/correction/correction.py",
+        "above_dark = stack.mean(axis=0) - dark.at(table.exposure_s)",
+        "above_dark = stack.mean(axis=0) - dark.at(capture.band(band).exposure_s)", ("calibration/correction",),
+    ),
+    Fault(
+        "fall-off", "fall-off left in the photo-response non-uniformity", "calibration/detector/photon_transfer.py",
+        "weight = float(mean[good].mean()) / np.maximum(smooth, 1.0)", "weight = np.ones(mean.shape)",
+        ("calibration/detector",),
+    ),
+    Fault(
+        "gain-sigma", "the gain's sigma without the dark's share", "calibration/detector/photon_transfer.py",
+        "np.sqrt(1 / np.sum(weight * x**2) + (common * dark.temporal_sigma) ** 2)",
+        "np.sqrt(1 / np.sum(weight * x**2))", ("calibration/detector",),
+    ),
+    Fault(
+        "dark-fit-freedom", "divisor of the dark fit's excess scatter", "calibration/detector/dark_fit.py",
+        "freedom if beyond else 0.0", "time.size if beyond else 0.0", ("calibration/detector",),
+    ),
+    Fault(
+        "dark-rate-noise", "noise of a dark rate without its lever", "calibration/correction/dark.py",
+        "noise = frame_variance / length", "noise = frame_variance / repeats.sum()",
         ("calibration/correction", "calibration/result/test_calibrate.py"),
     ),
     Fault(
@@ -194,17 +219,30 @@ def copy_tree(folder: Path) -> None:
         (folder / "tree" / "cboxlab" / path.name).symlink_to(path)
 
 
+def run_tests(folder: Path, paths: Sequence[str], limit_s: float | None = None) -> str | None:
+    """The first test of the copy that fails; None if all pass.
+
+    Raises RuntimeError where pytest could not run, subprocess.TimeoutExpired after the limit.
+    """
+    settings = {**os.environ, "PYTHONPATH": str(folder / "tree"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-rfE", *paths]
+    result = subprocess.run(
+        command, cwd=folder, env=settings, capture_output=True, text=True, check=False, timeout=limit_s
+    )
+    if result.returncode == 0:
+        return None
+    named = re.search(r"^(?:FAILED|ERROR) (\S+)", result.stdout, re.MULTILINE)
+    if named is None and result.returncode != 1:
+        raise RuntimeError(f"pytest {' '.join(paths)}: {result.stdout[-2000:]}{result.stderr[-2000:]}")
+    return named.group(1) if named else "(a failure without a name)"
+
+
 def first_failure(folder: Path, tests: tuple[str, ...]) -> str | None:
     """The first test that fails; None if all pass. Raises RuntimeError where pytest could not run."""
-    paths = {**os.environ, "PYTHONPATH": str(folder / "tree"), "PYTHONDONTWRITEBYTECODE": "1"}
     for path in tests:
-        command = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-rfE", f"tests/{path}"]
-        result = subprocess.run(command, cwd=folder, env=paths, capture_output=True, text=True, check=False)
-        if result.returncode not in (0, 1):
-            raise RuntimeError(f"pytest {path}: {result.stdout[-2000:]}{result.stderr[-2000:]}")
-        if result.returncode == 1:
-            named = re.search(r"^(?:FAILED|ERROR) (\S+)", result.stdout, re.MULTILINE)
-            return named.group(1) if named else "(a failure without a name)"
+        failure = run_tests(folder, [f"tests/{path}"])
+        if failure is not None:
+            return failure
     return None
 
 

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from cboxlab.calibration.detector.photon_transfer import frame_statistics, transfer
+from cboxlab.calibration.detector.photon_transfer import FrameStatistics, frame_statistics, transfer
 from scipy import stats
 
 SATURATION = 4095
@@ -120,6 +120,34 @@ def test_a_flats_own_slope_is_no_pattern():
     found = figures(dark, [bright], flatten=True)
     assert found.prnu == pytest.approx(PRNU, abs=4 * found.prnu_sigma)
     assert found.prnu_sigma < 0.05 * PRNU
+
+
+def test_the_pattern_is_relative_to_the_local_light():
+    """Light that falls to a tenth across the field: relative to its mean the pattern would look 10% larger."""
+    rng = np.random.default_rng(6)
+    field = np.broadcast_to(np.linspace(0.1, 1.0, 80), (60, 80))
+    gain = field * (1 + PRNU * rng.standard_normal(field.shape))
+    dark, _ = sensor(rng, field.shape)
+    bright = np.rint(rng.poisson(12 * 3000 * gain, (8, *field.shape)) / 12 + BIAS).astype(np.uint16)
+    found = figures(dark, [bright], flatten=True)
+    assert found.prnu == pytest.approx(PRNU, rel=0.05)
+
+
+def test_the_gains_error_holds_that_of_the_dark():
+    """Twelve dim levels share one dark: its error is theirs in common, and most of the gain's."""
+    rng = np.random.default_rng(8)
+    charge, gain, floor, sigma = np.linspace(900, 1100, 12), 0.08, 9.0, 2.0
+
+    def statistics(mean, temporal):
+        return FrameStatistics(mean, temporal + sigma * rng.standard_normal(), sigma, 1.0, 0.1, 0.0)
+
+    pulls = []
+    for _ in range(1000):
+        levels = [statistics(BIAS + x, floor + gain * x) for x in charge]
+        found = transfer(statistics(BIAS, floor), levels, SATURATION)
+        pulls.append((found.gain_dn_per_e - gain) / found.gain_sigma)
+    # a standard deviation from 1000 samples has a standard error of 2.2%
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.1)
 
 
 def test_one_repeat_shows_no_temporal_noise():
