@@ -123,7 +123,8 @@ def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
     from ..fields import effect_of_diagnosis
 
     require_folder(path.parent)
-    effect, caution = effect_of_diagnosis(path, diagnosis)
+    with options(**{"name of the effect": "--new"}):
+        effect, caution = effect_of_diagnosis(path, diagnosis)
     give_json(json, {"file": path, "caution": caution, **effect.to_dict()})
     say(f"{path}: {effect.in_few_words}")
     if caution:

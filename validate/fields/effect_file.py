@@ -37,9 +37,7 @@ def load_effect_file(path: Path) -> Effect:
 
     Raises InputError naming every fault.
     """
-    content = read_toml(
-        path, "an effect file in TOML", "Write one with: cbox effects --new NAME --from diagnosis.json"
-    )
+    content = read_toml(path, "an effect file in TOML, made from a diagnosis")
     try:
         entry = _EffectFile.model_validate(content)
     except ValidationError as error:
@@ -54,7 +52,7 @@ def load_effect_file(path: Path) -> Effect:
 def effect_text(title: str, summary: str, record: Mapping[str, Any]) -> str:
     """The content of an effect file. record : of its field, see ``field_record``."""
     lines = [
-        "# amplitude: 1 as found, 0 nothing. To add and refit: cbox add model.toml THIS-FILE --fit CAPTURE"
+        "# An effect of one number, amplitude: 1 as found, 0 nothing. A model names it by this file's path."
     ]
     lines += [
         f"format = {json.dumps(_FORMAT)}",

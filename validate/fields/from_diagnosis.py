@@ -18,6 +18,8 @@ __all__ = ["effect_of_diagnosis"]
 
 _LONGEST_TITLE = 50
 
+_EXPECTED = "the diagnosis.json of a capture that something remains of"
+
 
 def effect_of_diagnosis(path: Path, diagnosis: Path) -> tuple[Effect, str]:
     """Write the effect file ``path`` from a diagnosis.json, and return its effect with what is to be known of it.
@@ -27,7 +29,7 @@ def effect_of_diagnosis(path: Path, diagnosis: Path) -> tuple[Effect, str]:
     name = path.stem
     if path.suffix != ".toml" or not re.fullmatch(r"[a-z][a-z0-9-]*", name) or name in catalogue():
         expected = "a name of its own, of small letters, digits and hyphens, such as my-effect"
-        raise InputError("--new", f"'{name}'", expected)
+        raise InputError("name of the effect", f"'{name}'", expected)
     if path.exists():
         raise InputError(path, "a file that is there already", "a new name, or the old file removed")
     explanation = _explanation(diagnosis)
@@ -43,10 +45,10 @@ def effect_of_diagnosis(path: Path, diagnosis: Path) -> tuple[Effect, str]:
 
 
 def _explanation(diagnosis: Path) -> Mapping[str, Any]:
-    content = read_json(diagnosis, "the diagnosis.json of cbox diagnose --json")
+    content = read_json(diagnosis, _EXPECTED)
     found = content.get("explanation") if isinstance(content, dict) else None
     if not isinstance(found, dict) or not isinstance(found.get("family"), str):
-        raise InputError(diagnosis, "no explanation", "the diagnosis.json of cbox diagnose --json")
+        raise InputError(diagnosis, "no explanation", _EXPECTED)
     if found["family"] == "none":
         selected = ", ".join(content.get("selected") or []) or "nothing"
         raise InputError(
@@ -54,7 +56,7 @@ def _explanation(diagnosis: Path) -> Mapping[str, Any]:
             "the family of a field that explains what remains",
         )  # fmt: skip
     if not found.get("field"):
-        hint = "Diagnose the capture again: cbox diagnose CAPTURE --json FILE"
+        hint = "Diagnose the capture again with this version"
         raise InputError(f"{diagnosis}: explanation.field", "nothing", "the fitted field", hint)
     return found
 

@@ -15,10 +15,10 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from numpy.typing import NDArray
 
-__all__ = ["sensing"]
+__all__ = ["minutes_of_bands", "sensing"]
 
 
-def _minutes(capture: Capture) -> NDArray[np.float64]:
+def minutes_of_bands(capture: Capture) -> NDArray[np.float64]:
     """(band,) to the middle of each band's frames; without ``start_s`` a band follows the last at once."""
     readout, free, middles = capture.manifest.camera.readout_s, 0.0, []
     for band in capture.manifest.band:
@@ -104,6 +104,6 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_scene=exposures["scene"],
         exposure_flat=exposures["flat"],
         exposure_reference=exposures["reference"],
-        minutes=_minutes(capture),
+        minutes=minutes_of_bands(capture),
         full_scale=float(capture.saturation_dn),
     )

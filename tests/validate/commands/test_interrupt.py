@@ -1,6 +1,5 @@
 """Ctrl-C in the terminal: it stops a computation at its next step, and at once when pressed again."""
 
-import os
 import signal
 
 import pytest
@@ -13,11 +12,11 @@ def test_ctrl_c_in_the_terminal_cancels_and_the_second_interrupts(capsys):
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(Cancelled), console.bar("working") as progress:
         progress.part(0.1)
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         progress.part(0.2)
     with pytest.raises(KeyboardInterrupt), console.bar("working"):
-        os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
     assert capsys.readouterr().err.count("stopping") == 2
 
@@ -29,7 +28,7 @@ def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, cap
     def pressed(*arguments, **keywords):
         shown(*arguments, **keywords)
         if keywords["completed"] > 0.1:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(stages.ProgressBar, "update", pressed)
     cube = ("--size", "16", "--wavelengths", "500,600", "--noise", "0.5%")
