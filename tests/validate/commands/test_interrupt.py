@@ -8,6 +8,14 @@ from cboxlab.validate.commands import cli, console
 from cboxlab.validate.terminal import stages
 
 
+@pytest.fixture(autouse=True)
+def in_the_foreground():
+    """Shells start background jobs with Ctrl-C ignored; a command in the terminal has Python's own handler."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_ctrl_c_in_the_terminal_cancels_and_the_second_interrupts(capsys):
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(Cancelled), console.bar("working") as progress:
