@@ -109,7 +109,7 @@ def solve(
     for _ in range(limit):
         bounce = rho * (exchange.form_factors @ bounce)
         total += bounce
-        if bounce.max() < 1e-7 * total.max():
+        if bounce.max() <= 1e-7 * total.max():
             break
     return total
 

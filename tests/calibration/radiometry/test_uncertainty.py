@@ -80,10 +80,10 @@ def test_bands_that_agree_have_no_scatter():
 
 
 def test_constant_and_bands_share_their_errors():
-    """20000 sets of seven bands: C within Student's interval as often as stated, and band errors, correlated
+    """5000 sets of seven bands: C within Student's interval as often as stated, and band errors, correlated
     through C, scatter by the stated covariance. False alarms: 4 standard errors each, below 1e-3 together.
     """
-    rng, sets, scatter, noise = np.random.default_rng(8), 20000, 0.004, 0.0015
+    rng, sets, scatter, noise = np.random.default_rng(8), 5000, 0.004, 0.0015
     inside, residual, stated = np.zeros(2), np.zeros((7, 7)), np.zeros((7, 7))
     for _ in range(sets):
         own = scatter * rng.standard_normal(7)
