@@ -21,8 +21,8 @@ __all__ = ["ForeignPicture", "foreign_picture", "require_level"]
 #: Of our pictures from the two cameras; they share their random numbers.
 _SAMPLES, _BATCHES = 256, 4
 
-#: Of our picture's mean spectrum; part of its largest value below which it is dark.
-_MEAN_SAMPLES, _DARK = 16, 1e-3
+#: Of our picture, for the shape of each pixel's spectrum; part of its largest value below which it is dark.
+_SHAPE_SAMPLES, _DARK = 256, 0.01
 
 #: A picture that many times as bright as the capture shows another lamp.
 _WRONG_LEVEL = 2.0
@@ -58,7 +58,7 @@ def foreign_picture(
 
     scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors, where it
     has any, count as fully correlated between wavelengths. declared : what the file does not state. light : our
-    solution of the scene on WAVELENGTH_NM; between its wavelengths the cube's ratio to our mean spectrum is linear.
+    solution of the scene on WAVELENGTH_NM; between its wavelengths a pixel's ratio to our spectrum there is linear.
     None : the cube itself is, which is off by several per cent where the lamp's spectrum bends.
 
     Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
@@ -82,12 +82,12 @@ def foreign_picture(
     error = (
         cube["standard_error"].values.astype(float) if "standard_error" in cube else np.zeros_like(radiance)
     )
-    # two batches that far apart have this error of their mean
-    batches = np.stack([radiance + error, radiance - error]).astype(np.float32)
+    values = np.stack([radiance + error, radiance - error])  # two batches that far apart have this error of their mean
     tracer = build_tracer(scene)
+    ours = None if light is None else gather(light, camera, _SHAPE_SAMPLES, 1)
     return RenderedImage(
-        coefficients=batches,
-        spectra=_between(wavelength, np.ones(WAVELENGTH_NM.size) if light is None else _mean(light, camera)),
+        coefficients=_between(wavelength, values, ours),
+        spectra=np.eye(WAVELENGTH_NM.size),
         wavelength_nm=WAVELENGTH_NM,
         coverage=facet_coverage(tracer, camera),
         facet_surface=tracer.facet_surface,
@@ -95,26 +95,35 @@ def foreign_picture(
     )
 
 
-def _mean(light: LightField, camera: Camera) -> NDArray[np.float64]:
-    """(n,) mean spectrum of our picture on WAVELENGTH_NM, the lamp's pixels left out."""
-    image = gather(light, camera, _MEAN_SAMPLES, 1)
-    return np.asarray(
-        image.coefficients[0][image.surface >= 0].mean(axis=0, dtype=np.float64) @ image.spectra
-    )
+def _between(
+    wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage | None
+) -> NDArray[np.float32]:
+    """(b, y, x, n) on WAVELENGTH_NM of values (b, y, x, w), whose ratio to our picture's spectra is linear between.
 
-
-def _between(wavelength: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(w, n) spectra on WAVELENGTH_NM of cubes that are 1 at one of their wavelengths, by ratios to a reference (n,).
-
-    Where the reference is dark the ratio is that of the next wavelength.
+    A pixel that is dark in our picture at any wavelength has its mean spectrum in place of its own. Where that is dark
+    the ratio is that of the next wavelength.
     """
-    here = np.interp(wavelength, WAVELENGTH_NM, reference)
-    lit = np.flatnonzero(here > _DARK * here.max())
-    found = np.zeros((wavelength.size, WAVELENGTH_NM.size))
-    for index in lit:
-        ratio = (lit == index) / here[index]
-        found[index] = np.interp(WAVELENGTH_NM, wavelength[lit], ratio) * reference
+    shape = values.shape[1:3]
+    if ours is None:
+        spectra, mean = np.ones((*shape, 1)), np.ones(WAVELENGTH_NM.size)
+        mixing = mean[None]
+    else:
+        spectra, mixing = ours.coefficients[0], ours.spectra
+        mean = spectra[ours.surface >= 0].mean(axis=0, dtype=np.float64) @ mixing
+    at = _linear(WAVELENGTH_NM, wavelength)
+    lit = mean @ at > _DARK * mean.max()
+    between = _linear(wavelength[lit], WAVELENGTH_NM)
+    found = np.empty((len(values), *shape, WAVELENGTH_NM.size), dtype=np.float32)
+    for row in range(shape[0]):  # all rows at once would take a gigabyte at 512 pixels a side
+        own = spectra[row] @ mixing
+        own = np.where(np.any(own < _DARK * mean, axis=1, keepdims=True), mean, own)
+        found[:, row] = (values[:, row][..., lit] / (own @ at)[:, lit] @ between) * own
     return found
+
+
+def _linear(given: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(given, wanted) linear interpolation, constant beyond the ends."""
+    return np.stack([np.interp(wanted, given, row) for row in np.eye(given.size)])
 
 
 def require_level(picture: Path, lamp_scale: float) -> None:
