@@ -21,6 +21,7 @@ from .pipeline import (
     under_model,
     validate,
     validated,
+    with_picture,
 )
 from .regions import INTERIOR_DISTANCE_PX
 from .stacks import StackComparison, compare_stacks, comparison_record, read_stack, write_comparison
@@ -61,6 +62,7 @@ __all__ = [
     "under_model",
     "validate",
     "validated",
+    "with_picture",
     "write_comparison",
     "write_maps",
 ]

@@ -49,6 +49,7 @@ from .nuisances import NuisanceFit, Nuisances, fit_lamp_scale, held_lamp_scale
 __all__ = [
     "Predicted", "Prepared", "Rendered", "Validation", "band_centres", "compared", "failures", "prepare", "refitted",
     "refitted_picture", "rendered_from", "solved_light", "under_model", "validate", "validated",
+    "with_picture",
 ]  # fmt: skip
 
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
@@ -213,12 +214,18 @@ def validate(
     if picture is not None:
         if not variant.compiled():
             raise InputError("render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
-        light = solved_light(prepared, model.render, ())
-        image = foreign_picture(picture, prepared.scene, prepared.calibrated_camera, declared, light)
-        prepared = replace(
-            prepared, picture=ForeignPicture(image, prepared.calibrated_camera, light, picture)
-        )
+        prepared = with_picture(prepared, picture, declared, model.render)
     return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
+
+
+def with_picture(prepared: Prepared, path: Path, declared: Declared, settings: RenderSettings) -> Prepared:
+    """The capture with another renderer's cube in place of our picture.
+
+    settings : of our own picture, by whose spectra the cube is brought to all wavelengths.
+    """
+    light, camera = solved_light(prepared, settings, ()), prepared.calibrated_camera
+    image = foreign_picture(path, prepared.scene, camera, declared, light)
+    return replace(prepared, picture=ForeignPicture(image, camera, light, path, declared))
 
 
 def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:

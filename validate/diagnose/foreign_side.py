@@ -13,7 +13,7 @@ import numpy as np
 from cboxlab.render.chain import RenderSettings
 from numpy.typing import NDArray
 
-from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale
+from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale, validated, with_picture
 from ..predict import Predictor
 from .hypotheses import hypotheses
 
@@ -55,18 +55,21 @@ def foreign_side(validation: Validation) -> tuple[Validation, ForeignSide | None
 
     A model file that states a depth itself is believed.
     """
-    rendered = validation.rendered
-    if validation.prepared.picture is None or not isinstance(rendered, Predicted):
+    prepared, rendered = validation.prepared, validation.rendered
+    picture = prepared.picture
+    if picture is None or not isinstance(rendered, Predicted):
         return validation, None
-    prepared, used = validation.prepared, rendered.used
+    used = rendered.used
     energy = float(rendered.signal[used].sum() / prepared.measured[used].sum()) - 1
-    depth = validation.model.render.max_bounces
-    if depth is None:
-        depth = _depth(validation, rendered)
-    settings = replace(validation.model.render, max_bounces=depth)
-    stopped = replace(rendered, predictor=rendered.predictor.with_settings(settings))
+    stated = validation.model.render.max_bounces
+    depth = _depth(validation, rendered) if stated is None else stated
     found = ForeignSide(depth, energy, prepared.lamp_sigma)
-    return replace(validation, model=replace(validation.model, render=settings), rendered=stopped), found
+    if depth == stated:
+        return validation, found
+    # between its wavelengths the cube follows our spectra, which have to stop at the same depth
+    settings = replace(validation.model.render, max_bounces=depth)
+    again = with_picture(prepared, picture.path, picture.declared, settings)
+    return validated(again, replace(validation.model, render=settings)), found
 
 
 def _depth(validation: Validation, rendered: Predicted) -> int | None:

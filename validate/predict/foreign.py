@@ -30,12 +30,15 @@ _WRONG_LEVEL = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ForeignPicture:
-    """image : through ``camera``. light : the same scene's, solved by us. path : the file that it was read from."""
+    """image : through ``camera``. light : the same scene's, solved by us. path : the file that it was read from.
+    declared : what that file does not state.
+    """
 
     image: RenderedImage
     camera: Camera
     light: LightField
     path: Path
+    declared: Declared = AS_STATED
 
     def through(self, camera: Camera, seed: int) -> RenderedImage:
         """The picture from another camera: changed by as much as ours changes."""
@@ -82,7 +85,8 @@ def foreign_picture(
     error = (
         cube["standard_error"].values.astype(float) if "standard_error" in cube else np.zeros_like(radiance)
     )
-    values = np.stack([radiance + error, radiance - error])  # two batches that far apart have this error of their mean
+    # two batches that far apart have this error of their mean
+    values = np.stack([radiance + error, radiance - error])
     tracer = build_tracer(scene)
     ours = None if light is None else gather(light, camera, _SHAPE_SAMPLES, 1)
     return RenderedImage(
