@@ -1,18 +1,22 @@
-"""The images that integrators return: radiance by pixel and wavelength, their blur, basis and light shares."""
+"""The images that integrators return: radiance by pixel and wavelength, their blur, basis, noise and light shares."""
 
 from .blur import blur
 from .film import means_by_strips
 from .image import LAMP, NOTHING, RenderedImage
 from .light_shares import LightShares, light_shares
+from .pixel_noise import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
 from .spectral_basis import from_basis
 
 __all__ = [
+    "ESTIMATE_DEGREES",
     "LAMP",
     "NOTHING",
     "LightShares",
     "RenderedImage",
     "blur",
     "from_basis",
+    "high_pass",
     "light_shares",
     "means_by_strips",
+    "variance_of_neighbours",
 ]

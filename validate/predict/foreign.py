@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.render.files import AS_STATED, Declared, declared_for, read_cube, require_used
-from cboxlab.render.image import RenderedImage
+from cboxlab.render.image import RenderedImage, variance_of_neighbours
 from cboxlab.render.radiosity import LightField, gather
 from cboxlab.render.visibility import build_tracer, facet_coverage
 from cboxlab.scenes.camera import Camera
@@ -59,10 +59,11 @@ def foreign_picture(
 ) -> RenderedImage:
     """The cube at ``path`` as a rendered image on WAVELENGTH_NM.
 
-    scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors, where it
-    has any, count as fully correlated between wavelengths. declared : what the file does not state. light : our
-    solution of the scene on WAVELENGTH_NM; between its wavelengths a pixel's ratio to our spectrum there is linear.
-    None : the cube itself is, which is off by several per cent where the lamp's spectrum bends.
+    scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors count as fully
+    correlated between wavelengths; where it has none they are those of the scatter of neighbouring pixels.
+    declared : what the file does not state. light : our solution of the scene on WAVELENGTH_NM; between its
+    wavelengths a pixel's ratio to our spectrum there is linear.
+    None : the cube itself is, off by several per cent where the lamp's spectrum bends.
 
     Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
     """
@@ -82,18 +83,20 @@ def foreign_picture(
         raise InputError(path, found, "400 to 700 nm: the sensor equation is an integral over them")
     if not np.all(np.isfinite(radiance)):
         raise InputError(path, "radiance that is not finite", "W m^-2 sr^-1 nm^-1 in every pixel")
-    error = (
-        cube["standard_error"].values.astype(float) if "standard_error" in cube else np.zeros_like(radiance)
-    )
+    tracer = build_tracer(scene)
+    coverage = facet_coverage(tracer, camera)
+    if "standard_error" in cube:
+        error = cube["standard_error"].values.astype(float)
+    else:
+        error = np.sqrt(variance_of_neighbours(radiance, radiance, coverage.max(axis=-1) == 1))
     # two batches that far apart have this error of their mean
     values = np.stack([radiance + error, radiance - error])
-    tracer = build_tracer(scene)
     ours = None if light is None else gather(light, camera, _SHAPE_SAMPLES, 1)
     return RenderedImage(
         coefficients=_between(wavelength, values, ours),
         spectra=np.eye(WAVELENGTH_NM.size),
         wavelength_nm=WAVELENGTH_NM,
-        coverage=facet_coverage(tracer, camera),
+        coverage=coverage,
         facet_surface=tracer.facet_surface,
         surface_names=tuple(surface.name for surface in scene.surfaces),
     )

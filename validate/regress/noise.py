@@ -10,17 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.render.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
 from numpy.typing import NDArray
-from scipy.ndimage import convolve, maximum_filter, median_filter, minimum_filter, uniform_filter
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
-__all__ = ["Noise", "high_pass", "local_range", "noise_of", "smooth_variance"]
+__all__ = ["Noise", "local_range", "noise_of", "smooth_variance"]
 
-#: Second differences along rows and columns, over 6: white noise keeps its variance, a plane disappears.
-_KERNEL = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]) / 6.0
 #: Pixels a side of the blocks whose means tell the correlation between pixels.
 _BLOCK = 4
-#: Pixels a side of the window over which estimated variances are averaged.
-_WINDOW = 9
 #: Median of a chi-square of three degrees of freedom over its mean.
 _MEDIAN_OF_3 = 0.789
 
@@ -47,11 +44,6 @@ class Noise:
         """(y, x) variance of a weighted sum over wavelengths (w,)."""
         sigma = np.sqrt(self.variance) * weights
         return np.maximum(((sigma @ self.correlation) * sigma).sum(axis=-1), 0.0)
-
-
-def high_pass(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) second differences, scaled so that white noise keeps its variance."""
-    return convolve(picture, _KERNEL, mode="mirror")
 
 
 def local_range(picture: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -85,31 +77,15 @@ def noise_of(
     floor = (1e-6 * level) ** 2
     variance = sum(known, start=np.zeros_like(difference)) + floor
     if estimated:
-        variance = np.maximum(variance, _estimated(difference, level, smooth))
+        variance = np.maximum(variance, variance_of_neighbours(difference, level, smooth))
     own = [n for v, n in zip(stated, degrees, strict=True) if v is not None]
-    freedom = float(_WINDOW**2 / 2) if estimated else float(sum(own))
+    freedom = ESTIMATE_DEGREES if estimated else float(sum(own))
     correlation = _correlation(difference, variance, level, smooth)
     ones = np.ones(difference.shape[-1])
     bare = Noise(variance, freedom, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = bare.over(ones)
     clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom)
     return Noise(variance, freedom, correlation, total, clustering, ratio, estimated)
-
-
-def _estimated(difference: NDArray, level: NDArray, smooth: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(y, x, w) from second differences inside smooth parts, relative to the level, averaged over a window."""
-    inner = minimum_filter(smooth, 3)
-    weight = uniform_filter(inner.astype(float), _WINDOW)
-    result = np.empty_like(difference)
-    for band in range(difference.shape[-1]):
-        scale = np.maximum(level[..., band], max(1e-3 * float(level[..., band].mean()), 1e-150))
-        relative = (high_pass(difference[..., band]) / scale) ** 2
-        typical = float(np.median(relative[inner])) if inner.any() else float(np.median(relative))
-        relative = np.where(inner, np.minimum(relative, 30 * typical), 0.0)
-        mean = uniform_filter(relative, _WINDOW) / np.maximum(weight, 1e-9)
-        everywhere = float(relative[inner].mean()) if inner.any() else typical
-        result[..., band] = np.where(weight > 0.2, mean, everywhere) * scale**2
-    return result
 
 
 def _correlation(

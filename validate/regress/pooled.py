@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.render.image import high_pass
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 from scipy.stats import norm, t
 
-from .noise import Noise, high_pass, smooth_variance
+from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .strata import BLOCKS, Strata
 

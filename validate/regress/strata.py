@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.render.image import high_pass
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, median_filter, minimum_filter
 
-from .noise import high_pass, local_range
+from .noise import local_range
 from .sides import SurfaceMap
 
 __all__ = ["BLOCKS", "Strata", "strata_of"]

@@ -80,3 +80,17 @@ def test_a_cube_that_does_not_fit_is_refused(tmp_path, image):
     write_cube(path, replace(image, wavelength_nm=image.wavelength_nm + 50.0).cube())
     with pytest.raises(InputError, match="450 to 750 nm"):
         foreign_picture(path, SCENE, CAMERA)
+
+
+def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_path):
+    """Noise of 3 % added to a picture of little noise, and not stated: told within a tenth inside walls."""
+    camera = cornell_camera(64)
+    clean = render_final_gather(SCENE, camera, WAVELENGTH_NM[::100], 256, 2).cube()
+    noise = 0.03 * np.random.default_rng(4).standard_normal(clean["radiance"].shape)
+    cube = clean.drop_vars("standard_error")
+    cube["radiance"] = (clean["radiance"] * (1 + noise)).assign_attrs(clean["radiance"].attrs)
+    write_cube(tmp_path / "cube.nc", cube)
+    found = foreign_picture(tmp_path / "cube.nc", SCENE, camera)
+    inside = found.single_surface & (found.surface >= 0)
+    mean, variance = (values[inside][:, 1:] for values in found.project(np.eye(WAVELENGTH_NM.size)[:, ::100]))
+    assert np.median(np.sqrt(variance) / mean) == pytest.approx(0.03, rel=0.1)

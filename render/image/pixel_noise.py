@@ -1,0 +1,44 @@
+"""Noise of a picture from the scatter of neighbouring pixels, where nothing states it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve, label, median, minimum_filter, uniform_filter
+
+__all__ = ["ESTIMATE_DEGREES", "high_pass", "variance_of_neighbours"]
+
+#: Second differences along rows and columns, over 6: white noise keeps its variance, a plane disappears.
+_KERNEL = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]) / 6.0
+#: Pixels a side of the window over which estimated variances are averaged.
+_WINDOW = 9
+#: Degrees of freedom of an estimated variance; second differences of neighbours share pixels.
+ESTIMATE_DEGREES = _WINDOW**2 / 2
+
+
+def high_pass(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x) second differences, scaled so that white noise keeps its variance."""
+    return convolve(picture, _KERNEL, mode="mirror")
+
+
+def variance_of_neighbours(
+    picture: NDArray[np.float64], level: NDArray[np.float64], smooth: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(y, x, w) variance of ``picture`` (y, x, w) from second differences inside smooth parts, averaged over a window.
+
+    level : (y, x, w) radiance that the noise is proportional to. smooth : (y, x) pixels away from edges; elsewhere the
+    smooth parts' mean relative variance counts. Outliers are cut at 30 times the median square of their part.
+    """
+    inner = minimum_filter(smooth, 3)
+    parts, count = label(inner)
+    weight = uniform_filter(inner.astype(float), _WINDOW)
+    result = np.empty_like(picture)
+    for band in range(picture.shape[-1]):
+        scale = np.maximum(level[..., band], max(1e-3 * float(level[..., band].mean()), 1e-150))
+        relative = (high_pass(picture[..., band]) / scale) ** 2
+        typical = np.append(0.0, median(relative, parts, np.arange(1, count + 1)))[parts]
+        relative = np.minimum(relative, 30 * typical)
+        mean = uniform_filter(relative, _WINDOW) / np.maximum(weight, 1e-9)
+        everywhere = float(relative[inner].mean()) if inner.any() else 0.0
+        result[..., band] = np.where(weight > 0.2, mean, everywhere) * scale**2
+    return result
