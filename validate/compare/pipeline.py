@@ -224,8 +224,7 @@ def with_picture(prepared: Prepared, path: Path, declared: Declared, settings: R
     settings : of our own picture, by whose spectra the cube is brought to all wavelengths.
     """
     light, camera = solved_light(prepared, settings, ()), prepared.calibrated_camera
-    image = foreign_picture(path, prepared.scene, camera, declared, light)
-    return replace(prepared, picture=ForeignPicture(image, camera, light, path, declared))
+    return replace(prepared, picture=foreign_picture(path, prepared.scene, camera, light, declared))
 
 
 def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:

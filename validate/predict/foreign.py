@@ -31,7 +31,7 @@ _WRONG_LEVEL = 2.0
 @dataclass(frozen=True, eq=False)
 class ForeignPicture:
     """image : through ``camera``. light : the same scene's, solved by us. path : the file that it was read from.
-    declared : what that file does not state.
+    declared : what that file does not state. estimated : whether its noise is that of neighbouring pixels' scatter.
     """
 
     image: RenderedImage
@@ -39,6 +39,7 @@ class ForeignPicture:
     light: LightField
     path: Path
     declared: Declared = AS_STATED
+    estimated: bool = False
 
     def through(self, camera: Camera, seed: int) -> RenderedImage:
         """The picture from another camera: changed by as much as ours changes."""
@@ -55,15 +56,14 @@ class ForeignPicture:
 
 
 def foreign_picture(
-    path: Path, scene: Scene, camera: Camera, declared: Declared = AS_STATED, light: LightField | None = None
-) -> RenderedImage:
+    path: Path, scene: Scene, camera: Camera, light: LightField, declared: Declared = AS_STATED
+) -> ForeignPicture:
     """The cube at ``path`` as a rendered image on WAVELENGTH_NM.
 
     scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors count as fully
     correlated between wavelengths; where it has none they are those of the scatter of neighbouring pixels.
-    declared : what the file does not state. light : our solution of the scene on WAVELENGTH_NM; between its
-    wavelengths a pixel's ratio to our spectrum there is linear.
-    None : the cube itself is, off by several per cent where the lamp's spectrum bends.
+    light : our solution of the scene on WAVELENGTH_NM; between its wavelengths a pixel's ratio to our spectrum there
+    is linear. declared : what the file does not state.
 
     Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
     """
@@ -91,19 +91,19 @@ def foreign_picture(
         error = np.sqrt(variance_of_neighbours(radiance, radiance, coverage.max(axis=-1) == 1))
     # two batches that far apart have this error of their mean
     values = np.stack([radiance + error, radiance - error])
-    ours = None if light is None else gather(light, camera, _SHAPE_SAMPLES, 1)
-    return RenderedImage(
-        coefficients=_between(wavelength, values, ours),
+    image = RenderedImage(
+        coefficients=_between(wavelength, values, gather(light, camera, _SHAPE_SAMPLES, 1)),
         spectra=np.eye(WAVELENGTH_NM.size),
         wavelength_nm=WAVELENGTH_NM,
         coverage=coverage,
         facet_surface=tracer.facet_surface,
         surface_names=tuple(surface.name for surface in scene.surfaces),
     )
+    return ForeignPicture(image, camera, light, path, declared, "standard_error" not in cube)
 
 
 def _between(
-    wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage | None
+    wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage
 ) -> NDArray[np.float32]:
     """(b, y, x, n) on WAVELENGTH_NM of values (b, y, x, w), whose ratio to our picture's spectra is linear between.
 
@@ -111,12 +111,8 @@ def _between(
     the ratio is that of the next wavelength.
     """
     shape = values.shape[1:3]
-    if ours is None:
-        spectra, mean = np.ones((*shape, 1)), np.ones(WAVELENGTH_NM.size)
-        mixing = mean[None]
-    else:
-        spectra, mixing = ours.coefficients[0], ours.spectra
-        mean = spectra[ours.surface >= 0].mean(axis=0, dtype=np.float64) @ mixing
+    spectra, mixing = ours.coefficients[0], ours.spectra
+    mean = spectra[ours.surface >= 0].mean(axis=0, dtype=np.float64) @ mixing
     at = _linear(WAVELENGTH_NM, wavelength)
     lit = mean @ at > _DARK * mean.max()
     between = _linear(wavelength[lit], WAVELENGTH_NM)

@@ -41,14 +41,19 @@ def _assumptions(result: Validation) -> list[str]:
         "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
     )
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
+    reflects = "reflects as the scene states" if prepared.scene.lamp.reflects else "does not reflect"
+    foreign = prepared.picture
+    rendered = "the render's standard error"
+    if foreign is not None and foreign.estimated:
+        rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
     return [
         f"Scene: {prepared.scene.name}. Unless an effect below changes it: materials are Lambertian, the lamp is "
-        "uniform and Lambertian and does not reflect, the air is clear, the front is open and dark.",
+        f"uniform and Lambertian and {reflects}, the air is clear, the front is open and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
         f"prior. This moved the box's corners by {np.sqrt(np.nanmean(moved**2)):.2f} px (rms per coordinate).",
-        f"{light}. All results include the render's standard error.",
+        f"{light}. All results include {rendered}.",
         "Measured and rendered XYZ use the same filter weights, so colour differences do not include the error of the "
         "weights relative to the CIE functions, which is shown separately.",
     ]
