@@ -15,9 +15,10 @@ from cboxlab.scenes.files import replacing_folder
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..files import NOTES
+from ..files import NOTES, camera_attribute
 from ..image import LAMP, NOTHING
 from . import luxcore, mitsuba, pbrt, radiance, raysect
+from .camera_file import read_camera
 from .exported import Exported, Layout
 from .neutral import holds, read_layout, read_surfaces, read_warp, write_neutral
 
@@ -95,6 +96,7 @@ def read_rendered(folder: Path, renderer: str) -> xr.Dataset:
         raise InputError(folder / renderer, "pixels that are not finite", "finite radiances")
     batches = _over_subpixels(pictures, layout) if known.rays else _warped(pictures, layout, folder)
     cube = _cube(batches, layout, *read_surfaces(folder))
+    cube.attrs["camera"] = camera_attribute(read_camera(folder / "camera.json"))
     if layout.lamp_reflects and not known.lamp_reflects:
         return cube.assign_attrs({NOTES: f"lamps of {known.name} reflect nothing, that of the scene does"})
     return cube

@@ -1,6 +1,7 @@
 """Spectral cubes and raw frames on disk."""
 
 from .colour_pictures import COLOUR_SPACES
+from .cube_camera import camera_attribute, camera_of_attribute
 from .cube_checks import RADIANCE_UNIT
 from .cube_files import READABLE, WRITABLE, open_cube, read_cube, read_picture, write_cube
 from .cube_strips import strip_cameras, write_strips
@@ -18,6 +19,8 @@ __all__ = [
     "READABLE",
     "WRITABLE",
     "Declared",
+    "camera_attribute",
+    "camera_of_attribute",
     "declared_for",
     "open_cube",
     "raw_to_srgb",

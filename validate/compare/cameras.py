@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.frozen import OwnMappings
 
 __all__ = [
     "LARGEST_SHIFT_PX",
     "NOTED_SHIFT_PX",
     "Instrument",
-    "camera_of_record",
     "instrument_of",
     "shift_px",
 ]
@@ -57,19 +53,6 @@ def instrument_of(capture: Capture, camera: Camera | None) -> Instrument:
         "focal length, mm": lens.focal_length_mm,
     }
     return Instrument(camera, {name: value for name, value in stated.items() if value is not None})
-
-
-def camera_of_record(text: Any) -> Camera | None:
-    """The camera that a cube carries as an attribute (``PROVENANCE``); None where there is none."""
-    try:
-        record = json.loads(text)
-        size = int(record["width_px"]), int(record["height_px"])
-        values = np.array(record["parameters"], float)
-    except (TypeError, ValueError, KeyError):
-        return None
-    if values.shape != (10,) or not np.isfinite(values).all():
-        return None
-    return replace(cornell_camera(size[0]), height_px=size[1]).with_parameters(values)
 
 
 def shift_px(first: Camera, second: Camera) -> float:

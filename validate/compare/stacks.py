@@ -18,7 +18,14 @@ import xarray as xr
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.radiometry import optical_factor
 from cboxlab.calibration.result import calibrate
-from cboxlab.render.files import AS_STATED, RADIANCE_UNIT, READABLE, Declared, read_picture
+from cboxlab.render.files import (
+    AS_STATED,
+    RADIANCE_UNIT,
+    READABLE,
+    Declared,
+    camera_of_attribute,
+    read_picture,
+)
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import origin, replacing
 from numpy.typing import NDArray
@@ -28,7 +35,6 @@ from .cameras import (
     LARGEST_SHIFT_PX,
     NOTED_SHIFT_PX,
     Instrument,
-    camera_of_record,
     instrument_of,
     shift_px,
 )
@@ -159,7 +165,7 @@ def _cube_stack(path: Path, cube: xr.Dataset) -> Stack:
     names = tuple(f"{w:.10g} nm" for w in cube["wavelength"].values)
     values = cube["radiance"].transpose(*order).values.astype(np.float64)
     side = side_of([cube], [str(path)]) if np.isfinite(values).all() else None
-    instrument = Instrument(camera_of_record(cube.attrs.get("camera")), {})
+    instrument = Instrument(camera_of_attribute(cube.attrs.get("camera")), {})
     return Stack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument)
 
 

@@ -63,20 +63,23 @@ def regress_inputs(
     Each is a spectral cube, several joined by commas, a folder of cubes, a command that writes one or more, such as
     "ourrenderer box.xml -o {out}.exr", run by the shell, a model file or a packaged scene; models are rendered at the
     other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file or a capture
-    folder; where left out, the published box through the published camera, if the baseline shows it. declared : what
-    the files do not state. Raises InputError for what cannot be read or compared.
+    folder. Without a camera it is the one that a cube states, else the published one; without a model it is the
+    published box, if the baseline shows it. declared : what the files do not state.
+
+    Raises InputError for what cannot be read or compared.
     """
     sides = [None if _is_model(text) else _read(text, declared) for text in (baseline, candidate)]
     require_used(declared, [name for side in sides if side is not None for name in side.declared])
     known = next((side for side in sides if side is not None), None)
+    seen = camera or next((side.camera for side in sides if side is not None and side.camera), None)
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
     size = _SIZE_PX if known is None else known.shape
-    view = None if stated is None else _view(stated, camera, size)
+    view = None if stated is None else _view(stated, seen, size)
     if view is None and camera is not None:
         view = replace(_view(_PUBLISHED, camera, size), stated=False)
     grid = _WAVELENGTHS_NM if known is None or known.in_colour else known.wavelength_nm
     ready = [
-        _rendered(text, camera, size, grid, seed) if side is None else side
+        _rendered(text, seen, size, grid, seed) if side is None else side
         for seed, (text, side) in enumerate(zip((baseline, candidate), sides, strict=True))
     ]
     return regress_pictures(ready[0], ready[1], view, false_alarms, progress)
@@ -96,13 +99,13 @@ def regress_pictures(
     surfaces = baseline.surfaces or candidate.surfaces
     variants = None
     if surfaces is None:
-        variants = _variants(view, baseline, notes)
+        variants = _variants(view, baseline, candidate, notes)
         surfaces = None if variants is None else variants.surface_map()
     outcome, found = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
     named: tuple[NamedChange, ...] = ()
     if not outcome.same:
-        variants = variants or _variants(view, baseline, notes)
+        variants = variants or _variants(view, baseline, candidate, notes)
         named = _mislabelled(baseline, candidate, surfaces, false_alarms) or named_changes(
             found, variants, progress
         )
@@ -156,7 +159,7 @@ def _is_model(text: str) -> bool:
     return text.endswith(".toml") or (text in packaged_scenes() and not Path(text).exists())
 
 
-def _seen(camera: Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
+def _seen(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
     """Camera and lamp. Raises InputError where the pictures are not of the camera's size."""
     rows, columns = (size, size) if isinstance(size, int) else size
     if camera is None:
@@ -168,17 +171,19 @@ def _seen(camera: Path | None, size: int | Sequence[int]) -> tuple[Camera, Spect
     found, lamp = view_of(camera)
     if not isinstance(size, int) and (found.height_px, found.width_px) != (rows, columns):
         raise InputError(
-            camera, f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
+            str(camera), f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
         )
     return found, lamp
 
 
-def _view(text: str, camera: Path | None, size: int | Sequence[int]) -> View:
+def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) -> View:
     scene, view, _ = model_cube_inputs(load_model(text), *_seen(camera, size))
     return View(scene, view, True)
 
 
-def _rendered(text: str, camera: Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
+def _rendered(
+    text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int
+) -> Side:
     chosen = load_model(text)
     scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
     image = render(
@@ -187,12 +192,13 @@ def _rendered(text: str, camera: Path | None, size: int | Sequence[int], grid: n
     return side_of([labelled_cube(image)], [text])
 
 
-def _variants(view: View | None, baseline: Side, notes: list[str]) -> Variants | None:
+def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[str]) -> Variants | None:
     """Of the stated scene, or of the published one where the baseline shows it."""
     if view is None:
-        if baseline.shape[0] != baseline.shape[1]:
+        camera = baseline.camera or candidate.camera
+        if camera is None and baseline.shape[0] != baseline.shape[1]:
             return None
-        view = replace(_view(_PUBLISHED, None, baseline.shape), stated=False)
+        view = replace(_view(_PUBLISHED, camera, baseline.shape), stated=False)
     try:
         variants = build_variants(view.scene, view.camera, baseline)
     except InputError as error:

@@ -9,7 +9,17 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.colour import LUMINOUS_EFFICACY
-from cboxlab.render.files import AS_STATED, NOTES, READABLE, Declared, declared_for, read_picture, xyz_weights
+from cboxlab.render.files import (
+    AS_STATED,
+    NOTES,
+    READABLE,
+    Declared,
+    camera_of_attribute,
+    declared_for,
+    read_picture,
+    xyz_weights,
+)
+from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
@@ -34,7 +44,8 @@ class Side:
 
     degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
     verdict has to know about this input. in_colour : the three planes are X, Y, Z in cd m^-2, without wavelengths
-    (NaN). declared : what the user declared in place of the file, names of fields of ``Declared``.
+    (NaN). declared : what the user declared in place of the file, names of fields of ``Declared``. camera : as the file
+    states it, None where it does not.
     """
 
     source: str
@@ -46,6 +57,7 @@ class Side:
     notes: tuple[str, ...] = ()
     in_colour: bool = False
     declared: tuple[str, ...] = ()
+    camera: Camera | None = None
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -161,8 +173,13 @@ def _one(cube: xr.Dataset, source: str) -> Side:
     wavelength = np.full(3, np.nan) if in_colour else ordered["wavelength"].values.astype(np.float64)
     return Side(
         source, wavelength, radiance, variance, degrees, _surfaces(ordered), tuple(notes), in_colour,
-        declared_for(cube),
+        declared_for(cube), _camera(cube, *radiance.shape[:2]),
     )  # fmt: skip
+
+
+def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:
+    found = camera_of_attribute(cube.attrs.get("camera"))
+    return found if found is not None and (found.height_px, found.width_px) == (height_px, width_px) else None
 
 
 def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:

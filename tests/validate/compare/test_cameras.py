@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cboxlab.render.files import camera_of_attribute
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.compare.cameras import Instrument, camera_of_record, shift_px
+from cboxlab.validate.compare.cameras import Instrument, shift_px
 from cboxlab.validate.compare.stacks import Stack, compare_stacks
 
 CAMERA = cornell_camera(128)
@@ -45,7 +46,7 @@ def test_the_shift_of_a_turn_and_of_a_step():
     "text", [None, "", "[]", "{}", '{"width_px": 3, "height_px": 3, "parameters": [1, 2]}']
 )
 def test_a_cube_without_a_camera_is_compared(text):
-    assert camera_of_record(text) is None
+    assert camera_of_attribute(text) is None
 
 
 def test_other_cameras_are_refused_and_near_ones_noted():

@@ -6,11 +6,15 @@ import pytest
 import xarray as xr
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import write_camera
-from cboxlab.render.files import write_cube
-from cboxlab.scenes import InputError, cornell_camera
+from cboxlab.render.files import camera_attribute, write_cube
+from cboxlab.render.integrators import render
+from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.validate.commands.cli import main
+from cboxlab.validate.model import labelled_cube
 from cboxlab.validate.regress import assert_same_light
-from pictures import SIZE, noisy, rendered
+from cboxlab.validate.regress.inputs import regress_inputs
+from cboxlab.validate.synthetic import perturbed_camera
+from pictures import SIZE, WAVELENGTHS, noisy, rendered
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +50,20 @@ def test_another_lamp_ends_with_1_and_is_named(cubes, tmp_path):
     assert record["same"] is False
     assert abs(record["mean_relative_difference"] - 0.05) < 5 * record["sigma"]
     assert record["named"][0]["change"] == "lamp-scale"
+
+
+def test_the_camera_that_the_cubes_state_is_used(tmp_path):
+    """The published box through a camera moved by pixels: recognised with the cubes' camera, not with its own."""
+    moved = perturbed_camera(SIZE, 3)
+    for name, depth in (("whole", None), ("cut", 3)):
+        image = render(cornell_box(), moved, WAVELENGTHS, 128, 4, seed=len(name), max_bounces=depth)
+        cube = labelled_cube(image)
+        write_cube(tmp_path / f"bare-{name}.nc", cube)
+        write_cube(tmp_path / f"{name}.nc", cube.assign_attrs(camera=camera_attribute(moved)))
+    first = regress_inputs(str(tmp_path / "whole.nc"), str(tmp_path / "cut.nc")).named[0]
+    assert (first.change, first.parameters) == ("path-depth", {"max_bounces": 3})
+    bare = regress_inputs(str(tmp_path / "bare-whole.nc"), str(tmp_path / "bare-cut.nc"))
+    assert any("the scene is not known" in note for note in bare.notes)
 
 
 def test_a_missing_cube_ends_with_2(cubes, tmp_path):
