@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import glob
+import hashlib
+import io
 import os
 import platform
 import shlex
@@ -16,7 +19,7 @@ from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["origin", "replacing", "replacing_folder", "this_command"]
+__all__ = ["keep", "kept", "origin", "replacing", "replacing_folder", "this_command", "writing_hdf5"]
 
 
 def _public(path: Path, mode: int) -> None:
@@ -77,15 +80,103 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     Raises InputError if ``path`` exists and is not an empty folder: existing files are not overwritten.
     """
     path = Path(path)
+    taken = InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        raise InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
+        raise taken
     temporary = Path(tempfile.mkdtemp(prefix=_temporary_prefix(path), dir=path.parent))
     try:
         yield temporary
         _public(temporary, 0o777)
-        temporary.replace(path)
+        try:
+            temporary.replace(path)
+        except OSError as fault:  # another writer was first
+            if fault.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise taken from fault
+            raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def writing_hdf5(path: Path) -> Iterator[io.RawIOBase]:
+    """An open file for ``h5netcdf`` or ``xarray``; it becomes ``path`` if the block succeeds and all bytes are written.
+
+    Raises OSError, with ``path`` as its file name, where the disk did not take them. The HDF5 library crashes the
+    process when its own writing fails (1.14: a segmentation fault at closing), so that it writes through Python.
+    """
+    path = Path(path)
+    with replacing(path) as temporary:
+        with temporary.open("w+b", buffering=0) as raw:
+            file = _Patient(raw)
+            try:
+                yield file
+            finally:
+                file.close()
+        if file.fault is not None:
+            raise OSError(file.fault.errno, file.fault.strerror, str(path))
+
+
+class _Patient(io.RawIOBase):
+    """A file whose writing never fails: what the disk refuses is lost, its first error is ``fault``."""
+
+    def __init__(self, file: io.FileIO) -> None:
+        super().__init__()
+        self._file = file
+        self.fault: OSError | None = None
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def readinto(self, buffer: memoryview) -> int | None:  # type: ignore[override]
+        return self._file.readinto(buffer)
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._file.truncate(size)
+        except OSError as fault:
+            self.fault = self.fault or fault
+            return size or 0
+
+    def write(self, content: memoryview) -> int:  # type: ignore[override]
+        rest = memoryview(content).cast("B")
+        while rest and self.fault is None:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as fault:
+                self.fault = fault
+        return len(content)
+
+
+def keep(path: Path, key: str, content: bytes) -> None:
+    """Write ``content`` with a checksum over ``key`` and itself, for ``kept``. key : what it was made from."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(_checksum(key, content) + content)
+
+
+def kept(path: Path, key: str) -> bytes | None:
+    """What ``keep`` wrote with the same ``key``; None if there is no such file, or another key or a changed bit."""
+    try:
+        stored = path.read_bytes()
+    except OSError:
+        return None
+    size = hashlib.sha256().digest_size
+    return stored[size:] if stored[:size] == _checksum(key, stored[size:]) else None
+
+
+def _checksum(key: str, content: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + content).digest()
 
 
 def this_command() -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import origin, replacing
+from cboxlab.scenes.files import origin, replacing, writing_hdf5
 
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
@@ -209,7 +209,8 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         manifest = calibration.capture.manifest
         xyz = calibration.xyz().assign_attrs(origin(capture=manifest.name or calibration.capture.folder.name))
         maps = {n: {"dtype": "float32", "zlib": True} for n in xyz.data_vars if n != "mask"}
-        jobs["xyz.nc"] = lambda path: xyz.to_netcdf(path, engine="h5netcdf", encoding=maps)
+        with writing_hdf5(folder / "xyz.nc") as file:
+            xyz.to_netcdf(file, engine="h5netcdf", encoding=maps)
     jobs["noise.png"] = lambda path: plot_noise(calibration, path)
     if calibration.dark.exposure_s.size:
         jobs["dark.png"] = lambda path: plot_dark(calibration, path)
@@ -228,4 +229,5 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():
         _write(folder / name, job)
-    return tuple(folder / name for name in jobs)
+    maps_of_colour = () if calibration.weights is None else (folder / "xyz.nc",)
+    return (*(folder / name for name in jobs), *maps_of_colour)

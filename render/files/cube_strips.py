@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import writing_hdf5
 
 from .netcdf import open_netcdf
 
@@ -43,7 +43,7 @@ def write_strips(path: Path, height: int, strips: Iterable[xr.Dataset]) -> None:
     if path.suffix.lower() != ".nc":
         raise InputError(path, f"the ending '{path.suffix}'", ".nc, the only format written in strips")
     top = 0
-    with replacing(path) as temporary, h5netcdf.File(temporary, "w") as file:
+    with writing_hdf5(path) as output, h5netcdf.File(output, "w") as file:
         for strip in strips:
             if top == 0:
                 _prepare(file, strip, height)

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import xarray as xr
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import writing_hdf5
 from cboxlab.scenes.input_files import require_regular_file
 
 from .cube_checks import RADIANCE_UNIT, require_kinds
@@ -23,8 +23,8 @@ _DENSEST, _SMALL = 1100, 2**26
 def write_netcdf(path: Path, cube: xr.Dataset) -> None:
     """Write all variables, deflated."""
     packed = {str(name): {"zlib": True, "complevel": 4} for name in cube.data_vars}
-    with replacing(path) as temporary:
-        cube.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
+    with writing_hdf5(path) as file:
+        cube.to_netcdf(file, engine="h5netcdf", encoding=packed)
 
 
 def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:

@@ -6,11 +6,12 @@ import hashlib
 import pickle
 from collections.abc import Iterator
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import keep, kept
 from cboxlab.scenes.progress import QUIET, Progress, share
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
@@ -119,23 +120,20 @@ def _key(job: Job) -> str:
 
 def _read(checkpoint: Path | None, job: Job, like: RenderedImage) -> dict[int, RenderedImage]:
     """The finished passes of this picture by number; empty if the file is missing, damaged or of another picture."""
-    if checkpoint is None or not checkpoint.is_file():
+    stored = None if checkpoint is None else kept(checkpoint, _key(job))
+    if stored is None:
         return {}
-    try:
-        with np.load(checkpoint, allow_pickle=False) as content:
-            if str(content["key"]) != _key(job):
-                return {}
-            parts = zip(content["numbers"], content["coefficients"], content["spectra"], strict=True)
-            return {int(n): replace(like, coefficients=c[None], spectra=s) for n, c, s in parts}
-    except Exception:  # a damaged archive raises whatever zipfile, zlib and NumPy stumble over
-        return {}
+    with np.load(BytesIO(stored), allow_pickle=False) as content:
+        parts = zip(content["numbers"], content["coefficients"], content["spectra"], strict=True)
+        return {int(n): replace(like, coefficients=c[None], spectra=s) for n, c, s in parts}
 
 
 def _write(checkpoint: Path | None, job: Job, passes: dict[int, RenderedImage]) -> None:
     if checkpoint is None:
         return
-    with replacing(checkpoint) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file, key=_key(job), numbers=list(passes), coefficients=[p.coefficients[0] for p in passes.values()],
-            spectra=[p.spectra for p in passes.values()],
-        )  # fmt: skip
+    stream = BytesIO()
+    np.savez(
+        stream, numbers=list(passes), coefficients=[p.coefficients[0] for p in passes.values()],
+        spectra=[p.spectra for p in passes.values()],
+    )  # fmt: skip
+    keep(checkpoint, _key(job), stream.getvalue())

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from cboxlab.render.perturbation import Warp
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import keep, kept
 from numpy.typing import NDArray
 
 from ..predict import digest_of
@@ -40,36 +40,37 @@ def kept_fit(
     known = [getattr(warp, field.name) for field in fields(warp) if field.name != "tracer"]
     key = digest_of(code, measured, variance, used, signal, warp.tracer.scene, known, calibrated, lamp_sigma)
     path = folder / f"{key}.fit"
-    found = _read(path, warp.camera)
+    found = _read(path, key, warp.camera)
     if found is None:
         found = fit_nuisances(*arguments)
-        _keep(path, found)
+        _keep(path, key, found)
     return found
 
 
-def _read(path: Path, camera: Camera) -> NuisanceFit | None:
+def _read(path: Path, key: str, camera: Camera) -> NuisanceFit | None:
+    content = kept(path, key)
+    if content is None:
+        return None
     try:
-        with np.load(BytesIO(path.read_bytes())) as file:
+        with np.load(BytesIO(content)) as file:
             values = {name: file[name] for name in (*_FITTED, "lamp")}
         scale, sigma = values.pop("lamp").tolist()
         changed: dict[str, Any] = {
             name: value if value.ndim else float(value) for name, value in values.items()
         }
-    except Exception:  # whatever reading a damaged file raises, the fit can be made anew
+    except Exception:  # another version's content
         return None
     return NuisanceFit(replace(camera, covariance=None, **changed), scale, sigma)
 
 
-def _keep(path: Path, fit: NuisanceFit) -> None:
+def _keep(path: Path, key: str, fit: NuisanceFit) -> None:
     stream = BytesIO()
     values = {name: getattr(fit.camera, name) for name in _FITTED}
     np.savez(stream, lamp=[fit.lamp_scale, fit.lamp_scale_sigma], **values)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_bytes(stream.getvalue())
-        kept = sorted(path.parent.glob("*.fit"), key=lambda one: one.stat().st_mtime, reverse=True)
-        for old in kept[_MOST_KEPT:]:
+        keep(path, key, stream.getvalue())
+        there = sorted(path.parent.glob("*.fit"), key=lambda one: one.stat().st_mtime, reverse=True)
+        for old in there[_MOST_KEPT:]:
             old.unlink(missing_ok=True)
     except OSError:
         return

@@ -22,7 +22,7 @@ from cboxlab.render.device import dr, mi
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import replacing
+from cboxlab.scenes.files import keep, kept
 from cboxlab.scenes.progress import QUIET, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
@@ -129,10 +129,6 @@ def _contiguous(image: RenderedImage) -> RenderedImage:
     )
 
 
-def _checksum(key: str, content: bytes) -> bytes:
-    return hashlib.sha256(key.encode() + content).digest()
-
-
 def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int) -> RenderedImage | None:
     """The kept picture; None where there is none, or one that is not whole."""
     size = (camera.height_px, camera.width_px)
@@ -142,9 +138,8 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
         "coverage": (*size, len(facet_surface)),
     }
     try:
-        kept = path.read_bytes()
-        checksum, content = kept[:32], kept[32:]
-        if checksum != _checksum(key, content):
+        content = kept(path, key)
+        if content is None:
             return None
         with np.load(BytesIO(content)) as file:
             arrays = {name: file[name] for name in shapes}
@@ -165,14 +160,11 @@ def _keep(path: Path, key: str, image: RenderedImage) -> None:
         return
     stream = BytesIO()
     np.savez(stream, coefficients=image.coefficients, coverage=image.coverage)
-    content = stream.getvalue()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_bytes(_checksum(key, content) + content)
-        kept = sorted(path.parent.glob("*.picture"), key=lambda one: one.stat().st_mtime, reverse=True)
-        size = np.cumsum([one.stat().st_size for one in kept])
-        for old in np.array(kept)[size > _ALL]:
+        keep(path, key, stream.getvalue())
+        there = sorted(path.parent.glob("*.picture"), key=lambda one: one.stat().st_mtime, reverse=True)
+        size = np.cumsum([one.stat().st_size for one in there])
+        for old in np.array(there)[size > _ALL]:
             old.unlink(missing_ok=True)
     except OSError:
         return

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +30,17 @@ __all__ = [
     "this_run",
 ]
 
+
+class _Output(Console):
+    """Standard output; a command goes on, without printing, when the reader of its output has gone (``| head``)."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 #: Without markup and emoji codes, since the output contains names given by users.
-console = Console(markup=False, emoji=False)
+console = _Output(markup=False, emoji=False)
 #: Progress and messages go to standard error, so that standard output contains only results.
 errors = Console(stderr=True, markup=False, emoji=False)
 
