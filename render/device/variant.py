@@ -8,8 +8,11 @@ the caller has set stays.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from .llvm import OLDEST_RELEASE, usable_llvm
 
@@ -64,6 +67,22 @@ def compiled() -> bool:
     return not sys.modules["mitsuba"].variant().startswith("scalar")
 
 
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Ctrl-C takes effect after the block: Dr.Jit loses one during its import, and is then half imported."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    if pressed:
+        signal.raise_signal(signal.SIGINT)
+
+
 def _import_libraries() -> None:
     """Import Dr.Jit with a usable LLVM: it takes the path from the environment, which is then as it was before."""
     with _importing:
@@ -74,7 +93,9 @@ def _import_libraries() -> None:
         if library is not None:
             os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
         try:
-            import drjit as dr
+            with _interrupts_later():
+                import drjit as dr
+                import mitsuba  # noqa: F401
 
             dr.has_backend(dr.JitBackend.LLVM)  # waits until it is loaded
         finally:

@@ -73,7 +73,17 @@ def run(arguments: Sequence[str] | None = None) -> None:
         errors.print("interrupted")
         sys.exit(130)
     except Exception as error:
+        if _from_interrupt(error):
+            errors.print("interrupted")
+            sys.exit(130)
         _report_fault(error)
+
+
+def _from_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what an error came from: extensions make errors of their own of it while they are imported."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _report_fault(error: Exception) -> None:

@@ -1,6 +1,9 @@
 """Ctrl-C in the terminal: it stops a computation at its next step, and at once when pressed again."""
 
+import os
 import signal
+import subprocess
+import sys
 
 import pytest
 from cboxlab.scenes.progress import Cancelled
@@ -45,3 +48,54 @@ def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, cap
     assert caught.value.code == 130
     assert "stopped" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] in ([], ["cube.nc.passes"])
+
+
+PRESSED_IN_IMPORT = """
+import signal, sys
+from cboxlab.render.device import variant
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Pressing:
+    def find_spec(self, name, path, target=None):
+        if name == "drjit._drjit_ext":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt as pressed:  # as the extension's own start makes of it
+                raise ImportError from pressed
+sys.meta_path.insert(0, Pressing())
+try:
+    variant.ensure()
+except KeyboardInterrupt:
+    del sys.meta_path[0]
+    print("interrupted", variant.compiled())
+"""
+
+
+def test_ctrl_c_while_the_renderer_is_imported_interrupts_afterwards():
+    program = [sys.executable, "-c", PRESSED_IN_IMPORT]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert done.stdout == "interrupted True\n", done.stderr
+
+
+def test_a_command_goes_on_when_the_reader_of_its_output_has_gone(tmp_path):
+    """As before ``| head``: its result is written, and its exit code is its own."""
+    program = [sys.executable, "-c", "from cboxlab.validate.commands.cli import main; main()"]
+    arguments = ["effects", "--json", str(tmp_path / "effects.json")]
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [*program, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "effects.json").stat().st_size > 100
+
+
+def test_an_error_that_ctrl_c_became_is_no_fault_of_the_program(monkeypatch, capsys):
+    def importing(**_):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("cboxlab.validate.commands.app.app", importing)
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["effects"])
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "interrupted\n"
