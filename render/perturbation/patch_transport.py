@@ -5,16 +5,19 @@ patches of constant radiance. All radiances are relative to the lamp's. Patches:
 L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face it sees (the lamp's, if it
 reflects, included; its emission is apart); c_f is the share
 covered, e_f the direct irradiance over pi, G_fj the fraction of f's hemisphere covered by patch j. All rays are traced
-once; an effect then takes a few matrix products, without new noise.
+once; an effect then takes a few matrix products, without new noise. A fragment's rays meet about a twelfth of the
+patches, so G is sparse, and is traced by strips of pixels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
 
 from ..device import SobolPoints, cosine_hemisphere, dr, mi
 from ..radiosity import LightField, direct_light, lamp_pattern, patch_of
@@ -25,6 +28,9 @@ __all__ = ["PatchTransport", "build_patch_transport"]
 #: Camera rays per pixel for its coverage by several faces. With 64 rays, noise contributes 0.04 to chi2 per sample;
 #: the motion of a block by 0.3 mm contributes 0.06 (32 x 32 pixels).
 _COVERAGE_SAMPLES = 512
+
+#: Entries of G, fragments times patches, that are traced at once: 32 MiB.
+_ENTRIES = 2**23
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +50,7 @@ class PatchTransport:
     coverage: NDArray[np.float64]
     position: NDArray[np.float64]
     direct: NDArray[np.float32]
-    gather: NDArray[np.float32]
+    gather: csr_array
     escape: NDArray[np.float32]
     covered: NDArray[np.float64]
     lamp_radiance: NDArray[np.float64]
@@ -73,21 +79,55 @@ def build_patch_transport(
     light: LightField, camera: Camera, samples: int = 256, seed: int = 0
 ) -> PatchTransport:
     """Compute the exchange by tracing one camera ray and one gathering ray per sample."""
-    tracer, patches = light.tracer, light.patches
+    tracer = light.tracer
     everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
     reflecting = len(tracer.facet_surface) - int(
         not tracer.scene.lamp.reflects
     )  # the lamp's face is the last
     coverage = everything[..., :reflecting].reshape(-1, reflecting)
     pixel, face = np.nonzero(coverage > 0)
-    fragments = len(pixel)
-    index = np.full(coverage.shape[0] * (coverage.shape[1] + 1), fragments, np.uint32)
-    index[pixel * (coverage.shape[1] + 1) + face] = np.arange(fragments)
+    strips = [
+        _traced(light, camera, (first, last), pixel, face, samples, seed)
+        for first, last in _strips(pixel, len(coverage), len(light.patches))
+    ]
+    direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
+    return PatchTransport(
+        light, camera, pixel, face,
+        coverage=coverage[pixel, face].astype(float),
+        position=_positions(tracer, camera, pixel, face),
+        direct=direct,
+        gather=csr_array(vstack([strip[3] for strip in strips])),
+        escape=escape,
+        covered=everything.sum(axis=-1).astype(float),
+        lamp_radiance=everything[..., -1] * glow.reshape(everything.shape[:2]),
+    )  # fmt: skip
+
+
+def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[int, int]]:
+    """First pixel and end of strips whose fragments times patches are at most ``_ENTRIES``, or one pixel."""
+    before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
+    ends = [0]
+    while ends[-1] < pixels:
+        end = int(np.searchsorted(before, before[ends[-1]] + _ENTRIES // patches, "right")) - 1
+        ends.append(max(end, ends[-1] + 1))
+    return list(pairwise(ends))
+
+
+def _traced(
+    light: LightField, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:  # fmt: skip
+    """Of a strip's fragments: direct light, escape; of its pixels: the lamp's pattern; of its fragments: G."""
+    tracer, patches = light.tracer, light.patches
+    count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
+    own = slice(*np.searchsorted(pixel, pixels))
+    fragments = own.stop - own.start
+    index = np.full(count * faces, fragments, np.uint32)
+    index[(pixel[own] - pixels[0]) * faces + face[own]] = np.arange(fragments)
     lookup = mi.UInt32(index)
-    count, faces = coverage.shape[0], coverage.shape[1] + 1
     lane = dr.arange(mi.UInt32, count)
-    rays = pixel_rays(camera, lane)
-    points = SobolPoints(6, samples, lane, seed)
+    here = lane + dr.opaque(mi.UInt32, pixels[0])
+    rays = pixel_rays(camera, here)
+    points = SobolPoints(6, samples, here, seed)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
     direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
     glow, on_lamp = (dr.zeros(mi.Float, count) for _ in range(2))
@@ -117,18 +157,18 @@ def build_patch_transport(
     total = dr.opaque(mi.UInt32, samples)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
     dr.eval(direct, escaped, seen, glow, on_lamp, matrix)
-    own = (np.array(glow) / np.maximum(np.array(on_lamp), 1)).reshape(camera.height_px, camera.width_px)
     scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
-    return PatchTransport(
-        light, camera, pixel, face,
-        coverage=coverage[pixel, face].astype(float),
-        position=_positions(tracer, camera, pixel, face),
-        direct=np.array(direct)[:-1] * scale,
-        gather=np.array(matrix).reshape(fragments + 1, len(patches))[:-1] * scale[:, None],
-        escape=np.array(escaped)[:-1] * scale,
-        covered=everything.sum(axis=-1).astype(float),
-        lamp_radiance=everything[..., -1] * own,
-    )  # fmt: skip
+    counts = np.array(matrix)[: fragments * len(patches)]
+    met = np.flatnonzero(counts)
+    row, column = np.divmod(met, len(patches))
+    ends = np.searchsorted(row, np.arange(fragments + 1))
+    gather = csr_array((counts[met] * scale[row], column, ends), shape=(fragments, len(patches)))
+    return (
+        np.array(direct)[:-1] * scale,
+        np.array(escaped)[:-1] * scale,
+        np.array(glow) / np.maximum(np.array(on_lamp), 1),
+        gather,
+    )
 
 
 def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from cboxlab.validate.explain import Excess, Transport
+from scipy.sparse import csr_array
 
 SIZE, BANDS = 48, 4
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
@@ -30,7 +31,7 @@ def small_excess(change, repeats=None, seed=3):
     transport = Transport(
         pixel=np.arange(SIZE * SIZE), coverage=np.ones(SIZE * SIZE), surface=surface.ravel(),
         material=surface.ravel(), position=position.reshape(-1, 3),
-        gather=np.full((SIZE * SIZE, 4), 0.05, np.float32), patch_surface=np.array([0, 0, 1, 1]),
+        gather=csr_array(np.full((SIZE * SIZE, 4), 0.05, np.float32)), patch_surface=np.array([0, 0, 1, 1]),
         patch_material=np.array([0, 0, 1, 1]), patch_position=patches,
         form_factors=np.full((4, 4), 0.05, np.float32), reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
         arriving=ones, patch_arriving=np.ones((4, BANDS)), picture=SIGNAL / 1000,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from cboxlab.render.perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ._effect import Effect, Parameter
@@ -22,6 +23,9 @@ _ROUNDS, _SETTLED = 6, 1e-5
 
 #: Rows of a table of distances that are computed at once: their numbers stay in the processor's cache.
 _ROWS = 64
+
+#: Fragments whose distances to the patches that they see are computed at once.
+_FRAGMENTS = 1024
 
 
 def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLight:
@@ -61,23 +65,34 @@ def _attenuated(transport: PatchTransport, lamp_centre: NDArray, sigma: float) -
     field = transport.light
     centre = field.patches.centre
 
-    def passed(positions: NDArray) -> tuple[NDArray, NDArray]:
-        to_lamp = np.linalg.norm(positions - lamp_centre, axis=1)
-        return _passed(positions, centre, sigma), np.exp(-sigma * to_lamp).astype(np.float32)
+    def from_lamp(positions: NDArray) -> NDArray[np.float32]:
+        return np.exp(-sigma * np.linalg.norm(positions - lamp_centre, axis=1)).astype(np.float32)
 
-    among, patch_lamp = passed(centre)
-    onto, fragment_lamp = passed(transport.position)
     exchange = replace(
         field.exchange,
-        form_factors=field.exchange.form_factors * among,
-        direct=field.exchange.direct * patch_lamp,
+        form_factors=field.exchange.form_factors * _passed(centre, centre, sigma),
+        direct=field.exchange.direct * from_lamp(centre),
     )
     return replace(
         transport,
         light=replace(field, exchange=exchange),
-        gather=transport.gather * onto,
-        direct=transport.direct * fragment_lamp,
+        gather=_attenuated_gather(transport, sigma),
+        direct=transport.direct * from_lamp(transport.position),
     )
+
+
+def _attenuated_gather(transport: PatchTransport, sigma: float) -> csr_array:
+    """G of the fragments, each entry times the share of the light that passes the air between."""
+    gather = transport.gather.copy()
+    position = transport.position.astype(np.float32)
+    centre = transport.light.patches.centre.astype(np.float32)
+    for first in range(0, len(position), _FRAGMENTS):
+        ends = gather.indptr[first : first + _FRAGMENTS + 1]
+        start, stop = ends[0], ends[-1]
+        away = np.repeat(position[first : first + _FRAGMENTS], np.diff(ends), axis=0)
+        away -= centre[gather.indices[start:stop]]
+        gather.data[start:stop] *= np.exp(np.float32(-sigma) * np.linalg.norm(away, axis=1))
+    return gather
 
 
 def _passed(a: NDArray, b: NDArray, sigma: float) -> NDArray[np.float32]:

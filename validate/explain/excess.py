@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 __all__ = ["Excess", "Transport"]
 
@@ -26,7 +27,7 @@ class Transport:
     surface: NDArray[np.int64]
     material: NDArray[np.int64]
     position: NDArray[np.float64]
-    gather: NDArray[np.float32]
+    gather: csr_array
     patch_surface: NDArray[np.int64]
     patch_material: NDArray[np.int64]
     patch_position: NDArray[np.float64]
