@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .errors import InputError
 from .faults import path_inside, referred
-from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, vector_area
+from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, sphere_mesh, vector_area
 
 __all__ = [
     "LampEntry",
@@ -47,11 +47,17 @@ class BoxEntry(_Table):
     yaw_deg: Annotated[float, Field(allow_inf_nan=False)] = 0.0
 
 
+class SphereEntry(_Table):
+    center_mm: Point
+    radius_mm: Positive
+
+
 class SurfaceEntry(_Table):
     name: Name
     material: str
     quads_mm: Annotated[list[Quad], Field(min_length=1)] | None = None
     box: BoxEntry | None = None
+    sphere: SphereEntry | None = None
     mesh: str | None = None
     unit_mm: Positive = 1.0
     hole: str | None = None
@@ -108,14 +114,18 @@ def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
 
 def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str) -> Mesh:
     """The triangles of a surface. Raises InputError (at ``where``) for a shape that cannot be built."""
-    given = [key for key in ("quads_mm", "box", "mesh") if getattr(entry, key) is not None]
+    given = [key for key in ("quads_mm", "box", "sphere", "mesh") if getattr(entry, key) is not None]
     if len(given) != 1:
-        raise InputError(where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, mesh")
+        raise InputError(
+            where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, sphere, mesh"
+        )
     for key, shape in (("hole", "quads_mm"), ("unit_mm", "mesh")):
         if key in entry.model_fields_set and given != [shape]:
             raise InputError(f"{where}.{key}", f"'{key}' with '{given[0]}'", f"'{key}' only with '{shape}'")
     if entry.box is not None:
         return box_mesh(entry.box.center_mm, entry.box.size_mm, entry.box.yaw_deg)
+    if entry.sphere is not None:
+        return sphere_mesh(entry.sphere.center_mm, entry.sphere.radius_mm)
     if entry.mesh is not None:
         path = path_inside(folder, entry.mesh, f"{where}.mesh")
         try:

@@ -107,9 +107,8 @@ def with_albedo(
     field = light.transport.light
     own = field.patches.material == material
     rho = light.patch_reflectance[own]
-    triangle = field.patches.triangle[own]
     way = field.lamp.centre - field.patches.centre[own]
-    cosine = np.einsum("px,px->p", way, field.tracer.normals[triangle]) / np.linalg.norm(way, axis=1)
+    cosine = np.einsum("px,px->p", way, field.patches.normal[own]) / np.linalg.norm(way, axis=1)
     reflectance, emission = light.patch_reflectance.copy(), light.patch_emission.copy()
     reflectance[own] = diffuse(rho)
     if light.max_bounces is None or light.max_bounces > 1:

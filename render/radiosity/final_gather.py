@@ -152,7 +152,9 @@ def render_final_gather(
 
 def _parents(patches: Patches, finer: Patches) -> np.ndarray:
     """(n,) the patch that contains each finer patch."""
-    triangle, uv = mi.UInt32(finer.triangle.astype(np.uint32)), mi.Point2f(finer.uv.T.astype(np.float32))
+    alone = np.searchsorted(finer.patch, np.arange(len(finer)))
+    triangle = mi.UInt32(finer.triangle[alone].astype(np.uint32))
+    uv = mi.Point2f(finer.uv[alone].T.astype(np.float32))
     return np.array(patch_of(patches, triangle, uv, dr.full(mi.Bool, True, len(finer))))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..device import SobolPoints, dr, mi
-from ..visibility import RAY_OFFSET_MM, Tracer, intersect, normal_and_material
+from ..visibility import RAY_OFFSET_MM, Tracer, intersect
 from .patches import Patches, patch_points
 
 __all__ = ["PatchSlopes", "build_slopes"]
@@ -63,7 +63,7 @@ class PatchSlopes:
 def build_slopes(tracer: Tracer, patches: Patches) -> PatchSlopes:
     """Find the neighbours of each patch and the planes through them."""
     free, centre = _free_part(tracer, patches)
-    neighbour = _neighbours(tracer, patches)
+    neighbour = _neighbours(patches)
     itself = np.arange(len(patches))[:, None]
     known = (neighbour >= 0) & (free[neighbour] >= _LEAST_FREE) & (free[:, None] > 0)
     neighbour = np.where(known, neighbour, itself)
@@ -81,16 +81,22 @@ def build_slopes(tracer: Tracer, patches: Patches) -> PatchSlopes:
     )
 
 
-def _neighbours(tracer: Tracer, patches: Patches) -> NDArray[np.int64]:
-    """(p, 3) the patch of the same flat face across each edge, -1 for none; found by the midpoints of edges."""
-    facet = tracer.facet[patches.triangle]
-    middles = (0.5 * (patches.corners + np.roll(patches.corners, -1, axis=1))).reshape(-1, 3)
+def _neighbours(patches: Patches) -> NDArray[np.int64]:
+    """(p, 3) the patch of the same flat face across each edge, -1 for none; found by the midpoints of edges.
+
+    Groups have none: their light is taken as constant.
+    """
+    alone = np.flatnonzero(np.bincount(patches.patch)[patches.patch] == 1)
+    corners, patch = patches.corners[alone], np.repeat(patches.patch[alone], 3)
+    result = np.full((len(patches), 3), -1)
+    if not len(alone):
+        return result
+    middles = (0.5 * (corners + np.roll(corners, -1, axis=1))).reshape(-1, 3)
     one, other = cKDTree(middles).query_pairs(1e-6 * np.ptp(middles, axis=0).max(), output_type="ndarray").T
-    same = facet[one // 3] == facet[other // 3]
+    same = patches.facet[patch[one]] == patches.facet[patch[other]]
     one, other = one[same], other[same]
-    result = np.full(len(middles), -1)
-    result[one], result[other] = other // 3, one // 3
-    return result.reshape(-1, 3)
+    result[patch[one], one % 3], result[patch[other], other % 3] = patch[other], patch[one]
+    return result
 
 
 def _free_part(tracer: Tracer, patches: Patches) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -98,10 +104,7 @@ def _free_part(tracer: Tracer, patches: Patches) -> tuple[NDArray[np.float64], N
     lane = dr.arange(mi.UInt32, len(patches) * _POINTS)
     patch, i = lane // _POINTS, lane % _POINTS
     points = SobolPoints(2, _POINTS, patch, seed=0)
-    corners = mi.Float(patches.corners.astype(np.float32).ravel())
-    triangle = dr.gather(mi.UInt32, mi.UInt32(patches.triangle.astype(np.uint32)), patch)
-    normal, _ = normal_and_material(tracer, triangle)
-    position = patch_points(corners, patch, points.point(i, 0), points.point(i, 1))
+    position, normal = patch_points(tracer, patches)(patch, points.point(i, 0), points.point(i, 1))
     hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, normal))
     free = np.array(~hit.valid | hit.front).reshape(-1, _POINTS)
     share = free.mean(axis=1)

@@ -1,85 +1,134 @@
-"""The scene's surfaces divided into small triangles (patches) for the radiosity solution."""
+"""The scene's surfaces divided into patches for the radiosity solution."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..device import dr, mi
-from ..visibility import Tracer
+from ..visibility import Tracer, normal_and_material
 
 __all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
+
+#: Triangles whose edges are all shorter than this part of a patch's largest edge form patches in groups.
+_SMALL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Every triangle divided into divisions^2 equal patches; a lamp that does not reflect has none.
+    """Large triangles divided into equal patches, and groups of small neighbouring triangles of one flat face.
 
-    triangle : (p,) index of the parent. uv : (p, 2) barycentric coordinates of the centroid there. area : (p,) mm^2.
-    material, surface : (p,) indices. corners : (p, 3, 3) mm.
+    A lamp that does not reflect has none. Of p patches: area : (p,) mm^2. centre : (p, 3) mm. normal : (p, 3) mean.
+    facet, material, surface : (p,) indices. Of n pieces, one for a patch of a large triangle, several for a group:
+    patch : (n,), ascending. triangle : (n,) index of the parent. uv : (n, 2) barycentric coordinates of the centroid
+    there. corners : (n, 3, 3) mm.
     """
 
-    triangle: np.ndarray
-    uv: np.ndarray
-    area: np.ndarray
-    material: np.ndarray
-    surface: np.ndarray
-    corners: np.ndarray
+    area: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    facet: NDArray[np.int64]
+    material: NDArray[np.int64]
+    surface: NDArray[np.int64]
+    patch: NDArray[np.int64]
+    triangle: NDArray[np.int64]
+    uv: NDArray[np.float64]
+    corners: NDArray[np.float64]
     packed_divisions: mi.Float
     packed_first: mi.UInt32
 
-    @property
-    def centre(self) -> np.ndarray:
-        """(p, 3) centroids, mm."""
-        return self.corners.mean(axis=1)
-
     def __len__(self) -> int:
-        return len(self.triangle)
+        return len(self.area)
 
 
 def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
-    """Divide all triangles into patches with edges up to ``edge_mm``, and each of these patches into finer^2."""
-    divisions, first, parts = [], [], []
-    total = 0
-    for index, (a, b, c) in enumerate(tracer.vertices):
-        first.append(total)
-        if tracer.material[index] >= tracer.reflectors:
-            divisions.append(1)
-            continue
-        n = max(
-            1,
-            int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - b), np.linalg.norm(a - c)) / edge_mm)),
-        )
-        n *= finer
-        divisions.append(n)
-        i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
-        keep = i + j + upper < n
-        i, j, upper = i[keep], j[keep], upper[keep]
-        # in the order of patch_of: row by row, each row with one cell (two patches) fewer
-        order = np.argsort(_local_index(i, j, upper, n))
-        i, j, upper = i[order], j[order], upper[order]
-        grid = np.stack(
-            [np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1
-        )
-        weights = grid / n
-        corners = a + weights[..., :1] * (b - a) + weights[..., 1:] * (c - a)
-        parts.append((np.full(len(i), index), corners, weights.mean(axis=1)))
-        total += len(i)
-    triangle = np.concatenate([p[0] for p in parts])
-    corners = np.concatenate([p[1] for p in parts])
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    """Divide large triangles into patches with edges up to ``edge_mm``, and each of these patches into finer^2.
+
+    Groups of small triangles are about as large as a patch, and not divided further.
+    """
+    sides = np.linalg.norm(tracer.vertices - np.roll(tracer.vertices, 1, axis=1), axis=2).max(axis=1)
+    reflecting = tracer.material < tracer.reflectors
+    group = _groups(tracer, reflecting & (sides < _SMALL * edge_mm), edge_mm)
+    divisions = np.maximum(1, np.ceil(sides / edge_mm)).astype(int) * finer
+    divisions[~reflecting | (group >= 0)] = 1
+    first, total, parts = np.zeros(len(sides), int), 0, []
+    for index in np.flatnonzero(reflecting & (group < 0)):
+        corners, uv = _divided(tracer.vertices[index], divisions[index])
+        first[index] = total
+        parts.append((np.arange(total, total + len(uv)), np.full(len(uv), index), uv, corners))
+        total += len(uv)
+    grouped = np.argsort(np.where(group < 0, len(group), group), kind="stable")[
+        : np.count_nonzero(group >= 0)
+    ]
+    first[grouped] = total + group[grouped]
+    if len(grouped):
+        thirds = np.full((len(grouped), 2), 1 / 3)
+        parts.append((first[grouped], grouped, thirds, tracer.vertices[grouped]))
+    patch, triangle, uv, corners = (np.concatenate(each) for each in zip(*parts, strict=True))
+    pieces = _areas(corners)
+    area = np.bincount(patch, pieces)
+    normal = _sums(pieces[:, None] * tracer.normals[triangle], patch)
+    alone = triangle[np.searchsorted(patch, np.arange(len(area)))]
     return Patches(
+        area=area,
+        centre=_sums(pieces[:, None] * corners.mean(axis=1), patch) / area[:, None],
+        normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        facet=tracer.facet[alone],
+        material=tracer.material[alone],
+        surface=tracer.surface[alone],
+        patch=patch,
         triangle=triangle,
-        uv=np.concatenate([p[2] for p in parts]),
-        area=0.5 * np.linalg.norm(cross, axis=1),
-        material=tracer.material[triangle],
-        surface=tracer.surface[triangle],
+        uv=uv,
         corners=corners,
-        packed_divisions=mi.Float(np.array(divisions, np.float32)),
-        packed_first=mi.UInt32(np.array(first, np.uint32)),
+        packed_divisions=mi.Float(divisions.astype(np.float32)),
+        packed_first=mi.UInt32(first.astype(np.uint32)),
     )
+
+
+def _groups(tracer: Tracer, small: NDArray[np.bool_], edge_mm: float) -> NDArray[np.int64]:
+    """(t,) the group of each triangle, -1 for none: small ones of one face within a cube of ``edge_mm``."""
+    group = np.full(len(small), -1)
+    if not small.any():
+        return group
+    cell = np.floor(tracer.vertices[small].mean(axis=1) / edge_mm).astype(int)
+    keys = np.column_stack([tracer.facet[small], cell])
+    _, which, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    several = count > 1
+    number = np.where(several, np.cumsum(several) - 1, -1)
+    group[small] = number[which.ravel()]
+    return group
+
+
+def _divided(vertices: NDArray[np.float64], n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (n^2, 3, 3) of a triangle's patches and barycentric coordinates (n^2, 2) of their centroids.
+
+    In the order of ``patch_of``: row by row, each row with one cell (two patches) fewer.
+    """
+    a, b, c = vertices
+    i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
+    keep = i + j + upper < n
+    i, j, upper = i[keep], j[keep], upper[keep]
+    order = np.argsort(_local_index(i, j, upper, n))
+    i, j, upper = i[order], j[order], upper[order]
+    grid = np.stack(
+        [np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1
+    )
+    weights = grid / n
+    return a + weights[..., :1] * (b - a) + weights[..., 1:] * (c - a), weights.mean(axis=1)
+
+
+def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * np.linalg.norm(cross, axis=1)
+
+
+def _sums(values: NDArray[np.float64], patch: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(p, 3) sums over the pieces (n, 3) of each patch."""
+    return np.stack([np.bincount(patch, column) for column in values.T], axis=1)
 
 
 def _local_index(i: Any, j: Any, upper: Any, n: Any) -> Any:
@@ -98,8 +147,31 @@ def patch_of(patches: Patches, triangle: mi.UInt32, uv: mi.Point2f, active: mi.B
     return first + mi.UInt32(_local_index(i, j, upper, n))
 
 
-def patch_points(corners: mi.Float, index: mi.UInt32, u: mi.Float, v: mi.Float) -> mi.Point3f:
-    """A point uniform over each patch ``index``. corners : those of Patches, flattened. u, v : in [0, 1)."""
-    a, b, c = (dr.gather(mi.Point3f, corners, index * 3 + k) for k in range(3))
-    root = dr.sqrt(u)
-    return a + (b - a) * (root * (1 - v)) + (c - a) * (root * v)
+def patch_points(
+    tracer: Tracer, patches: Patches
+) -> Callable[[mi.UInt32, mi.Float, mi.Float], tuple[mi.Point3f, mi.Vector3f]]:
+    """A function of patches and two numbers in [0, 1): a point uniform over each patch, and the normal there."""
+    start = np.searchsorted(patches.patch, np.arange(len(patches) + 1))
+    share = _areas(patches.corners) / patches.area[patches.patch]
+    total = np.cumsum(share)
+    low = total - share - (total - share)[start[:-1]][patches.patch]
+    corners = mi.Float(patches.corners.astype(np.float32).ravel())
+    triangle = mi.UInt32(patches.triangle.astype(np.uint32))
+    starts = mi.UInt32(start.astype(np.uint32))
+    lows, shares = mi.Float(low.astype(np.float32)), mi.Float(share.astype(np.float32))
+    steps = int(np.diff(start).max() - 1).bit_length()
+
+    def points(patch: mi.UInt32, u: mi.Float, v: mi.Float) -> tuple[mi.Point3f, mi.Vector3f]:
+        piece, end = dr.gather(mi.UInt32, starts, patch), dr.gather(mi.UInt32, starts, patch + 1)
+        for _ in range(steps):  # the last piece that begins at or below u
+            middle = (piece + end) // 2
+            above = dr.gather(mi.Float, lows, middle) > u
+            piece, end = dr.select(above, piece, middle), dr.select(above, middle, end)
+        if steps:
+            u = dr.clip((u - dr.gather(mi.Float, lows, piece)) / dr.gather(mi.Float, shares, piece), 0, 1)
+        a, b, c = (dr.gather(mi.Point3f, corners, piece * 3 + k) for k in range(3))
+        root = dr.sqrt(u)
+        normal, _ = normal_and_material(tracer, dr.gather(mi.UInt32, triangle, piece))
+        return a + (b - a) * (root * (1 - v)) + (c - a) * (root * v), normal
+
+    return points

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..device import SobolPoints, cosine_hemisphere, dr, mi
-from ..visibility import RAY_OFFSET_MM, Tracer, intersect, normal_and_material
+from ..visibility import RAY_OFFSET_MM, Tracer, intersect
 from .lamp import LampSampler, direct_light
 from .patch_slopes import PatchSlopes, build_slopes
 from .patches import Patches, patch_of, patch_points
@@ -23,6 +24,9 @@ __all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
 
 #: Relative accuracy of the radiosity solution, which contributes about a quarter of a picture's light.
 TOLERANCE = 1e-5
+
+#: Relative residual of ``solve``, a few times the rounding of its single precision.
+_ACCURACY = 1e-6
 
 _SNAPSHOTS = 7
 _MOST_BOUNCES = 12
@@ -52,14 +56,12 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     lane = dr.arange(mi.UInt32, count)
     points = SobolPoints(6, samples, lane, seed)
     matrix = dr.zeros(mi.Float, count * count)
-    parent = mi.UInt32(patches.triangle.astype(np.uint32))
-    normal, _ = normal_and_material(tracer, parent)
-    corners = mi.Float(patches.corners.astype(np.float32).ravel())
+    on_patch_at = patch_points(tracer, patches)
 
     def body(
         i: mi.UInt32, direct: mi.Float, escaped: mi.Float, seen: mi.Float
     ) -> tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]:
-        position = patch_points(corners, lane, points.point(i, 0), points.point(i, 1))
+        position, normal = on_patch_at(lane, points.point(i, 0), points.point(i, 1))
         light = direct_light(
             tracer, lamp, position, normal, points.point(i, 2), points.point(i, 3), mi.Bool(True)
         )
@@ -96,22 +98,28 @@ def solve(
     source: NDArray | None = None,
     max_reflections: int | None = None,
 ) -> NDArray[np.float64]:
-    """Outgoing radiance b (p, w) of every patch, as the sum over reflections.
+    """Outgoing radiance b (p, w) of every patch: the sum over reflections, or the solution of b = rho (e + F b).
 
     reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi; default the lamp's ``direct``.
-    max_reflections : number of reflections summed (None: to convergence, relative 1e-7).
+    max_reflections : number of reflections summed (None: all, by GMRES to a relative residual of 1e-6).
     """
     first = exchange.direct[:, None] if source is None else source
-    bounce = (reflectance * first).astype(np.float32)
-    total = bounce.astype(np.float64)
-    limit = 1000 if max_reflections is None else max_reflections - 1
+    start = np.asarray(reflectance * first, float)
     rho = reflectance.astype(np.float32)
-    for _ in range(limit):
-        bounce = rho * (exchange.form_factors @ bounce)
-        total += bounce
-        if bounce.max() <= 1e-7 * total.max():
-            break
-    return total
+
+    def reflected(light: NDArray) -> NDArray:
+        return rho * (exchange.form_factors @ light.astype(np.float32))
+
+    if max_reflections is not None:
+        bounce = total = start
+        for _ in range(max_reflections - 1):
+            bounce = reflected(bounce)
+            total = total + bounce
+        return total
+    system = LinearOperator(
+        (start.size, start.size), lambda b: b - reflected(b.reshape(start.shape)).ravel(), dtype=np.float64
+    )
+    return gmres(system, start.ravel(), rtol=_ACCURACY, restart=40, maxiter=25)[0].reshape(start.shape)
 
 
 def indirect_basis(

@@ -56,18 +56,19 @@ def pixel_coverage(
     rays = pixel_rays(camera, lane)
     points = SobolPoints(2, samples, lane, seed)
     faces = len(tracer.facet_surface)
+    seen = dr.zeros(mi.Float, count * faces)
+    here = dr.arange(mi.UInt32, count) * faces
 
-    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+    def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         hit = intersect(tracer, rays(points.point(i, 0), points.point(i, 1)), coherent=True)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
-        here = [dr.select(hit.front & (facet == f), mi.Float(1), mi.Float(0)) for f in range(faces)]
-        return i + 1, [a + b for a, b in zip(sums, here, strict=True)]
+        dr.scatter_add(seen, mi.Float(1), here + facet, hit.front)
+        return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)
-    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(faces)])
-    _, sums = dr.while_loop(start, lambda i, _: i < total, body)
-    dr.eval(sums)
-    return np.stack([s.numpy() for s in sums], axis=-1) / np.float32(samples)
+    dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
+    dr.eval(seen)
+    return seen.numpy().reshape(count, faces) / np.float32(samples)
 
 
 def _by_polygons(

@@ -28,6 +28,12 @@ __all__ = [
 #: Distance above a surface at which rays start: a hundred times the rounding error of positions in the box.
 RAY_OFFSET_MM = 0.01
 
+#: Normals within this angle are of one flat face, degrees.
+_FLAT_DEG = 2.0
+
+#: Faces of one surface.
+_MOST_FACES = 48
+
 
 @dataclass(frozen=True, eq=False)
 class Tracer:
@@ -35,9 +41,9 @@ class Tracer:
 
     vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
     ``scene.surfaces``; len(surfaces) for the lamp. material : (t,) index into ``material_names``; len(material_names)
-    for the lamp. facet : (t,) index of the flat face. facet_surface : (f,) the surface of each face, the lamp's last.
-    accelerator : what rays are asked of. packed_triangles : normal and material of each triangle in two 64-bit words,
-    which reduces the number of gathers.
+    for the lamp. facet : (t,) index of the flat face, see ``facets``. facet_surface : (f,) the surface of each face,
+    the lamp's last. accelerator : what rays are asked of. packed_triangles : normal and material of each triangle in
+    two 64-bit words, which reduces the number of gathers.
     """
 
     scene: Scene
@@ -131,23 +137,33 @@ def _packed(normals: np.ndarray, material: np.ndarray) -> np.ndarray:
 
 
 def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Group each surface's triangles into flat faces: normals within 2 degrees of a face's first triangle.
+    """Group each surface's triangles into faces: normals within an angle of a face's first triangle.
 
-    normals : (t, 3) unit vectors. surface : (t,). Returns the face of each triangle (t,), numbered by first
-    appearance, and the surface of each face (f,).
+    The angle is 2 degrees; on a curved surface it is widened until there are at most ``_MOST_FACES`` faces, which are
+    then only nearly flat. normals : (t, 3) unit vectors. surface : (t,). Returns the face of each triangle (t,),
+    numbered by first appearance, and the surface of each face (f,).
     """
     facet = np.full(len(normals), -1)
     owners: list[int] = []
-    for index in range(len(normals)):
-        if facet[index] < 0:
-            same = (
-                (surface == surface[index])
-                & (normals @ normals[index] > np.cos(np.radians(2.0)))
-                & (facet < 0)
-            )
-            facet[same] = len(owners)
-            owners.append(int(surface[index]))
+    for index in np.unique(surface):
+        own = np.flatnonzero(surface == index)
+        angle = _FLAT_DEG
+        while (found := _grouped(normals[own], angle)) is None:
+            angle *= 1.5
+        facet[own] = len(owners) + found
+        owners += [int(index)] * (int(found.max()) + 1)
     return facet, np.array(owners)
+
+
+def _grouped(normals: np.ndarray, angle_deg: float) -> np.ndarray | None:
+    """(t,) the face of each triangle of one surface, None for more than ``_MOST_FACES``."""
+    face = np.full(len(normals), -1)
+    for number in range(_MOST_FACES):
+        free = np.flatnonzero(face < 0)
+        if not len(free):
+            return face
+        face[free[normals[free] @ normals[free[0]] > np.cos(np.radians(angle_deg))]] = number
+    return None if (face < 0).any() else face
 
 
 def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, coherent: bool = False) -> Hit:

@@ -52,6 +52,19 @@ def fault(folder, text):
     return str(error.value)
 
 
+def test_a_sphere_has_its_area_and_radius(tmp_path):
+    shape = '\n[[surface]]\nname = "ball"\nmaterial = "white"\nsphere = { center_mm = [1, 2, 3], radius_mm = 0.5 }\n'
+    ball = load(tmp_path, GOOD + shape).surfaces[-1]
+    assert ball.areas_mm2.sum() == pytest.approx(np.pi, rel=1e-9)
+    corners = ball.vertices_mm[ball.faces] - [1, 2, 3]
+    assert np.linalg.norm(corners, axis=2) == pytest.approx(0.5, rel=2e-4)
+    assert np.linalg.norm(corners.mean(axis=1), axis=1) == pytest.approx(0.5, rel=4e-4)
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("tx,tx->t", outward, corners.mean(axis=1)) > 0).all()
+    both = shape.replace("sphere =", "box = { center_mm = [0, 1, 0], size_mm = [2, 2, 2] }\nsphere =")
+    assert "box and sphere" in fault(tmp_path, GOOD + both)
+
+
 def test_a_room_with_all_kinds_of_shapes(tmp_path):
     trimesh.creation.icosphere(radius=0.2).export(tmp_path / "ball.ply")
     (tmp_path / "paint.csv").write_text("wavelength_nm,grey\n400,0.2\n700,0.4\n")

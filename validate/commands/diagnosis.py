@@ -35,7 +35,9 @@ def diagnose(
         ),
     ],
     *,
-    model: Annotated[Path | None, typer.Option(help="Model file (TOML); default the published box.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")
+    ] = None,
     json: JsonOption = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for report.html, metrics.json, maps and the final model.toml.")
@@ -76,7 +78,7 @@ def studio(
                        show_default=False),
     ] = None,
     *,
-    model: Annotated[Path | None, typer.Option(help="Model file (TOML); default the published box.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")] = None,
     folder: Annotated[
         Path, typer.Option(help="Captures and models below it can be opened from the page, results saved.")
     ] = Path(),

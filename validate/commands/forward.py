@@ -41,7 +41,9 @@ __all__ = ["capture", "render", "reveal"]
 ModelArgument = Annotated[
     str,
     typer.Argument(
-        metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box.", show_default=False
+        metavar="MODEL",
+        help="Model or scene file (TOML), or a packaged scene: cornell-box.",
+        show_default=False,
     ),
 ]
 

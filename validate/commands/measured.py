@@ -59,7 +59,9 @@ def demo(
 def validate(
     capture: CaptureFolder,
     *,
-    model: Annotated[Path | None, typer.Option(help="Model file (TOML); default the published box.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
         "validation"
     ),

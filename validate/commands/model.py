@@ -61,6 +61,9 @@ def add(
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
     given = dict(_pair(text) for text in values or ())
     current = load_model(model) if model.exists() else Model(name=model.stem)
+    if current.scene == str(model.resolve()):
+        hint = f'write a model file with format = "model/1" and scene = "{model.name}", and add to that'
+        raise InputError(model, "a scene file", "a model file", hint)
     known = named_effect(effect, Path())
     applied = apply_checked(known, given, "cbox add", names_in(load_scene(current.scene)))
     before_after: dict[str, float] = {}

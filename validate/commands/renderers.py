@@ -76,7 +76,7 @@ def export(
 def renderers(
     model: Annotated[
         str | None,
-        typer.Argument(metavar="MODEL", help="Model file (TOML), or a packaged scene: cornell-box."),
+        typer.Argument(metavar="MODEL", help="Model or scene file (TOML), or a packaged scene: cornell-box."),
     ] = None,
     *,
     chosen: Annotated[

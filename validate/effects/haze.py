@@ -111,11 +111,10 @@ def _passed(a: NDArray, b: NDArray, sigma: float) -> NDArray[np.float32]:
 
 def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.float64]:
     """(f, w) at the fragments from (p, w) at the patches of the same face, nearer ones more."""
-    patches, tracer = transport.light.patches, transport.light.tracer
-    facet = tracer.facet[patches.triangle]
+    patches = transport.light.patches
     result = np.zeros((len(transport.face), values.shape[1]))
     for face in np.unique(transport.face):
-        own, here = transport.face == face, np.flatnonzero(facet == face)
+        own, here = transport.face == face, np.flatnonzero(patches.facet == face)
         distance, nearest = KDTree(patches.centre[here]).query(
             transport.position[own], min(_NEIGHBOURS, len(here))
         )

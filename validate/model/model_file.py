@@ -60,7 +60,7 @@ class _ModelFile(_Strict):
 
 
 def load_model(path_or_name: str | Path) -> Model:
-    """The model of a file, or a packaged scene by name ("cornell-box") without effects.
+    """The model of a file, or a scene without effects: a packaged one by name ("cornell-box"), or a scene file.
 
     Raises InputError naming every fault.
     """
@@ -68,6 +68,8 @@ def load_model(path_or_name: str | Path) -> Model:
         return Model(scene=str(path_or_name), name=str(path_or_name))
     path = Path(path_or_name)
     content = read_toml(path, "a model file in TOML")
+    if content.get("format") == "scene/1":
+        return Model(scene=str(path.resolve()), name=load_scene(path).name)
     try:
         entry = _ModelFile.model_validate(content)
     except ValidationError as error:

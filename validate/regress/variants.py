@@ -93,8 +93,7 @@ class Variants:
     @property
     def patch_surface(self) -> NDArray[np.int64]:
         """(p,) surface of each patch."""
-        field = self.light.transport.light
-        return field.tracer.facet_surface[np.asarray(field.tracer.facet)[field.patches.triangle]]
+        return self.light.transport.light.patches.surface
 
 
 def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:

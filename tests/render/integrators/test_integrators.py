@@ -16,8 +16,9 @@ from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.integrators.stock import render_stock
 from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.render.visibility.pinhole import film_for, resampling
-from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.progress import Teller
+from cboxlab.scenes.shapes import sphere_mesh
 from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
@@ -72,16 +73,40 @@ def test_many_names_for_the_same_paints_change_nothing():
 @pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
 def test_surface_means_agree(pictures, one, other):
     """Every surface's mean at every wavelength agrees within the scatter of its batches."""
-    a, b = pictures[one], pictures[other]
+    means_agree(pictures[one], pictures[other])
+
+
+def means_agree(a, b):
     for index, name in enumerate(a.surface_names):
         here = a.single_surface & b.single_surface & (a.surface == index)
         if here.sum() < 4:
             continue
-        means = [relative(image)[:, here].mean(axis=1) for image in (a, b)]
-        error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / BATCHES)
-        difference = means[0].mean(axis=0) - means[1].mean(axis=0)
-        assert np.all(np.abs(difference) < T_LIMIT * error), name
-        assert np.all(error < 0.05 * means[0].mean(axis=0)), name
+        mean_agrees(a, b, here, name)
+
+
+def mean_agrees(a, b, here, name):
+    means = [relative(image)[:, here].mean(axis=1) for image in (a, b)]
+    error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / BATCHES)
+    difference = means[0].mean(axis=0) - means[1].mean(axis=0)
+    assert np.all(np.abs(difference) < T_LIMIT * error), name
+    assert np.all(error < 0.05 * means[0].mean(axis=0)), name
+
+
+@needs_llvm
+def test_a_box_with_a_ball_of_many_triangles():
+    """Groups of small triangles as patches: surface means agree with the path tracer's, which has no patches."""
+    published = cornell_box()
+    ball = Surface("ball", "white", *sphere_mesh([186.0, 90.0, 169.0], 90.0))
+    kept = tuple(s for s in published.surfaces if s.name != "short-block")
+    scene = replace(published, surfaces=(*kept, ball))
+    camera = cornell_camera(24)
+    gather = render_final_gather(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4)
+    paths = render_path_tracer(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5)
+    means_agree(gather, paths)
+    covered = gather.coverage[..., gather.facet_surface == gather.surface_names.index("ball")].sum(axis=-1)
+    whole = covered > 0.999  # by several of its faces in most pixels
+    assert whole.sum() > 20
+    mean_agrees(gather, paths, whole, "ball")
 
 
 @needs_llvm

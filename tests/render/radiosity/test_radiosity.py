@@ -9,11 +9,11 @@ from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
 from cboxlab.render.radiosity.patch_slopes import build_slopes
-from cboxlab.render.radiosity.patches import build_patches, patch_of
+from cboxlab.render.radiosity.patches import build_patches, patch_of, patch_points
 from cboxlab.render.radiosity.solution import indirect_basis, solve, trace_exchange
 from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Scene, Surface, cornell_box
-from cboxlab.scenes.shapes import box_mesh
+from cboxlab.scenes.shapes import box_mesh, sphere_mesh
 from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(
@@ -75,7 +75,7 @@ def test_slopes_reproduce_a_plane(cornell_patches):
     slopes = build_slopes(tracer, patches)
     generator = np.random.default_rng(8)
     per_facet = generator.standard_normal((len(tracer.facet_surface), 3))
-    facet = tracer.facet[patches.triangle]
+    facet = patches.facet
     values = np.einsum("px,px->p", per_facet[facet], slopes.centre)[:, None]
     patch = np.repeat(np.arange(len(patches)), 4)
     points = np.einsum("nk,nkx->nx", generator.dirichlet(np.ones(3), len(patch)), patches.corners[patch])
@@ -150,6 +150,63 @@ def test_what_stands_on_a_patch_takes_its_place():
         # the exchange's own points, at least 100 of them, are no noisier than as many independent ones
         error = light.std() * np.sqrt(1 / len(light) + 1 / (1024 * len(points) / 2**14))
         assert abs(exchange.direct[index] - light.mean()) < SIGMAS * error + 1e-6
+
+
+@pytest.fixture(scope="module")
+def room_with_a_ball():
+    """A ball of small triangles in a box with an open front and a lamp that lights nothing; patches of 200 mm."""
+    ball = Surface("ball", "grey", *sphere_mesh([500.0, 300.0, 500.0], 150.0))
+    surfaces = [quad(n, c) for n, c in walls(front=False).items()]
+    scene = lamp_and([*surfaces, ball], square(np.full(3, -EDGE), 10.0, 1, -1))
+    return exchange_of(scene, 200.0, 2048, seed=6)
+
+
+def test_a_curved_surface_has_few_faces(room_with_a_ball):
+    """Its faces are nearly flat and cover all directions; walls keep a face each."""
+    tracer, *_ = room_with_a_ball
+    faces = np.unique(tracer.facet[tracer.surface == 5])
+    assert 20 < len(faces) <= 48
+    for face in faces:
+        normals = tracer.normals[tracer.facet == face]
+        assert (normals @ normals[0]).min() > np.cos(np.radians(35))
+    assert len(tracer.facet_surface) == 5 + len(faces) + 1
+
+
+def test_small_triangles_share_patches(room_with_a_ball):
+    """Groups have their triangles' area, every triangle finds its own group, and points on it are spread by area."""
+    tracer, patches, _ = room_with_a_ball
+    ball = patches.surface == 5
+    assert ball.sum() < 400
+    assert patches.area[ball].sum() == pytest.approx(4 * np.pi * 150.0**2, rel=1e-9)
+    middle = np.full(2, 1 / 3)
+    where = mi.Point2f(np.tile(middle[:, None], len(patches.triangle)).astype(np.float32))
+    inside = mi.UInt32(patches.triangle.astype(np.uint32))
+    pieces = ball[patches.patch]
+    found = np.array(patch_of(patches, inside, where, dr.full(mi.Bool, True, len(patches.triangle))))
+    assert np.array_equal(found[pieces], patches.patch[pieces])
+    count = 4096
+    lane = mi.UInt32(np.repeat(np.flatnonzero(ball), count).astype(np.uint32))
+    u, v = np.random.default_rng(2).random((2, count * ball.sum())).astype(np.float32)
+    position, normal = patch_points(tracer, patches)(lane, mi.Float(u), mi.Float(v))
+    points = np.array(position).T.reshape(-1, count, 3)
+    error = points.std(axis=1) / np.sqrt(count)
+    assert (np.abs(points.mean(axis=1) - patches.centre[ball]) < SIGMAS * error + 1e-3).all()
+    outward = (points - [500.0, 300.0, 500.0]) / 150.0
+    assert (np.einsum("pnx,pnx->pn", outward, np.array(normal).T.reshape(-1, count, 3)) > 0.998).all()
+
+
+def test_groups_of_triangles_exchange_light_as_patches_do(room_with_a_ball):
+    """Rows and escape sum to 1, rays from the ball to the walls and back agree, and a ball does not see itself."""
+    _, patches, exchange = room_with_a_ball
+    assert exchange.form_factors.sum(axis=1) + exchange.escape == pytest.approx(1.0, abs=1e-5)
+    member = np.eye(7)[patches.surface][:, :6]
+    fraction = exchange.form_factors @ member
+    flow = member.T @ (patches.area[:, None] * fraction)
+    variance = member.T @ (patches.area[:, None] ** 2 * fraction * (1 - fraction) / 2048)
+    z = (flow - flow.T) / np.sqrt(variance + variance.T + 1e-300)
+    assert np.abs(z[np.triu_indices(6, 1)]).max() < SIGMAS
+    assert flow[5, 5] == 0
+    assert flow[5].sum() > 0.7 * patches.area[patches.surface == 5].sum()
 
 
 def test_reciprocity():

@@ -211,6 +211,16 @@ def test_a_model_grows_and_reads_back(tmp_path, cbox):
     ]
 
 
+def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):
+    shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "box")
+    scene = tmp_path / "box" / "cornell-box.toml"
+    model = load_model(scene)
+    assert model.effects == () and scenes.load_scene(model.scene).surfaces[0].name == "floor"
+    before = scene.read_bytes()
+    assert_one_line_of_help(cbox("add", scene, "ghost", "fraction=0.01"), "a scene file")
+    assert scene.read_bytes() == before
+
+
 def test_a_models_scene_stays_where_it_was(tmp_path, cbox):
     """A model names its scene relative to itself, and still does after an effect was added."""
     shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "boxes")
