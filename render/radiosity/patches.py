@@ -70,7 +70,7 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
         parts.append((first[grouped], grouped, thirds, tracer.vertices[grouped]))
     patch, triangle, uv, corners = (np.concatenate(each) for each in zip(*parts, strict=True))
     pieces = _areas(corners)
-    area = np.bincount(patch, pieces)
+    area: NDArray[np.float64] = np.bincount(patch, pieces).astype(float)
     normal = _sums(pieces[:, None] * tracer.normals[triangle], patch)
     alone = triangle[np.searchsorted(patch, np.arange(len(area)))]
     return Patches(
