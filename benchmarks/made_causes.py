@@ -42,11 +42,11 @@ class Truth:
 class Made:
     """A cause at work: a changed box or another camera (``pictures``), changed light, a changed camera (``hooks``).
 
-    pictures : (scene, camera, weight) whose light adds up; empty for the sound box.
+    pictures : (scene, camera, weight, also (band, 1, 1)) whose light adds up; empty for the sound box.
     """
 
     truth: Truth
-    pictures: Sequence[tuple[Scene, Camera, float]] = ()
+    pictures: Sequence[tuple[Scene, Camera, float | Stack]] = ()
     light: Callable[[Stack], Stack] = lambda signals: signals
     hooks: FrameHooks = field(default_factory=FrameHooks)
 
@@ -189,17 +189,9 @@ def tilted_sensor(draw: Draw, scene: Scene, camera: Camera) -> Made:
 def wedge(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """One filter is a wedge and moves its picture."""
     band, by = int(draw.integers(7)), draw.uniform(0.06, 0.12, 2) * draw.choice([-1, 1], 2)
-
-    def light(signals: Stack) -> Stack:
-        changed = signals.copy()
-        u = np.fft.fftfreq(3 * SIZE_PX)
-        whole = np.pad(signals[band], SIZE_PX, mode="reflect")
-        phase = np.exp(-2j * np.pi * (u[:, None] * by[0] + u[None, :] * by[1]))
-        moved = np.fft.ifft2(np.fft.fft2(whole) * phase).real[SIZE_PX:-SIZE_PX, SIZE_PX:-SIZE_PX]
-        changed[band] = np.maximum(moved, 0)
-        return changed
-
-    return _on_light(Truth("displacement", band=_name(band)), light)
+    moved = replace(camera, principal_point_px=camera.principal_point_px + by[::-1])
+    own = (np.arange(7) == band).astype(float)[:, None, None]
+    return Made(Truth("displacement", band=_name(band)), [(scene, camera, 1 - own), (scene, moved, own)])
 
 
 def fringes(draw: Draw, scene: Scene, camera: Camera) -> Made:

@@ -50,6 +50,9 @@ ModelArgument = Annotated[
 #: Largest number of effects drawn until one can have the requested strength.
 _DRAWS = 8
 
+#: Chi-square per sample that a capture's render may add without a word.
+_LARGEST_EXCESS = 0.05
+
 #: Largest number of pixels per side.
 LARGEST_SIZE = 8192
 
@@ -176,7 +179,7 @@ def capture(
     with replacing_folder(out) as temporary:
         with bar("rendering") as report:
             inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
-            write_model_capture(
+            excess = write_model_capture(
                 temporary, replace(chosen, effects=tuple(inside)), camera, settings, number,
                 relative_error=error, progress=report,
                 box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
@@ -184,6 +187,12 @@ def capture(
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, chosen.effects, generator) if hide else ""
+    if excess > _LARGEST_EXCESS:
+        enough = error * np.sqrt(_LARGEST_EXCESS / excess)
+        say(
+            f"• The render's error is the same in every frame and adds up to {excess:.2g} to chi-square per sample, "
+            f"which no model explains; --noise {enough:.2g} leaves {_LARGEST_EXCESS:g}."
+        )
     secret = {"sha256": digest} if hide else {"seed": number}
     give_json(json, {"capture": out, "size_px": size, "sealed": hide, **secret})
     if hide:

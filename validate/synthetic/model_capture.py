@@ -29,6 +29,7 @@ from cboxlab.render.laboratory import (
     CaptureSettings,
     Frame,
     FrameHooks,
+    band_filters,
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
@@ -50,6 +51,7 @@ from ..model import Model
 from ..predict import transported
 
 __all__ = [
+    "excess_of_render",
     "perturbed_camera",
     "photograph_image",
     "photographed_light",
@@ -165,8 +167,10 @@ def write_model_capture(
     relative_error: float = 1e-3,
     progress: Progress = QUIET,
     box: Callable[[Scene], Scene] = lambda scene: scene,
-) -> None:
+) -> float:
     """Render the model with all its effects through ``camera`` and write the simulated capture.
+
+    Returns the chi-square per sample that the render's error adds, see ``excess_of_render``.
 
     camera : the true camera at the survey of the points. relative_error : of the render, median over pixels; not
     included in the noise that the capture states. box : change of the real box relative to the surveyed scene.
@@ -189,6 +193,22 @@ def write_model_capture(
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
     photograph_image(folder, image, model.effects, altered, scene, camera, settings=settings, seed=seed)
+    return excess_of_render(image, settings)
+
+
+def excess_of_render(image: RenderedImage, settings: CaptureSettings) -> float:
+    """Largest excess of chi-square per sample by the render's error: its variance over that of the frames' mean.
+
+    The error is the same in every frame, so that no repeat shows it. Noise of flats and darks lowers the excess.
+    image : on WAVELENGTH_NM, with several batches. The frames' noise is shot and read noise at the planned exposures.
+    """
+    weights = np.stack([curve.at(image.wavelength_nm) for curve in band_filters().values()], axis=1)
+    mean, variance = (part[~image.sees_lamp] for part in image.project(weights))
+    full = settings.level * settings.full_scale_dn * settings.gain_e_per_dn
+    electrons = full * mean / np.percentile(mean, 99.5, axis=0)
+    lit = electrons > settings.read_noise_e
+    noise = (electrons + settings.read_noise_e**2) / settings.repeats
+    return float(np.mean(variance[lit] / mean[lit] ** 2 * electrons[lit] ** 2 / noise[lit]))
 
 
 def photograph_image(
