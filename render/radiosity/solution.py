@@ -7,11 +7,11 @@ covered by j (Goral et al. 1984). Rows of F sum to 1 minus the fraction that lea
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..device import SobolPoints, cosine_hemisphere, dr, mi
 from ..visibility import RAY_OFFSET_MM, Tracer, intersect
@@ -27,6 +27,9 @@ TOLERANCE = 1e-5
 
 #: Relative residual of ``solve``, a few times the rounding of its single precision.
 _ACCURACY = 1e-6
+
+#: Steps after which ``solve`` stops; boxes that lose next to no light would take more.
+_MOST_STEPS = 200
 
 _SNAPSHOTS = 7
 _MOST_BOUNCES = 12
@@ -101,7 +104,7 @@ def solve(
     """Outgoing radiance b (p, w) of every patch: the sum over reflections, or the solution of b = rho (e + F b).
 
     reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi; default the lamp's ``direct``.
-    max_reflections : number of reflections summed (None: all, by GMRES to a relative residual of 1e-6).
+    max_reflections : number of reflections summed (None: all, to a relative residual of 1e-6).
     """
     first = exchange.direct[:, None] if source is None else source
     start = np.asarray(reflectance * first, float)
@@ -116,10 +119,32 @@ def solve(
             bounce = reflected(bounce)
             total = total + bounce
         return total
-    system = LinearOperator(
-        (start.size, start.size), lambda b: b - reflected(b.reshape(start.shape)).ravel(), dtype=np.float64
-    )
-    return gmres(system, start.ravel(), rtol=_ACCURACY, restart=40, maxiter=25)[0].reshape(start.shape)
+    return _converged(start, reflected)
+
+
+def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:
+    """The solution b = source + reflected(b) of every column (p, w) by itself, to a relative residual of _ACCURACY.
+
+    Generalised conjugate residuals: each step takes the residual as a direction and makes its image orthogonal to those
+    of all directions before (Eisenstat, Elman and Schultz 1983). It takes a third of the matrix products of a sum over
+    reflections.
+    """
+    total, residual = np.zeros_like(source), source
+    directions: list[tuple[NDArray, NDArray, NDArray]] = []
+    enough = _ACCURACY**2 * np.sum(source**2, axis=0)
+    for _ in range(_MOST_STEPS):
+        open_columns = np.sum(residual**2, axis=0) > enough
+        if not open_columns.any():
+            break
+        way, image = residual, residual - reflected(residual)
+        for before, its_image, size in directions:
+            part = np.sum(image * its_image, axis=0) / size
+            way, image = way - part * before, image - part * its_image
+        size = np.maximum(np.sum(image**2, axis=0), 1e-300)
+        directions.append((way, image, size))
+        step = np.where(open_columns, np.sum(residual * image, axis=0) / size, 0.0)
+        total, residual = total + step * way, residual - step * image
+    return total
 
 
 def indirect_basis(

@@ -211,7 +211,7 @@ def diagnose(
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
         whole = explained(prepared, first, start.residual)
-        if selected == (UNKNOWN,) or beats(whole, start, square(residual)):
+        if selected == (UNKNOWN,) or beats(whole, start, chosen, square(residual)):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual

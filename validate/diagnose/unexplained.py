@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 
 from ..compare import Prepared
-from ..explain import NONE, Excess, Explanation, Transport, explain
-from .evidence import SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
+from ..effects import catalogue
+from ..explain import LEVELS, NONE, Excess, Explanation, Transport, explain
+from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
+from .search import Candidate
 
 __all__ = ["beats", "excess_of", "explained", "stands_out"]
 
@@ -31,14 +34,23 @@ def explained(prepared: Prepared, linearised: LinearisedFit, residual: NDArray[n
     return explain(excess_of(linearised, residual, prepared.calibration.capture))
 
 
-def beats(explanation: Explanation, model: LinearModel, chi2_left: float) -> bool:
+def beats(
+    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], chi2_left: float
+) -> bool:
     """Whether a family alone explains more of the excess of the model as given than the effects that leave chi2_left.
 
-    It must do so by more than the errors of the effects' shapes, and of the picture.
+    It must do so by more than the errors of the effects' shapes, and of the picture. Levels of bands have no shape in
+    the picture: there evidence is compared with evidence, and effects pay for being chosen from the catalogue.
     """
+    if explanation.family == NONE:
+        return False
     by_effects = model.chi2 - chi2_left
+    if explanation.family in LEVELS:
+        numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
+        paid = INDISTINGUISHABLE / 2 * numbers + 2 * len(chosen) * float(np.log(len(catalogue())))
+        return explanation.evidence > by_effects - paid + INDISTINGUISHABLE
     more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
-    return explanation.family != NONE and explanation.evidence > by_effects + more
+    return explanation.evidence > by_effects + more
 
 
 def stands_out(

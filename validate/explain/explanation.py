@@ -20,7 +20,7 @@ from .spot_cells import hot_spot
 from .spots import fits_the_place
 from .surface_forms import surface_forms
 
-__all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain"]
+__all__ = ["FAMILIES", "LEVELS", "NONE", "Explanation", "Rival", "explain"]
 
 #: Where nothing is left to explain, or no family explains it.
 NONE = "none"
@@ -29,6 +29,9 @@ FAMILIES = (
     "sensor-offset", "sensor-gain", "displacement", "blur", "time-order", "reflectance-map", "paint-spectrum",
     "lamp-spectrum", "extra-light", "object", "reflection-lobe", NONE,
 )  # fmt: skip
+
+#: Families of which a band has one number, whatever the place.
+LEVELS = ("time-order", "lamp-spectrum")
 
 #: A family whose shapes are this much wrong in chi2 is not behind one that follows the residual more closely: the
 #: exchange between patches and first derivatives are no better.
@@ -115,12 +118,13 @@ def explain(excess: Excess) -> Explanation:
     best: dict[str, tuple[float, Form]] = {}
     for score, form in sorted(zip(scores, forms, strict=True), key=lambda pair: -pair[0]):
         best.setdefault(form.family, (score, form))
-    ranked = sorted(best.values(), key=lambda pair: -pair[0])
+    each = ((_share(excess, form, total), score, form) for score, form in best.values())
+    # families that explain too little of the excess come behind all others
+    ranked = sorted(each, key=lambda one: (one[0] < _LEAST_SHARE, -one[1]))
     rivals = tuple(
-        Rival(form.family, form.words, form.surface, _share(excess, form, total), score)
-        for score, form in ranked
+        Rival(form.family, form.words, form.surface, share, score) for share, score, form in ranked
     )
-    score, winner = ranked[0]
+    _, score, winner = ranked[0]
     margin = max(_TOLD_APART, _TOLD_APART_PART * winner.fit.gain)
     if winner.evidence < _LEAST_EVIDENCE or rivals[0].share < _LEAST_SHARE:
         return _nothing(excess, rivals, len(forms))
@@ -139,7 +143,7 @@ def explain(excess: Excess) -> Explanation:
         bands=tuple(band for band, one in zip(excess.bands, shown, strict=True) if one),
         all_bands=excess.bands,
         share=rivals[0].share,
-        told_apart=bool(len(rivals) < 2 or score - rivals[1].score > margin),
+        told_apart=all(score - rival.score > margin for rival in rivals[1:] if rival.share >= _LEAST_SHARE),
         rivals=rivals,
         change=change,
         sigma=np.where(excess.used, excess.sigma, np.nan),

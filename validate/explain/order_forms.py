@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -39,15 +40,20 @@ def order_forms(excess: Excess) -> Iterator[Form]:
     rank = np.argsort(np.argsort(excess.minutes))
     time = excess.minutes - excess.minutes.min()
     repeats = repeats_excess(excess)
-    for k in range(1, bands):
-        step = (rank >= k).astype(float)
-        yield in_time("a step of the lamp", _shaped(n, step[:, None], repeats), bands)
-        if k < bands - 1:
-            ramp = np.maximum(time - np.sort(time)[k], 0)
-            yield in_time("a drift of the lamp that sets in", _shaped(n, ramp[:, None], repeats), bands)
+    for first, last in combinations(range(bands + 1), 2):
+        if (first, last) == (0, bands):
+            continue
+        words = (
+            "a step of the lamp" if first == 0 or last == bands else "another level of the lamp for a while"
+        )
+        inside = ((rank >= first) & (rank < last)).astype(float)
+        yield in_time(words, _shaped(n, inside[:, None], repeats), bands * (bands + 1) // 2)
+    for k in range(1, bands - 1):
+        ramp = np.maximum(time - np.sort(time)[k], 0)
+        yield in_time("a drift of the lamp that sets in", _shaped(n, ramp[:, None], repeats), bands)
     powers = np.array([(time / max(time.max(), 1e-9)) ** p for p in (1, 2, 3)]).T
     yield in_time("a drift of the lamp", _shaped(n, powers[:, :2], repeats))
-    if repeats > 0:
+    if repeats > 0 or not np.isfinite(excess.repeat_sigma).any():  # of single frames nothing else is known
         yield in_time("levels that differ from frame to frame", _shaped(n, np.eye(bands), repeats))
     place = (excess.nm - excess.nm.min()) / max(np.ptp(excess.nm), 1e-9)
     waves = np.array([np.cos(np.pi * i * place) for i in (1, 2, 3)]).T

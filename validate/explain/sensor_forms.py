@@ -14,6 +14,7 @@ from .excess import Excess
 from .field import each_band, fixed_spectrum
 from .form import Columns, Form, equations, scaled
 from .spot_cells import Spot, cells
+from .waves import strongest_waves
 
 __all__ = ["sensor_forms"]
 
@@ -21,12 +22,9 @@ _ORDER = 10
 
 _ACTS: dict[str, Acts] = {"sensor-offset": "offset", "sensor-gain": "gain"}
 
-#: Frequencies below this, in waves over the picture, are left to cosines.
-_FEWEST_WAVES = 3
-
 
 def sensor_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
-    """All offsets and gains: over rows, columns, smoothly, as one wave, in one spot; in all bands or in each."""
+    """All offsets and gains: over rows, columns, smoothly, as waves or rings, in one spot; in all bands or in each."""
     bases = {
         "rows": ImageMaps("rows"), "columns": ImageMaps("columns"),
         "a smooth pattern": ImageMaps("cosines", order=_ORDER),
@@ -34,16 +32,16 @@ def sensor_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
     for words, maps in bases.items():
         yield from _both(excess, words, maps, sharp=words != "a smooth pattern")
     for family, operator in _operators(excess).items():
-        for frequency, band in _waves(excess, operator):
-            maps = ImageMaps("wave", per_px=frequency)
+        for maps, band, count in strongest_waves(excess, operator):
             made = _columns(operator, maps.matrix(excess.shape))
             n = equations(excess, made)
-            count = excess.shape[0] * excess.shape[1] // 2
             only = np.ones(len(excess.bands)) if band is None else np.eye(len(excess.bands))[band]
-            acts = _ACTS[family]
-            yield Form(family, "a wave", fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
+            acts, words = _ACTS[family], "rings" if maps.curvature else "a wave"
+            alone = words if band is None else f"{words} in one band"
+            count *= 1 if band is None else len(excess.bands)
+            yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
             each = each_band(n)
-            yield Form(family, "a wave in each band", each, made, acts, maps, sharp=True, choices=count)
+            yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
     if spot is not None:
         yield from _both(excess, "a spot", cells(spot.region), local=True)
 
@@ -74,42 +72,3 @@ def _both(
         )
         if not local:
             yield Form(family, f"{words} in each band", each_band(n), made, acts, maps, sharp=sharp)
-
-
-def _waves(excess: Excess, operator: NDArray[Any]) -> list[tuple[tuple[float, float], int | None]]:
-    """The strongest frequency over all bands together and in one band alone."""
-    shapes = operator * excess.weight
-    images = shapes * excess.weighed
-    size = np.maximum(np.sum(shapes**2, axis=(1, 2)), 1e-30)
-    power = np.abs(np.fft.rfft2(images)) ** 2 / size[:, None, None]
-    together = np.abs(np.fft.rfft2(images.sum(axis=0))) ** 2 / size.sum()
-    strongest = int(np.argmax([_highest(p)[0] for p in power]))
-    trials: list[tuple[NDArray[Any], int | None]] = [(together, None), (power[strongest], strongest)]
-    return [(_refined(images, _highest(image)[1], band), band) for image, band in trials]
-
-
-def _highest(power: NDArray[Any]) -> tuple[float, tuple[float, float]]:
-    down = np.fft.fftfreq(power.shape[0]) * power.shape[0]
-    right = np.arange(power.shape[1])
-    allowed = np.hypot(down[:, None], right) >= _FEWEST_WAVES
-    power = np.where(allowed, power, 0)
-    i, j = np.unravel_index(np.argmax(power), power.shape)
-    width = 2 * (power.shape[1] - 1)
-    return float(power[i, j]), (float(down[i]) / power.shape[0], float(right[j]) / width)
-
-
-def _refined(images: NDArray[Any], frequency: tuple[float, float], band: int | None) -> tuple[float, float]:
-    """The frequency between those of the discrete transform, by power in the band or in all bands together."""
-    image = images.sum(axis=0) if band is None else images[band]
-    y, x = (np.arange(n) for n in image.shape)
-
-    def power(f: tuple[float, float]) -> float:
-        left, right = np.exp(-2j * np.pi * f[0] * y), np.exp(-2j * np.pi * f[1] * x)
-        return float(np.abs(left @ image @ right) ** 2)
-
-    best, step = frequency, 0.5 / max(image.shape)
-    for _ in range(5):
-        trials = [(best[0] + i * step, best[1] + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        best = max(trials, key=power)
-        step /= 2
-    return best

@@ -66,6 +66,7 @@ class _Image(_Strict):
     kind: Literal["rows", "columns", "cosines", "wave", "bells"]
     order: int = Field(0, ge=0, le=40)
     per_px: tuple[float, float] = (0.0, 0.0)
+    curvature: float = 0.0
     centres: list[tuple[float, float]] = Field(default_factory=list)
     pitch: float = Field(1.0, gt=0)
 
@@ -116,7 +117,11 @@ def _image_record(maps: ImageMaps) -> dict[str, Any]:
     if maps.kind == "cosines":
         return {"kind": maps.kind, "order": maps.order}
     if maps.kind == "wave":
-        return {"kind": maps.kind, "per_px": [float(f) for f in maps.per_px]}
+        return {
+            "kind": maps.kind,
+            "per_px": [float(f) for f in maps.per_px],
+            "curvature": float(maps.curvature),
+        }
     if maps.kind == "bells":
         centres = [_rounded(centre) for centre in maps.centres]
         return {"kind": maps.kind, "pitch": float(maps.pitch), "centres": centres}
@@ -160,7 +165,9 @@ def _image_field(entry: _Field, where: str) -> FittedField:
     if entry.image is None or entry.coefficients is None:
         raise InputError(where, "no image or no coefficients", f"both, as acts = '{entry.acts}' needs them")
     image = entry.image
-    maps = ImageMaps(image.kind, image.order, image.per_px, tuple(image.centres), image.pitch)
+    maps = ImageMaps(
+        image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch
+    )
     times = _times(entry.acts, entry.radius)
     wanted = (len(entry.bands), times * maps.count(entry.size))
     found = (len(entry.coefficients), *{len(row) for row in entry.coefficients})

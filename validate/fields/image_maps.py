@@ -23,13 +23,15 @@ class ImageMaps:
     """A number k of maps over a picture.
 
     kind : "rows" and "columns" (one map each), "cosines" (products with up to ``order`` half waves together), "wave"
-    (cosine and sine of ``per_px``, waves per px downwards and to the right), "bells" (about ``centres``, (x, y) px,
+    (cosine and sine of ``per_px``, waves per px downwards and to the right, and of ``curvature`` times the squared
+    distance from the first pixel, waves per px^2: rings about some centre), "bells" (about ``centres``, (x, y) px,
     ``pitch`` px apart).
     """
 
     kind: Literal["rows", "columns", "cosines", "wave", "bells"]
     order: int = 0
     per_px: tuple[float, float] = (0.0, 0.0)
+    curvature: float = 0.0
     centres: tuple[tuple[float, float], ...] = ()
     pitch: float = 1.0
 
@@ -51,7 +53,8 @@ class ImageMaps:
             return _cosines(shape, self.order)
         if self.kind == "wave":
             y, x = np.indices(shape)
-            phase = 2 * np.pi * (self.per_px[0] * y + self.per_px[1] * x).ravel()
+            waves = self.per_px[0] * y + self.per_px[1] * x + self.curvature * (y**2 + x**2)
+            phase = 2 * np.pi * waves.ravel()
             return np.array([np.cos(phase), np.sin(phase)])
         return _bells(shape, self.centres, self.pitch)
 

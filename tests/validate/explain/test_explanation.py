@@ -98,6 +98,24 @@ def test_a_fringe_in_one_band_is_a_gain_of_that_band():
     assert found.bands == ("b1",)
 
 
+@pytest.mark.parametrize("centre", [(-30.0, 10.0), (35.0, 20.0)])
+def test_rings_in_one_band_are_found_about_any_centre(centre):
+    """Interference between curved faces: the phase grows with the square of the distance."""
+    square = (COLUMNS - centre[0]) ** 2 + (ROWS - centre[1]) ** 2
+    change = np.zeros(SIGNAL.shape)
+    change[1] = 0.02 * SIGNAL[1] * np.cos(0.012 * square + 0.4)
+    found = explain(small_excess(change))
+    assert found.family in ("sensor-gain", "sensor-offset")
+    assert found.words.startswith("rings") and found.bands == ("b1",)
+    assert found.share > 0.7
+
+
+def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
+    """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
+    found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
+    assert found.family == "time-order" and "for a while" in found.words
+
+
 def test_the_explained_change_is_the_cause():
     """The sign too: what is left is noise."""
     cause = SIGNAL * 0.03 * FLOOR * np.cos(COLUMNS / 15)

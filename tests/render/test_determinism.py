@@ -1,0 +1,45 @@
+"""The same seed gives the same bits with one thread or several, and in another process."""
+
+import hashlib
+import subprocess
+import sys
+
+import drjit as dr
+import numpy as np
+import pytest
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.integrators.path_tracer import render_path_tracer
+from cboxlab.render.perturbation.patch_transport import build_patch_transport
+from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.scenes import cornell_box, cornell_camera
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+
+def digest():
+    """Of small pictures by both integrators, and of the exchange that predicts effects."""
+    scene, camera, bands = cornell_box(), cornell_camera(16), np.array([450.0, 650.0])
+    light = solve_light(scene, bands, patch_edge_mm=150.0, patch_samples=256, seed=3)
+    transport = build_patch_transport(light, camera, 64, seed=3)
+    arrays = (
+        gather(light, camera, 16, 2, seed=3).coefficients,
+        render_path_tracer(scene, camera, bands, samples=16, batches=2, seed=3).coefficients,
+        transport.direct,
+        transport.gather.data,
+        transport.gather.indices,
+    )
+    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+
+
+def test_one_thread_in_another_process_changes_no_bit():
+    if dr.thread_count() == 1:
+        pytest.skip("needs more than one core")
+    code = "import drjit; drjit.set_thread_count(1); from test_determinism import digest; print(digest())"
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=__file__.rpartition("/")[0],
+    )
+    assert run.stdout.split()[-1] == digest()
