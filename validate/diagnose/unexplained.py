@@ -40,7 +40,7 @@ def beats(
     """Whether a family alone explains more of the excess of the model as given than the effects that leave chi2_left.
 
     It must do so by more than the errors of the effects' shapes, and of the picture. Levels of bands have no shape in
-    the picture: there evidence is compared with evidence, and effects pay for being chosen from the catalogue.
+    the picture: there both pay for their free numbers, and effects for being chosen from the catalogue.
     """
     if explanation.family == NONE:
         return False
@@ -48,7 +48,8 @@ def beats(
     if explanation.family in LEVELS:
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
         paid = INDISTINGUISHABLE / 2 * numbers + 2 * len(chosen) * float(np.log(len(catalogue())))
-        return explanation.evidence > by_effects - paid + INDISTINGUISHABLE
+        own = _gain(explanation, model, model.residual) - (explanation.gain - explanation.evidence)
+        return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE
     more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
     return explanation.evidence > by_effects + more
 
@@ -64,10 +65,15 @@ def stands_out(
     """
     if explanation.family == NONE or not explanation.sharp:
         return False
+    least = max(least_gain_of(model.whiten(explanation.change), model), _SHAPES_LEAVE * by_effects)
+    seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
+    return seen and _gain(explanation, model, residual) > least
+
+
+def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:
+    """Chi2 that an explanation takes off a residual (n + 11,), errors shared by bands or faces not adjusted."""
     change = model.whiten(explanation.change)
-    gain = 2 * float(change @ residual) - square(change)
-    least = max(least_gain_of(change, model), _SHAPES_LEAVE * by_effects)
-    return explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM) and gain > least
+    return 2 * float(change @ residual) - square(change)
 
 
 def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:

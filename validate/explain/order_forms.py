@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,9 @@ __all__ = ["order_forms"]
 
 #: Repeats of a band differ where their chi2 exceeds this multiple of what noise makes of it.
 _REPEATS_DIFFER = 4.0
+
+#: Lines of the lamp are looked for in up to so many bands together, of the bands that stand out most.
+_MOST_LINES, _LIKELY_LINES = 3, 8
 
 #: One map, 1 everywhere.
 _EVEN = ImageMaps("cosines")
@@ -58,12 +62,12 @@ def order_forms(excess: Excess) -> Iterator[Form]:
     place = (excess.nm - excess.nm.min()) / max(np.ptp(excess.nm), 1e-9)
     waves = np.array([np.cos(np.pi * i * place) for i in (1, 2, 3)]).T
     yield in_lamp("smooth over the wavelength", _shaped(n, waves, 0.0))
-    order = np.argsort(excess.nm)
-    for i in range(bands):
-        yield in_lamp("a line", _shaped(n, np.eye(bands)[:, [i]], 0.0), bands)
-        if i + 1 < bands:
-            pair = np.eye(bands)[:, order[i : i + 2]]
-            yield in_lamp("a line", _shaped(n, pair, 0.0), bands)
+    alone = n.b[:, 0] ** 2 / np.maximum(n.a[:, 0, 0], 1e-300)
+    likely = np.argsort(-alone)[:_LIKELY_LINES]
+    for size in range(1, _MOST_LINES + 1):
+        for some in combinations(np.sort(likely), size):
+            lines = _shaped(n, np.eye(bands)[:, list(some)], 0.0)
+            yield in_lamp("a line" if size == 1 else "lines", lines, comb(bands, size))
     yield in_lamp("free in each band", _shaped(n, np.eye(bands), 0.0))
 
 
