@@ -13,6 +13,7 @@ from cboxlab.scenes.progress import Cancelled
 from rich.text import Text
 
 from ..terminal import command_line, this_run
+from . import batch as commands_batch
 from . import diagnosis as commands_diagnosis
 from . import forward as commands_forward
 from . import hyperspectral as commands_hyperspectral
@@ -34,6 +35,7 @@ app = command_line(
         commands_hyperspectral.hyperspectral,
         commands_measured.compare,
         commands_measured.verify,
+        commands_batch.batch,
         commands_diagnosis.diagnose,
         commands_diagnosis.studio,
         commands_regression.regress,

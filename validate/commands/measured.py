@@ -181,7 +181,7 @@ def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:
 def _print_calibration(calibration: Calibration) -> None:
     from cboxlab.calibration.colour import patch_errors
 
-    from .calibration_rows import calibration_rows, colour_rows, patch_rows
+    from ..report import calibration_rows, colour_rows, patch_rows
 
     table = data_table(
         calibration.capture.manifest.name or calibration.capture.folder.name, "", "value", "± 1 σ", "unit"

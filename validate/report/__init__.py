@@ -2,6 +2,7 @@
 
 from .bands import named_bands
 from .blocks import ReportSection
+from .calibration_rows import calibration_rows, colour_rows, patch_rows
 from .diagnosis import (
     diagnosis_record,
     finding_sentences,
@@ -19,10 +20,13 @@ __all__ = [
     "STYLE",
     "PathStep",
     "ReportSection",
+    "calibration_rows",
     "chi2_by_place",
+    "colour_rows",
     "diagnosis_record",
     "finding_sentences",
     "named_bands",
+    "patch_rows",
     "path_steps",
     "picture_row",
     "ranked_values",

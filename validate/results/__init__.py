@@ -6,7 +6,7 @@ from .diagnosis import DiagnosisResult, diagnose
 from .inputs import ModelLike, as_model
 from .raw_frame import RawFrame, simulate
 from .result import Result
-from .result_manifest import Verification, verify, write_manifest
+from .result_manifest import Verification, is_current, verify, write_manifest
 from .study import Study
 from .validation import ValidationResult, validate
 
@@ -24,6 +24,7 @@ __all__ = [
     "as_model",
     "calibrate",
     "diagnose",
+    "is_current",
     "render",
     "render_file",
     "simulate",

@@ -16,7 +16,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing, this_command
 from cboxlab.scenes.input_files import read_json
 
-__all__ = ["MANIFEST", "Verification", "verify", "write_manifest"]
+__all__ = ["MANIFEST", "Verification", "is_current", "verify", "write_manifest"]
 
 MANIFEST = "manifest.json"
 
@@ -96,6 +96,15 @@ def verify(folder: Path) -> Verification:
     changed, missing = _compared({name: folder / name for name in outputs}, outputs)
     changed_inputs, missing_inputs = _compared({name: Path(name) for name in inputs}, inputs)
     return Verification(len(outputs), len(inputs), changed, missing, changed_inputs, missing_inputs)
+
+
+def is_current(folder: Path, command: str) -> bool:
+    """Whether a folder has the results of a command, and neither they nor their inputs have changed since."""
+    try:
+        content = read_json(folder / MANIFEST, _EXPECTED)
+        return isinstance(content, dict) and content.get("command") == command and verify(folder).sound
+    except InputError:
+        return False
 
 
 def _files(path: Path) -> list[Path]:
