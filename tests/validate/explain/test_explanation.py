@@ -110,6 +110,13 @@ def test_rings_in_one_band_are_found_about_any_centre(centre):
     assert found.share > 0.7
 
 
+def test_a_glow_with_wide_flanks_has_its_place_in_the_corner():
+    away = np.hypot(ROWS - (SIZE - 1), COLUMNS)
+    found = explain(small_excess(np.broadcast_to(40.0 / (1 + (away / 5) ** 2), SIGNAL.shape)))
+    assert found.family == "sensor-offset"
+    assert np.hypot(found.centre_px[0], found.centre_px[1] - (SIZE - 1)) < 0.1 * SIZE
+
+
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
     """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
     found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
