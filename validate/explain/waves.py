@@ -20,6 +20,9 @@ _FEWEST = 3
 #: Highest change of frequency across the picture, waves per px.
 _MOST_CURVED = 0.3
 
+#: Pictures of fewer pixels a side hold no rings that are more than a few waves and not too fine.
+_LEAST_FOR_RINGS = 48
+
 #: Pictures are averaged to at most so many pixels a side to find the rings' curvature.
 _COARSE = 128
 
@@ -33,7 +36,7 @@ def strongest_waves(excess: Excess, operator: NDArray[Any]) -> Iterator[tuple[Im
     shapes = operator * excess.weight
     images = shapes * excess.weighed
     size = np.sum(shapes**2, axis=(1, 2))
-    for rings in (False, True):
+    for rings in (False, True) if min(excess.shape) >= _LEAST_FOR_RINGS else (False,):
         alone = [_strongest(image, rings)[0] / max(s, 1e-30) for image, s in zip(images, size, strict=True)]
         for band in (None, int(np.argmax(alone))):
             image = images.sum(axis=0) if band is None else images[band]
