@@ -28,6 +28,9 @@ PARAMETER_NAMES = (
 #: Each round of the inverse leaves the part of the error by which displacements change over the displacement's length.
 _INVERSION_ROUNDS = 6
 
+#: Accuracy of the radius without distortion, tangent of the field angle.
+_RADIUS_ACCURACY = 1e-15
+
 #: Positions across and down by which cameras are compared, rounds of Gauss-Newton, and its steps of the parameters.
 _GRID, _CLOSEST_ROUNDS, _PARAMETER_STEP = 15, 4, 1e-4
 
@@ -152,10 +155,12 @@ class Camera:
         radius = np.linalg.norm(distorted, axis=-1)
         undistorted = np.where(radius * np.sqrt(max(-27.0 * self.k1, 0.0)) < 2.0, radius, np.nan)
         for _ in range(12):  # Newton on r (1 + k1 r^2) = radius converges quadratically
-            undistorted -= (undistorted * (1 + self.k1 * undistorted**2) - radius) / (
-                1 + 3 * self.k1 * undistorted**2
-            )
+            square = self.k1 * undistorted**2
+            step = (undistorted * (1 + square) - radius) / (1 + 3 * square)
+            undistorted -= step
+            if not np.any(np.abs(step) > _RADIUS_ACCURACY):
+                break
         scale = np.divide(undistorted, radius, out=np.ones_like(radius), where=radius > 0)
         local = np.concatenate([distorted * scale[..., None], np.ones((*radius.shape, 1))], axis=-1)
         world = local @ self.rotation
-        return world / np.linalg.norm(world, axis=-1, keepdims=True)
+        return world / np.sqrt(np.einsum("...i,...i", world, world))[..., None]

@@ -9,7 +9,9 @@ All wavelengths are computed at once: radiance is a sum of products of reflectan
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import pickle
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
@@ -87,7 +89,7 @@ def solve_light(
     edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
     patches = build_patches(tracer, edge)
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
-    exchange = trace_exchange(tracer, lamp, patches, patch_samples, seed=seed ^ 0x5EED)
+    exchange = _exchange(_Places(tracer, lamp, patches, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge)))
     finer = build_patches(tracer, edge, PARTS)
     cut = None if max_bounces is None else max(max_bounces - 1, 1)
     coefficients, indirect = indirect_basis(exchange, patches.material, reflectances, cut)
@@ -103,6 +105,31 @@ def solve_light(
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
         max_bounces=max_bounces,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Places:
+    """The arguments of ``trace_exchange``; equal if only paints and spectra differ."""
+
+    tracer: Tracer = field(compare=False)
+    lamp: LampSampler = field(compare=False)
+    patches: Patches = field(compare=False)
+    samples: int
+    seed: int
+    shape: bytes
+
+
+def _shape_of(tracer: Tracer, edge_mm: float) -> bytes:
+    """All that light exchange between patches depends on: triangles, which of them reflect, the lamp's pattern."""
+    lamp, reflecting = tracer.scene.lamp, tracer.material < tracer.reflectors
+    known = (mi.variant(), edge_mm, tracer.vertices, tracer.surface, reflecting, lamp.edge_ratio, lamp.exponent)
+    return pickle.dumps((known, lamp.pattern))
+
+
+@lru_cache(maxsize=2)
+def _exchange(places: _Places) -> Exchange:
+    """Kept for the last boxes: another paint or spectrum needs no new rays between the patches."""
+    return trace_exchange(places.tracer, places.lamp, places.patches, places.samples, places.seed)
 
 
 def gather(

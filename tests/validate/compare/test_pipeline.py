@@ -14,12 +14,15 @@ from cboxlab.render.chain.bands import render_bands
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
-from cboxlab.scenes import Camera, InputError
+from cboxlab.scenes import Camera, InputError, cornell_box
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.compare.maps import read_map
-from cboxlab.validate.compare.pipeline import validate, validated
+from cboxlab.validate.compare.pipeline import rendered_from, validate, validated
+from cboxlab.validate.diagnose.diagnosis import diagnose, refitted
+from cboxlab.validate.diagnose.hypotheses import hypotheses
+from cboxlab.validate.diagnose.linearised_fit import linearised_fit
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.model.model_file import Model
 from cboxlab.validate.report.write import write_validation
@@ -117,7 +120,7 @@ def distance(camera: Camera, true: Camera) -> float:
 
 def test_a_cache_changes_no_bit_of_a_validation(result, tmp_path):
     """The same input, without a cache, with one that is empty, and with one that holds every picture."""
-    model = Model(render=RenderSettings(noise=2.0))
+    model = Model(render=RenderSettings(noise=4.0))
     runs = [validated(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     first = runs[0]
@@ -142,6 +145,32 @@ def test_noise_explains_a_capture_without_effect(result, truth):
     chi2 = result.comparison.chi2
     assert 0 < allowance < 0.2
     assert abs(chi2.per_dof - 1) < 5 * chi2.per_dof_sigma + allowance
+
+
+def test_nothing_is_missing_where_nothing_is_hidden(result, monkeypatch):
+    """The diagnosis invents no cause. Those in the scene, which take long to screen, do not compete here."""
+    stages = ("camera", "filter", "optics", "counts")
+    monkeypatch.setattr(
+        "cboxlab.validate.diagnose.diagnosis.hypotheses",
+        lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
+    )
+    assert diagnose(result).adequate
+
+
+def test_a_camera_pulled_away_by_pixels_comes_back(result):
+    """From 2 px aside, further than one picture can be warped, to within 0.01 px of the fit from nearby."""
+    near, corners = result.fit.camera, np.concatenate([s.vertices_mm for s in cornell_box().surfaces])
+    aside = near.with_parameters(near.parameters + np.array([0, 0, 0, 1.4, 1.4, 0, 0, 0, 0, 0]))
+    settings = RenderSettings(noise=2.0)
+    there = rendered_from(result.prepared, result.light, aside, settings, ())
+
+    def away(camera):
+        return float(np.sqrt(np.nanmean(np.square(camera.project(corners) - near.project(corners)))))
+
+    assert away(aside) > 2
+    rough = replace(result, model=Model(render=settings))
+    linearised = linearised_fit(result.prepared, replace(there, used=result.rendered.used), ())
+    assert away(refitted(rough, linearised, []).rendered.fit.camera) < 0.01
 
 
 def test_the_true_camera_lies_within_the_survey(result, truth):
