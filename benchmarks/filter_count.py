@@ -34,7 +34,7 @@ def main() -> None:
         )
         for centre in range(400, 701, 10)
     }
-    candidates = unit_factors(CaptureSettings(), 256, filters).responses()
+    candidates = unit_factors(CaptureSettings(filters=filters), 256).responses()
     for name, lamps in (("3200 K", {"3200 K": general_lamps()["3200.0 K"]}), ("nine lamps", general_lamps())):
         print(f"{name}: filters, X Y Z rms %, Delta E*ab mean max, CIEDE2000 mean max, which")
         choices = choose_filters(

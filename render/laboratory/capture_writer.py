@@ -27,7 +27,6 @@ from .photographer import CaptureSettings, FrameHooks, Shot, photograph, pixel_m
 from .survey import survey
 
 __all__ = [
-    "band_filters",
     "sphere_spectrum",
     "toml_table",
     "tungsten_lamp",
@@ -51,23 +50,13 @@ def _curves() -> dict[str, Spectrum]:
     return read_spectra(PACKAGED / "pxl1300l.csv", "zero")
 
 
-@lru_cache
-def band_filters() -> dict[str, Spectrum]:
-    """Transmittances of the seven filters by band, 380 to 720 nm."""
-    return read_spectra(PACKAGED / "pxl1300l-filters.csv", "zero")
-
-
 def unit_factors(
     settings: CaptureSettings,
     width_px: int,
-    filters: Mapping[str, Spectrum] | None = None,
     grid: WavelengthGrid = INTEGRAL_GRID,
 ) -> ResponseFactors:
-    """The bands' responses on ``grid`` for one second, factored: signals come in DN/s.
-
-    filters : other transmittances than band_filters, by band.
-    """
-    filters = band_filters() if filters is None else filters
+    """The bands' responses on ``grid`` for one second, factored: signals come in DN/s."""
+    filters = settings.filters
     rest = rest_curve(_curves()["quantum_efficiency"], _curves()["lens"], grid)
     pitch_um = settings.film_width_mm * 1e3 / width_px
     constant = lens_constant(settings.focal_length_mm, pitch_um, settings.gain_e_per_dn)
@@ -89,14 +78,14 @@ def write_photographs(
 ) -> None:
     """Simulate the frames from expected signals and write the folder; an incomplete folder is removed.
 
-    signals, field : (band, y, x) DN/s of the scene and of the sphere, in the order of band_filters.
+    signals, field : (band, y, x) DN/s of the scene and of the sphere, in the order of the settings' filters.
     sees_lamp : (y, x) pixels ignored in the choice of exposures. camera, scene : used for the survey of the points
     and the measurement of the lamp; the camera is not written. hooks : changes inside the camera. seed : results are
     repeatable.
 
     Raises InputError if the folder is not empty, and if no exposure fits the radiance.
     """
-    bands = tuple(band_filters())
+    bands = tuple(settings.filters)
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
     maps = pixel_maps(camera, settings, streams[0])
     rates = {
@@ -119,15 +108,15 @@ def write_photographs(
     with replacing_folder(folder) as temporary:
         for path, counts in frames.items():
             write_raw(temporary / path, counts)
-        _write_spectra(temporary / "spectra", lamp)
+        _write_spectra(temporary / "spectra", settings.filters, lamp)
         _write_points(temporary / "points.csv", points, image_px)
         text = _manifest(camera, scene.name, settings, shots)
         (temporary / "capture.toml").write_text(text, encoding="utf-8")
 
 
-def _write_spectra(folder: Path, lamp: Spectrum) -> None:
+def _write_spectra(folder: Path, filters: Mapping[str, Spectrum], lamp: Spectrum) -> None:
     folder.mkdir()
-    common, filters = _curves(), band_filters()
+    common = _curves()
     wide = next(iter(filters.values())).wavelength_nm
     tables: tuple[tuple[str, NDArray[np.float64], Mapping[str, Spectrum]], ...] = (
         ("camera", WAVELENGTH_NM, common), ("filters", wide, filters),

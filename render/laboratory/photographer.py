@@ -7,18 +7,20 @@ fall-off, vignetting, pixel sensitivity, bias, dark current, hot pixels, shot an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum, read_spectra
 from numpy.typing import NDArray
 
-from ..sensor import Detector, noisy_counts, quantise
+from ..sensor import PACKAGED, Detector, noisy_counts, quantise
 
 __all__ = [
-    "CaptureSettings", "Frame", "FrameHooks", "PixelMaps", "Shot", "chosen_exposure", "frames_of",
+    "CaptureSettings", "Frame", "FrameHooks", "PixelMaps", "Shot", "band_filters", "chosen_exposure", "frames_of",
     "photograph", "pixel_maps", "plan_shots",
 ]  # fmt: skip
 
@@ -26,6 +28,12 @@ Kind = Literal["band", "dark", "flat", "reference"]
 
 #: Exposure times that can be set, within a decade, s.
 EXPOSURE_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+
+@lru_cache
+def band_filters() -> dict[str, Spectrum]:
+    """Transmittances of the seven filters by band, 380 to 720 nm."""
+    return read_spectra(PACKAGED / "pxl1300l-filters.csv", "zero")
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,7 @@ class CaptureSettings:
         dark current. vignetting : loss in the corner in addition to the cosine-fourth law.
     lamp_relative_uncertainty : one sigma of the scale of the spectroradiometer's reading in lamp.csv.
     filter_change_s : shortest time between the end of one band and the start of the next.
+    filters : transmittances by band, all at the same wavelengths.
     """
 
     name: str = "cornell box"
@@ -65,6 +74,7 @@ class CaptureSettings:
     lamp_relative_uncertainty: float = 0.02
     point_count: int = 50
     point_sigma_px: float = 0.15
+    filters: Mapping[str, Spectrum] = field(default_factory=band_filters)
 
     @property
     def full_scale_dn(self) -> int:

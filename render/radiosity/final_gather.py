@@ -89,7 +89,9 @@ def solve_light(
     edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
     patches = build_patches(tracer, edge)
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
-    exchange = _exchange(_Places(tracer, lamp, patches, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge)))
+    exchange = _exchange(
+        _Places(tracer, lamp, patches, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
+    )
     finer = build_patches(tracer, edge, PARTS)
     cut = None if max_bounces is None else max(max_bounces - 1, 1)
     coefficients, indirect = indirect_basis(exchange, patches.material, reflectances, cut)
@@ -122,7 +124,15 @@ class _Places:
 def _shape_of(tracer: Tracer, edge_mm: float) -> bytes:
     """All that light exchange between patches depends on: triangles, which of them reflect, the lamp's pattern."""
     lamp, reflecting = tracer.scene.lamp, tracer.material < tracer.reflectors
-    known = (mi.variant(), edge_mm, tracer.vertices, tracer.surface, reflecting, lamp.edge_ratio, lamp.exponent)
+    known = (
+        mi.variant(),
+        edge_mm,
+        tracer.vertices,
+        tracer.surface,
+        reflecting,
+        lamp.edge_ratio,
+        lamp.exponent,
+    )
     return pickle.dumps((known, lamp.pattern))
 
 

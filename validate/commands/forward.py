@@ -210,20 +210,21 @@ def _drawn(
     settings: CaptureSettings, seed: int,
 ) -> AppliedEffect:  # fmt: skip
     """A random effect of the requested strength. Raises InputError if the named effects cannot have it."""
-    from ..synthetic import STRENGTHS, at_strength, draw_effect, scale_of
+    from ..synthetic import STRENGTHS, at_strength, draw_effect, photographed_scene, scale_of
 
+    scene, bands = photographed_scene(model), tuple(settings.filters)
     if strength is None:
-        return draw_effect(generator, names)
+        return draw_effect(generator, scene, bands, names)
     if strength not in STRENGTHS:
         raise InputError("--strength", repr(strength), f"one of {', '.join(STRENGTHS)}")
-    first = draw_effect(generator, names)
+    first = draw_effect(generator, scene, bands, names)
     with bar("computing strengths"):
         scale = scale_of(model, camera, settings, seed)
         for _ in range(_DRAWS):
             found = at_strength(first, STRENGTHS[strength], scale)
             if found is not None:
                 return found
-            first = draw_effect(generator, names)
+            first = draw_effect(generator, scene, bands, names)
     raise InputError(
         "--strength", f"'{strength}', which {first.id} does not reach", "a weaker one, or another effect"
     )

@@ -22,8 +22,9 @@ from cboxlab.scenes.faults import suggestion
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.input_files import read_json, read_text
+from cboxlab.scenes.scene import Scene
 
-from ..effects import AppliedEffect, Effect, Parameter, apply_checked, catalogue
+from ..effects import AppliedEffect, Effect, Kind, Parameter, apply_checked, catalogue, names_in
 
 __all__ = ["Answer", "EffectScore", "Score", "draw_effect", "open_seal", "read_diagnosis", "score", "seal"]
 
@@ -50,22 +51,25 @@ class Answer(OwnMappings):
     sha256: str = ""
 
 
-def draw_effect(generator: np.random.Generator, allowed: Sequence[str] = ()) -> AppliedEffect:
-    """A random effect of the catalogue with random parameters. allowed : identifiers; all if empty.
+def draw_effect(
+    generator: np.random.Generator, scene: Scene, bands: tuple[str, ...], allowed: Sequence[str] = ()
+) -> AppliedEffect:
+    """A random effect of the catalogue with random parameters, in a scene seen in these bands.
 
-    Effects of the settings (which a model with truncated interreflection lacks) are drawn only if they are named, with
-    their default parameters.
+    allowed : identifiers; all if empty. Effects of the settings (which a model with truncated interreflection lacks)
+    are drawn only if they are named, with their default parameters.
 
     A number is drawn at the distance step * 10^U from its null value, in the coordinate of its scale, with U uniform
     from 0 to log10(STRONGEST_STEPS), on either side within its bounds. A number without null value is drawn uniformly
-    between its bounds. Names are drawn uniformly.
-    Raises InputError for an unknown identifier, and for an effect that a capture cannot contain.
+    between its bounds. Names are drawn uniformly from those in the scene and of the bands.
+    Raises InputError for an unknown identifier, an effect that a capture cannot contain, and one on what is not there.
     """
-    known = catalogue()
+    present = names_in(scene, bands)
     possible = {
-        name: effect
-        for name, effect in known.items()
-        if effect.stage in PHOTOGRAPHED or (name in allowed and effect.stage == "settings")
+        name: effect.within(scene)
+        for name, effect in catalogue().items()
+        if (effect.stage in PHOTOGRAPHED or (name in allowed and effect.stage == "settings"))
+        and all(present[p.kind] for p in effect.parameters if p.kind)
     }
     for name in allowed:
         if name not in possible:
@@ -74,12 +78,14 @@ def draw_effect(generator: np.random.Generator, allowed: Sequence[str] = ()) -> 
     effect = possible[str(generator.choice(sorted(allowed or possible)))]
     if effect.stage == "settings":
         return apply_checked(effect.id, {}, "effects")
-    return AppliedEffect(effect, {p.name: _drawn(p, generator) for p in effect.parameters})
+    return AppliedEffect(effect, {p.name: _drawn(p, present, generator) for p in effect.parameters})
 
 
-def _drawn(parameter: Parameter, generator: np.random.Generator) -> str | float:
+def _drawn(
+    parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator
+) -> str | float:
     if parameter.choices:
-        return str(generator.choice(parameter.choices))
+        return str(generator.choice(present[parameter.kind] if parameter.kind else parameter.choices))
     distance = parameter.step * 10 ** generator.uniform(0, np.log10(STRONGEST_STEPS))
     sign = generator.choice([-1.0, 1.0])
     low, high = parameter.coordinate_bounds

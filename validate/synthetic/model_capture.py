@@ -29,7 +29,6 @@ from cboxlab.render.laboratory import (
     CaptureSettings,
     Frame,
     FrameHooks,
-    band_filters,
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
@@ -202,7 +201,7 @@ def excess_of_render(image: RenderedImage, settings: CaptureSettings) -> float:
     The error is the same in every frame, so that no repeat shows it. Noise of flats and darks lowers the excess.
     image : on WAVELENGTH_NM, with several batches. The frames' noise is shot and read noise at the planned exposures.
     """
-    weights = np.stack([curve.at(image.wavelength_nm) for curve in band_filters().values()], axis=1)
+    weights = np.stack([curve.at(image.wavelength_nm) for curve in settings.filters.values()], axis=1)
     mean, variance = (part[~image.sees_lamp] for part in image.project(weights))
     full = settings.level * settings.full_scale_dn * settings.gain_e_per_dn
     electrons = full * mean / np.percentile(mean, 99.5, axis=0)

@@ -10,6 +10,8 @@ from cboxlab.render.laboratory import CaptureSettings
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
 
+from ..effects import names_in
+
 __all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
 
 #: Standard deviations of the blocks' positions and rotations, too small for a diagnosis to detect.
@@ -42,17 +44,20 @@ class BlockOffset(NamedTuple):
     yaw_deg: float
 
 
-def block_offsets(seed: int) -> dict[str, BlockOffset]:
-    """Random offset of each block from its surveyed position, repeatable by ``seed``."""
+def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
+    """Random offset of each block of a scene from its surveyed position, repeatable by ``seed``."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
     scatter = np.array([_BLOCK_MM, _BLOCK_MM, _BLOCK_DEG])
-    return {block: BlockOffset(*map(float, scatter * draw.standard_normal(3))) for block in ("short", "tall")}
+    return {
+        block: BlockOffset(*map(float, scatter * draw.standard_normal(3)))
+        for block in names_in(scene)["block"]
+    }
 
 
 def settled(scene: Scene, seed: int) -> Scene:
     """The scene with its blocks at random offsets from their surveyed positions, repeatable by ``seed``."""
     surfaces = {surface.name: surface for surface in scene.surfaces}
-    for block, offset in block_offsets(seed).items():
-        if found := surfaces.get(f"{block}-block"):
-            surfaces[found.name] = replace(found, vertices_mm=moved_on_floor(found.vertices_mm, *offset))
+    for block, offset in block_offsets(scene, seed).items():
+        found = surfaces[f"{block}-block"]
+        surfaces[found.name] = replace(found, vertices_mm=moved_on_floor(found.vertices_mm, *offset))
     return replace(scene, surfaces=tuple(surfaces.values()))

@@ -9,7 +9,6 @@ from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.render.chain.bands import render_bands
 from cboxlab.render.image.image import RenderedImage
 from cboxlab.render.laboratory.capture_writer import (
-    band_filters,
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
@@ -20,6 +19,7 @@ from cboxlab.render.laboratory.photographer import (
     CaptureSettings,
     FrameHooks,
     Shot,
+    band_filters,
     chosen_exposure,
     frames_of,
     pixel_maps,

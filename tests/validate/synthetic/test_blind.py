@@ -5,9 +5,13 @@ import json
 import numpy as np
 import pytest
 from cboxlab.render.chain.stages import PHOTOGRAPHED
-from cboxlab.scenes import InputError
+from cboxlab.render.laboratory import band_filters
+from cboxlab.scenes import InputError, cornell_box
 from cboxlab.validate.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.validate.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
+from helpers.boxes import box_with_lamp
+
+BANDS = tuple(band_filters())
 
 
 @pytest.fixture
@@ -103,7 +107,7 @@ def test_a_capture_without_a_seal_is_named(tmp_path):
 
 def test_drawn_effects_are_physical_and_never_nothing():
     generator = np.random.default_rng(0)
-    drawn = [draw_effect(generator) for _ in range(400)]
+    drawn = [draw_effect(generator, cornell_box(), BANDS) for _ in range(400)]
     possible = {name for name, effect in catalogue().items() if effect.stage in PHOTOGRAPHED}
     # Each of n effects misses 400 draws with probability (1 - 1/n)^400, below 1e-5 for n up to 35.
     assert {effect.id for effect in drawn} == possible
@@ -113,11 +117,24 @@ def test_drawn_effects_are_physical_and_never_nothing():
         assert all(effect.values[p.name] != p.null for p in numbers)
 
 
+def test_effects_are_drawn_on_what_the_box_and_the_capture_hold():
+    box, generator = box_with_lamp(0.5), np.random.default_rng(1)
+    drawn = [draw_effect(generator, box, ("g1", "g2")) for _ in range(300)]
+    assert {effect.values["material"] for effect in drawn if "material" in effect.values} == {"grey"}
+    assert {effect.values["band"] for effect in drawn if "band" in effect.values} == {"g1", "g2"}
+    assert not any("block" in effect.values for effect in drawn)
+    with pytest.raises(InputError, match="block-"):
+        draw_effect(generator, box, ("g1", "g2"), ["block-pose"])
+
+
 def test_only_allowed_effects_are_drawn():
     generator = np.random.default_rng(0)
-    assert {draw_effect(generator, ["ghost", "smear"]).id for _ in range(50)} == {"ghost", "smear"}
+    assert {draw_effect(generator, cornell_box(), BANDS, ["ghost", "smear"]).id for _ in range(50)} == {
+        "ghost",
+        "smear",
+    }
     with pytest.raises(InputError, match=r"'gohst'.*did you mean 'ghost'"):
-        draw_effect(generator, ["gohst"])
+        draw_effect(generator, cornell_box(), BANDS, ["gohst"])
 
 
 HIDDEN = Answer((("veiling-glare", {"fraction": 0.01}),), "")

@@ -17,12 +17,11 @@ from cboxlab.render.chain.sensing import Sensing
 from cboxlab.render.chain.stages import after_stage, stages_between
 from cboxlab.render.image.image import RenderedImage
 from cboxlab.render.laboratory.capture_writer import (
-    band_filters,
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
 )
-from cboxlab.render.laboratory.photographer import CaptureSettings, Frame, pixel_maps
+from cboxlab.render.laboratory.photographer import CaptureSettings, Frame, band_filters, pixel_maps
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.validate.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.validate.synthetic.model_capture import perturbed_camera, photographed_light

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
-from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.render.laboratory import CaptureSettings, band_filters
 from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -16,6 +16,8 @@ from cboxlab.validate.predict.transported import transported
 from cboxlab.validate.synthetic.blind import draw_effect
 from cboxlab.validate.synthetic.strengths import at_strength, scale_of
 from cboxlab.validate.synthetic.varied import settled, varied_settings
+
+BANDS = tuple(band_filters())
 
 
 def test_the_distance_from_null_is_scaled_until_the_strength_is_reached():
@@ -53,10 +55,12 @@ def test_an_index_is_scaled_in_the_square_of_its_inverse():
 
 def test_interreflection_is_drawn_only_where_it_is_named():
     generator = np.random.default_rng(0)
-    drawn = {draw_effect(generator).id for _ in range(300)}
+    drawn = {draw_effect(generator, cornell_box(), BANDS).id for _ in range(300)}
     assert "interreflection" not in drawn
     assert {"gloss", "haze", "fluorescence", "rough-diffuse", "ambient-light"} <= drawn
-    assert draw_effect(generator, ("interreflection",)).values == {"max_bounces": np.inf}
+    assert draw_effect(generator, cornell_box(), BANDS, ("interreflection",)).values == {
+        "max_bounces": np.inf
+    }
 
 
 def test_laboratories_vary_by_seed_and_repeat():
