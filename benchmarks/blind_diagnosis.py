@@ -2,9 +2,10 @@
 
 Four laboratories take turns, each with its own camera, detector, exposures and survey, and with blocks that stand a
 little beside where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
-by itself at every strength (chi2 per sample of 0.06, 1 and 8), pairs of effects, nothing at all, and effects that the
-catalogue does not hold. Finished captures are kept in --results (JSON lines), so that an interrupted run goes on where
-it stopped; --part K/N does a share of the set. The last line printed with --json is one JSON object.
+by itself at every strength (chi2 per sample of 0.06, 1 and 8), pairs and triples of effects, nothing at all, and
+effects that the catalogue does not hold. --boxes and --instruments take turns through those of ``blind_places``.
+Finished captures are kept in --results (JSON lines), so that an interrupted run goes on where it stopped; --part K/N
+does a share of the set. The last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -25,12 +26,15 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from blind_places import BOXES, INSTRUMENTS, scene_of
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.chain.stages import PHOTOGRAPHED, stages_between
 from cboxlab.render.image.image import RenderedImage
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.compare.pipeline import validate
 from cboxlab.validate.diagnose.diagnosis import Diagnosis, diagnose
@@ -44,7 +48,7 @@ from cboxlab.validate.synthetic.model_capture import (
     write_model_capture,
 )
 from cboxlab.validate.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
-from cboxlab.validate.synthetic.varied import block_offsets, settled, varied_settings
+from cboxlab.validate.synthetic.varied import BlockOffset, block_offsets, settled, varied_settings
 from outside_effects import OUTSIDE
 
 _DRAWS = 8
@@ -69,6 +73,8 @@ class Case:
     names: tuple[str, ...]
     strength: str
     seed: int
+    box: str = "published"
+    instrument: str = "plain"
 
     @property
     def laboratory(self) -> int:
@@ -78,7 +84,7 @@ class Case:
     @property
     def key(self) -> str:
         """Names the capture in the results."""
-        return f"{self.kind}:{'+'.join(self.names)}:{self.strength}:{self.seed}"
+        return f"{self.kind}:{'+'.join(self.names)}:{self.strength}:{self.seed}:{self.box}:{self.instrument}"
 
 
 def cases(options: argparse.Namespace) -> list[Case]:
@@ -90,63 +96,103 @@ def cases(options: argparse.Namespace) -> list[Case]:
         found.append(Case("single", (name,), strength, options.first_seed + len(found)))
     generator = np.random.default_rng(options.first_seed)
     able = [name for name in names if catalogue()[name].stage != "settings"]
-    for index in range(options.pairs):
-        pair = tuple(str(name) for name in generator.choice(able, 2, replace=False))
-        found.append(Case("pair", pair, "medium", options.first_seed + 1000 + index))
+    for kind, count, number, first in (
+        ("pair", options.pairs, 2, 1000),
+        ("triple", options.triples, 3, 4000),
+    ):
+        for index in range(count):
+            several = tuple(str(name) for name in generator.choice(able, number, replace=False))
+            found.append(Case(kind, several, "medium", options.first_seed + first + index))
     found += [Case("none", (), "", options.first_seed + 2000 + index) for index in range(options.nones)]
     for index in range(options.outside):
         name = [*OUTSIDE][index % len(OUTSIDE)]
         strength = ("medium", "strong")[(index // len(OUTSIDE)) % 2]
         found.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
-    return found
+    places = [*product(options.boxes.split(","), options.instruments.split(","))]
+    turns = np.random.default_rng(options.first_seed + 1).permutation(len(places))
+    return [
+        replace(case, box=places[turns[i % len(turns)]][0], instrument=places[turns[i % len(turns)]][1])
+        for i, case in enumerate(found)
+    ]
 
 
-def drawn(name: str, strength: str, generator: np.random.Generator, scale: Scale) -> AppliedEffect | None:
+def drawn(
+    name: str,
+    strength: str,
+    generator: np.random.Generator,
+    scale: Scale,
+    scene: Scene,
+    bands: tuple[str, ...],
+) -> AppliedEffect | None:
     """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
     for _ in range(_DRAWS):
         if name in OUTSIDE:
             place = {"row": float(generator.uniform()), "column": float(generator.uniform())}
             trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **place})
         else:
-            trial = draw_effect(generator, (name,))
+            try:
+                trial = draw_effect(generator, scene, bands, (name,))
+            except InputError:  # on a block, in a box without any
+                return None
         found = at_strength(trial, STRENGTHS[strength], scale)
         if found is not None:
             return found
     return None
 
 
-@cache
-def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scale]:
-    """A camera, the rest of the laboratory, and how strong effects are in it."""
-    camera, settings = perturbed_camera(128, seed), varied_settings(seed)
-    return camera, settings, scale_of(Model(), camera, settings, seed)
+@dataclass(frozen=True)
+class Laboratory:
+    """A box, a camera, the rest of the laboratory, and how strong effects are in it."""
+
+    model: Model
+    scene: Scene
+    camera: Camera
+    settings: CaptureSettings
+    scale: Scale
 
 
 @cache
-def picture(seed: int, max_bounces: int | None) -> RenderedImage:
+def laboratory(seed: int, box: str, instrument: str) -> Laboratory:
+    """Repeatable by ``seed``. box, instrument : of ``blind_places``."""
+    size, changed = INSTRUMENTS[instrument]
+    model = Model(scene_of(box))
+    camera, settings = perturbed_camera(size, seed), changed(varied_settings(seed))
+    return Laboratory(
+        model, photographed_scene(model), camera, settings, scale_of(model, camera, settings, seed)
+    )
+
+
+@cache
+def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
-    box = settled(photographed_scene(Model()), seed)
+    place = laboratory(seed, box, instrument)
     return render_to_precision(
-        box, perturbed_camera(128, seed), WAVELENGTH_NM, _PICTURE_ERROR, max_bounces=max_bounces, seed=seed
+        settled(place.scene, seed),
+        place.camera,
+        WAVELENGTH_NM,
+        _PICTURE_ERROR,
+        max_bounces=max_bounces,
+        seed=seed,
     )
 
 
 def run(case: Case) -> dict[str, Any] | None:
     """Make one capture, diagnose it, and score the answer; None where the effect cannot be so strong."""
     generator = np.random.default_rng([case.seed, len(case.key)])
-    camera, settings, scale = laboratory(case.laboratory)
-    model = Model(render=RenderSettings(seed=case.seed))
-    given, effects, bounces = Model(), [], None
+    place = laboratory(case.laboratory, case.box, case.instrument)
+    model = replace(place.model, render=RenderSettings(seed=case.seed))
+    bands = tuple(place.settings.filters)
+    given, effects, bounces = place.model, [], None
     truncating = [
         catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"
     ]
     if truncating:
-        given = Model(render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
+        given = replace(given, render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
         effects = [AppliedEffect(truncating[0], {p.name: np.inf for p in truncating[0].parameters})]
         bounces = effects[0].apply(given.render).max_bounces
     elif case.names:
         for name in case.names:
-            one = drawn(name, case.strength, generator, scale)
+            one = drawn(name, case.strength, generator, place.scale, place.scene, bands)
             if one is None:
                 return None
             effects.append(one)
@@ -154,12 +200,14 @@ def run(case: Case) -> dict[str, Any] | None:
         path = Path(folder) / "capture"
         inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
         if all(e.stage in _AFTER_THE_PICTURE for e in inside):
-            image, scene = picture(case.laboratory, bounces), photographed_scene(model)
-            box = settled(scene, case.laboratory)
-            photograph_image(path, image, inside, box, scene, camera, settings=settings, seed=case.seed)
+            image = picture(case.laboratory, case.box, case.instrument, bounces)
+            box = settled(place.scene, case.laboratory)
+            photograph_image(
+                path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed
+            )
         else:
             write_model_capture(
-                path, replace(model, effects=inside), camera, settings, case.seed,
+                path, replace(model, effects=inside), place.camera, place.settings, case.seed,
                 relative_error=_PICTURE_ERROR, box=lambda scene: settled(scene, case.laboratory),
             )  # fmt: skip
         start = time.perf_counter()
@@ -168,6 +216,8 @@ def run(case: Case) -> dict[str, Any] | None:
     return {
         "key": case.key,
         "kind": case.kind,
+        "box": case.box,
+        "instrument": case.instrument,
         "strength": case.strength,
         "truth": {e.id: dict(e.values) for e in effects},
         "selected": list(diagnosis.selected),
@@ -177,14 +227,18 @@ def run(case: Case) -> dict[str, Any] | None:
         "probability": diagnosis.ranking[0].probability,
         "best_gain": diagnosis.chi2_per_dof - min(r.chi2_per_dof for r in diagnosis.ranking),
         "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},
-        "parameters_right": _parameters_right(effects, diagnosis, case.laboratory),
+        "parameters_right": _parameters_right(
+            effects, diagnosis, block_offsets(place.scene, case.laboratory)
+        ),
         "chi2_per_dof": diagnosis.chi2_per_dof,
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "seconds": seconds,
     }
 
 
-def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis, laboratory: int) -> list[bool]:
+def _parameters_right(
+    effects: Sequence[AppliedEffect], diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]
+) -> list[bool]:
     """For every number of an effect that was found, whether it is close to the truth or within its stated error.
 
     A block that was moved stands where it had settled, and as much further as it was moved.
@@ -195,7 +249,7 @@ def _parameters_right(effects: Sequence[AppliedEffect], diagnosis: Diagnosis, la
             if answer.id != truth.id or truth.id not in catalogue():
                 continue
             for p in truth.effect.numbers:
-                beside = getattr(block_offsets(laboratory).get(str(truth.values.get("block"))), p.name, 0.0)
+                beside = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
                 true, found = float(truth.values[p.name]) + beside, float(answer.values[p.name])
                 if not (np.isfinite(true) and np.isfinite(found)):
                     continue
@@ -211,7 +265,7 @@ def named(row: dict[str, Any]) -> bool:
         return not row["selected"]
     if row["kind"] == "outside":
         return row["selected"][:1] == ["unknown"]
-    if row["kind"] == "pair":
+    if row["kind"] in ("pair", "triple"):
         return all(name in _with_groups(row, row["selected"]) for name in row["truth"])
     return bool(set(row["truth"]) & _with_groups(row, row["selected"][:1]))
 
@@ -235,10 +289,17 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "none_right": share([r for r in rows if r["kind"] == "none"]),
         "outside_unknown": share([r for r in rows if r["kind"] == "outside"]),
         "pairs_both": share([r for r in rows if r["kind"] == "pair"]),
+        "triples_all": share([r for r in rows if r["kind"] == "triple"]),
+        **{f"box {b}": share([r for r in rows if r["box"] == b]) for b in sorted({r["box"] for r in rows})},
+        **{
+            f"instrument {i}": share([r for r in rows if r["instrument"] == i])
+            for i in sorted({r["instrument"] for r in rows})
+        },
         "parameters_right": [float(np.mean(numbers)) if numbers else float("nan"), len(numbers)],
         "mean_group": float(np.mean(sizes)) if sizes else float("nan"),
         "median_seconds": float(np.median([r["seconds"] for r in rows])),
         "reliability": reliability(singles),
+        "log_loss": log_loss(singles),
     }
 
 
@@ -252,6 +313,14 @@ def reliability(rows: list[dict[str, Any]]) -> list[dict[str, float]]:
             stated = float(np.mean([r["probability"] for r in inside]))
             table.append({"stated": stated, "right": float(np.mean(right)), "captures": len(inside)})
     return table
+
+
+def log_loss(rows: list[dict[str, Any]]) -> float:
+    """Mean of -log(probability stated for what came true, the first answer or any other), nats."""
+    told = [r for r in rows if r["selected"]]
+    right = [r["first"] in r["truth"] for r in told]
+    stated = [r["probability"] if yes else 1 - r["probability"] for r, yes in zip(told, right, strict=True)]
+    return float(-np.mean(np.log(np.maximum(stated, 1e-3)))) if told else float("nan")
 
 
 def print_tables(rows: list[dict[str, Any]]) -> None:
@@ -274,9 +343,12 @@ def main() -> None:
     parser.add_argument("--strengths", default=",".join(STRENGTHS))
     parser.add_argument("--seeds", type=int, default=1, help="captures of each effect and strength")
     parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--triples", type=int, default=10)
     parser.add_argument("--nones", type=int, default=10)
     parser.add_argument("--outside", type=int, default=12)
     parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("--boxes", default="published", help=f"of {', '.join(BOXES)}")
+    parser.add_argument("--instruments", default="plain", help=f"of {', '.join(INSTRUMENTS)}")
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--results", type=Path, default=Path("blind-results.jsonl"))
     parser.add_argument("--json", action="store_true")

@@ -27,6 +27,7 @@ from cboxlab.validate.diagnose import Diagnosis, diagnose
 from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validate.synthetic.model_capture import photographed_scene
 from cboxlab.validate.synthetic.strengths import scale_of
 
 SIZE_PX = 128
@@ -64,7 +65,8 @@ def _case(
 ) -> bool:
     camera, settings = perturbed_camera(SIZE_PX, seed), CaptureSettings()
     scale = scale_of(Model(), camera, settings, seed)
-    effect = drawn(truth, strength, np.random.default_rng(seed), scale)
+    box, bands = photographed_scene(Model()), tuple(settings.filters)
+    effect = drawn(truth, strength, np.random.default_rng(seed), scale, box, bands)
     if effect is None:
         print(f"{truth}: cannot be so strong", flush=True)
         return True

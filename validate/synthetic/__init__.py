@@ -1,7 +1,7 @@
 """Synthetic captures of a model: open ones, and blind ones with a sealed answer."""
 
 from .blind import Answer, Score, draw_effect, open_seal, read_diagnosis, score, seal
-from .model_capture import perturbed_camera, write_model_capture
+from .model_capture import perturbed_camera, photographed_scene, write_model_capture
 from .strengths import STRENGTHS, at_strength, scale_of
 from .varied import settled, varied_settings
 
@@ -13,6 +13,7 @@ __all__ = [
     "draw_effect",
     "open_seal",
     "perturbed_camera",
+    "photographed_scene",
     "read_diagnosis",
     "scale_of",
     "score",
