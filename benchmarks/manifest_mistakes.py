@@ -130,24 +130,24 @@ def _rows(get: Callable[[Draft], str | None], change: Callable) -> Callable:
     return lambda d, rng: d.rows(get(d), change)
 
 
-def _efficiency(d: Draft) -> str | None:
+def efficiency_of(d: Draft) -> str | None:
     found = d.manifest["camera"].get("quantum_efficiency")
     return found[0] if isinstance(found, list) else found
 
 
-def _lens(d: Draft) -> str | None:
+def lens_of(d: Draft) -> str | None:
     return d.manifest.get("lens", {}).get("transmittance")
 
 
-def _lamp(d: Draft) -> str | None:
+def lamp_of(d: Draft) -> str | None:
     return d.manifest.get("lamp", {}).get("radiance")
 
 
-def _sphere(d: Draft) -> str | None:
+def sphere_of(d: Draft) -> str | None:
     return d.tables("reference")[0]["radiance"]
 
 
-def _filters(d: Draft) -> list[str | None]:
+def filters_of(d: Draft) -> list[str | None]:
     return [table.get("transmittance") for table in d.tables("band")]
 
 
@@ -156,53 +156,57 @@ def _nm(factor: float) -> Callable[[NDArray], NDArray]:
 
 
 for _name, _make, _pattern in (
-    ("filter transmittances in per cent", _spectrum(_filters, lambda y: 100 * y), r"per cent"),
+    ("filter transmittances in per cent", _spectrum(filters_of, lambda y: 100 * y), r"per cent"),
     (
         "one filter's transmittance in per cent",
-        _spectrum(lambda d: _filters(d)[2:3], lambda y: 100 * y),
+        _spectrum(lambda d: filters_of(d)[2:3], lambda y: 100 * y),
         r"per cent",
     ),
-    ("quantum efficiency in per cent", _spectrum(lambda d: [_efficiency(d)], lambda y: 100 * y), r"per cent"),
-    ("lens transmittance in per cent", _spectrum(lambda d: [_lens(d)], lambda y: 100 * y), r"per cent"),
+    (
+        "quantum efficiency in per cent",
+        _spectrum(lambda d: [efficiency_of(d)], lambda y: 100 * y),
+        r"per cent",
+    ),
+    ("lens transmittance in per cent", _spectrum(lambda d: [lens_of(d)], lambda y: 100 * y), r"per cent"),
     (
         "lens transmittance above 1",
-        _spectrum(lambda d: [_lens(d)], lambda y: 1.15 * y / y.max()),
+        _spectrum(lambda d: [lens_of(d)], lambda y: 1.15 * y / y.max()),
         r"above 1|within 0",
     ),
     (
         "sphere a thousand times too bright",
-        _spectrum(lambda d: [_sphere(d)], lambda y: 1e3 * y),
+        _spectrum(lambda d: [sphere_of(d)], lambda y: 1e3 * y),
         r"thousand|reference",
     ),
     (
         "sphere in photometric units",
-        _spectrum(lambda d: [_sphere(d)], lambda y: 683 * y),
+        _spectrum(lambda d: [sphere_of(d)], lambda y: 683 * y),
         r"photometric|reference",
     ),
     (
         "sphere's irradiance for its radiance",
-        _spectrum(lambda d: [_sphere(d)], lambda y: np.pi * y),
+        _spectrum(lambda d: [sphere_of(d)], lambda y: np.pi * y),
         r"pi|reference",
     ),
     (
         "sphere's flux for its radiance",
-        _spectrum(lambda d: [_sphere(d)], lambda y: 4 * np.pi * y),
+        _spectrum(lambda d: [sphere_of(d)], lambda y: 4 * np.pi * y),
         r"4 pi|reference",
     ),
-    ("lamp per micrometre", _spectrum(lambda d: [_lamp(d)], lambda y: 1e3 * y), r"lamp"),
-    ("lamp's irradiance per cm^2", _spectrum(lambda d: [_lamp(d)], lambda y: 1e-4 * y), r"lamp"),
-    ("lamp table in micrometres", _rows(_lamp, _nm(1e-3)), r"micromet"),
-    ("lamp table in angstroms", _rows(_lamp, _nm(10.0)), r"angstrom"),
-    ("filter table in micrometres", _rows(lambda d: _filters(d)[0], _nm(1e-3)), r"micromet"),
-    ("camera table in angstroms", _rows(_efficiency, _nm(10.0)), r"angstrom"),
-    ("lamp table cut at 600 nm", _rows(_lamp, lambda t: t[t[:, 0] <= 600]), r"cut|cover"),
-    ("camera table from 450 nm on", _rows(_efficiency, lambda t: t[t[:, 0] >= 450]), r"cut|cover"),
+    ("lamp per micrometre", _spectrum(lambda d: [lamp_of(d)], lambda y: 1e3 * y), r"lamp"),
+    ("lamp's irradiance per cm^2", _spectrum(lambda d: [lamp_of(d)], lambda y: 1e-4 * y), r"lamp"),
+    ("lamp table in micrometres", _rows(lamp_of, _nm(1e-3)), r"micromet"),
+    ("lamp table in angstroms", _rows(lamp_of, _nm(10.0)), r"angstrom"),
+    ("filter table in micrometres", _rows(lambda d: filters_of(d)[0], _nm(1e-3)), r"micromet"),
+    ("camera table in angstroms", _rows(efficiency_of, _nm(10.0)), r"angstrom"),
+    ("lamp table cut at 600 nm", _rows(lamp_of, lambda t: t[t[:, 0] <= 600]), r"cut|cover"),
+    ("camera table from 450 nm on", _rows(efficiency_of, lambda t: t[t[:, 0] >= 450]), r"cut|cover"),
     (
         "filter table cut at 600 nm",
-        _rows(lambda d: _filters(d)[0], lambda t: t[t[:, 0] <= 600]),
+        _rows(lambda d: filters_of(d)[0], lambda t: t[t[:, 0] <= 600]),
         r"cut|cover",
     ),
-    ("wavelengths descending", _rows(_lamp, lambda t: t[::-1]), r"ascending"),
+    ("wavelengths descending", _rows(lamp_of, lambda t: t[::-1]), r"ascending"),
 ):
     MISTAKES.append(Mistake(_name, _make, _pattern))
 
@@ -231,4 +235,4 @@ def _(d: Draft, rng: np.random.Generator) -> None:
 def _(d: Draft, rng: np.random.Generator) -> None:
     if "lamp" not in d.manifest:
         raise Unsuitable
-    d.manifest["lamp"]["radiance"] = _sphere(d)
+    d.manifest["lamp"]["radiance"] = sphere_of(d)

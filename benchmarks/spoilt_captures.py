@@ -2,10 +2,11 @@
 
     python benchmarks/spoilt_captures.py CAPTURE... [--sound FOLDER] [--only PATTERN] [--json F]
 
-Each capture is copied and spoilt in the ways of ``manifest_mistakes.py`` and ``frame_mistakes.py``, calibrated from its
-files as ``cbox calibrate`` does it, and counted as named where a suspicion, or the refusal, matches what the mistake
-expects. --sound : a folder of sound captures, each of which should raise no suspicion. The table has a row for each
-mistake, a column for each capture: named (+), another suspicion (~), missed (-), not applicable (blank).
+Each capture is copied and spoilt in the ways of ``manifest_mistakes.py``, ``frame_mistakes.py`` and
+``further_mistakes.py``, calibrated from its files as ``cbox calibrate`` does it, and counted as named where a
+suspicion, or the refusal, matches what the mistake expects. --sound : a folder of sound captures, each of which should
+raise no suspicion. The table has a row for each mistake, a column for each capture: named (+), another suspicion (~),
+missed (-), not applicable (blank).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import frame_mistakes  # noqa: F401  (fills the list)
+import further_mistakes  # noqa: F401
 import manifest_mistakes  # noqa: F401
 import numpy as np
 from capture_mistakes import MISTAKES, Draft, Mistake, Unsuitable
@@ -39,6 +41,8 @@ def suspicions_of(folder: Path) -> list[str]:
             return [str(suspicion) for suspicion in calibrate(load_capture(folder)).suspicions]
     except InputError as fault:
         return [f"refused: {fault}"]
+    except Exception as crash:  # a traceback for the user: counted as missed
+        return [f"CRASH: {type(crash).__name__}: {crash}"]
 
 
 def named(mistake: Mistake, source: Path, others: tuple[Path, ...], seed: int) -> tuple[str, list[str]]:

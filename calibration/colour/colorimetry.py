@@ -111,6 +111,8 @@ def train_filter_weights(
     for axis in range(3):
         relative = signal / exact[:, axis : axis + 1]
         scale = np.sqrt(np.mean(relative**2, axis=0))
+        # a band without light in the ensemble gets no weight
+        scale[scale == 0] = 1.0
         # A ridge far below any noise bounds the weights of bands that are collinear over the ensemble.
         loading = np.sqrt(len(signal)) * np.maximum(noise, 1e-6)
         rows = np.concatenate([relative / scale, np.diag(loading)])

@@ -106,7 +106,8 @@ def choose_filters(
     own, cross = [], []
     for axis in range(3):
         relative = signal / exact[:, axis : axis + 1]
-        relative = relative / np.sqrt(np.mean(relative**2, axis=0))
+        scale = np.sqrt(np.mean(relative**2, axis=0))
+        relative = relative / np.where(scale > 0, scale, 1.0)
         own.append(
             relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates))
         )

@@ -156,6 +156,12 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         notes.append(f"no absolute signals and no XYZ: missing {', '.join(missing)}")
     elif radiometry.constant is not None:
         responses = band_responses(capture, radiometry.constant, channels)
+        blind = [response.band for response in responses if not response.response.any()]
+        if blind:
+            responses = None
+            notes.append(
+                f"no absolute signals and no XYZ: by their tables {', '.join(blind)} see no visible light"
+            )
     if responses is not None:
         colour = study_colour(capture, responses, _typical_noise(bands.images))
         notes.append(colour.reason)

@@ -15,6 +15,7 @@ from ..radiometry import (
     optical_factor,
     response_curve,
 )
+from .quanta import centre_nm, power_law
 from .suspicion import Suspicion
 
 __all__ = ["check_constant", "check_flats_and_references", "check_focal_length"]
@@ -80,6 +81,14 @@ def check_constant(
     if not constants:
         return
     median = float(np.median(constants))
+    centre = np.array([centre_nm(capture, capture.band(c.band)) for c in radiometry.by_band])
+    if power_law(centre, np.array(constants)) == -1:
+        yield Suspicion(
+            "the reference source's radiance is in quanta, or the quantum efficiency is in A/W",
+            "reference.radiance, camera.quantum_efficiency",
+            "The bands' C falls as one over the wavelength; C is one constant for all.",
+        )
+        return
     focal_px = None if fit is None else fit.camera.focal_length_px
     if radiometry.nominal:
         ratio = median / radiometry.nominal

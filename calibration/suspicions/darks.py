@@ -18,6 +18,8 @@ __all__ = ["check_darks"]
 _SIGMAS = 7.0
 #: Smallest deviation of a level that is reported; with only two exposures, smallest decrease.
 _SMALLEST_DN, _LIGHT_DN = 0.12, 1.0
+#: The same as a share of the thermal charge, whose spread over the pixels makes the level bend by some tenths of it.
+_SMALLEST_SHARE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +57,16 @@ def check_darks(stacks: Sequence[Stack], noise: NoiseModel, full_scale: int) -> 
         return
     variance = noise.floor_dn2
     time = np.array([dark.stack.exposure_s for dark in darks])
-    level = np.array([np.median(dark.frame) + _fraction(dark.frame) for dark in darks])
+    level = np.array([_level(dark.frame) for dark in darks])
     yield from _levels(darks, time, level, variance)
     yield from _charge(darks, time, variance, full_scale)
 
 
-def _fraction(frame: NDArray[np.float64]) -> float:
-    """Mean minus median of the ordinary counts; the median is an integer."""
+def _level(frame: NDArray[np.float64]) -> float:
+    """Mean of the ordinary counts; the median is an integer."""
     middle = np.median(frame)
     near = np.abs(frame - middle) <= 6 * max(1.4826 * np.median(np.abs(frame - middle)), 1.0)
-    return float(frame[near].mean() - middle)
+    return float(frame[near].mean())
 
 
 def _levels(
@@ -86,9 +88,10 @@ def _levels(
     off = level - start - slope * time
     usual = 1.4826 * float(np.median(np.abs(off)))
     sigma = max(usual, float(np.sqrt(variance / darks[0].frame.size)))
+    allowed = np.maximum(_SIGMAS * sigma, np.maximum(_SMALLEST_DN, _SMALLEST_SHARE * np.abs(slope) * time))
     flagged = set()
-    for dark, left in sorted(zip(darks, off, strict=True), key=lambda pair: -abs(pair[1])):
-        if abs(left) > max(_SIGMAS * sigma, _SMALLEST_DN) and dark.stack.key not in flagged:
+    for dark, left, most in sorted(zip(darks, off, allowed, strict=True), key=lambda row: -abs(row[1])):
+        if abs(left) > most and dark.stack.key not in flagged:
             flagged.add(dark.stack.key)
             expected = start + slope * dark.stack.exposure_s
             what = "with light in them, or of another exposure" if left > 0 else "of another exposure"
@@ -104,7 +107,7 @@ def _charge(
     darks: Sequence[_Dark], time: NDArray[np.float64], variance: float, full_scale: int
 ) -> Iterator[Suspicion]:
     """Detects hot pixels whose charge does not increase with exposure; only the order is tested."""
-    frames = np.stack([dark.frame - np.median(dark.frame) for dark in darks])
+    frames = np.stack([dark.frame - _level(dark.frame) for dark in darks])
     sigma = np.sqrt(variance)
     # Hot in more frames than one table has, to exclude light or cosmic rays in one table.
     repeats = max(len(dark.stack.paths) for dark in darks)

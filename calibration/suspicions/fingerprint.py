@@ -19,6 +19,8 @@ __all__ = ["check_fingerprint", "check_flat_shapes"]
 _FOUND, _LOST = 9.0, 4.5
 _STRONG = 20.0
 _STRUCTURE = 0.04
+#: Smallest factor of the flats' pattern in a photograph over that in a flat, and standard deviations to be sure of it.
+_LEAST_SHARE, _SURE = 0.4, 4.0
 _TURNS = {
     "mirrored left to right": lambda image: image[:, ::-1],
     "upside down": lambda image: image[::-1],
@@ -30,8 +32,8 @@ _TURNS = {
 }  # fmt: skip
 
 
-def _pattern(net: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) of unit variance: relative difference of each pixel from its neighbours, where the picture is smooth."""
+def _detail(net: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x) relative difference of each pixel from its neighbours, where the picture is smooth; mean 0."""
     local = uniform_filter(net, 5)
     floor = 0.02 * max(float(np.percentile(net, 99)), 1e-9)
     high = (net - local) / np.maximum(local, floor)
@@ -39,9 +41,20 @@ def _pattern(net: NDArray[np.float64]) -> NDArray[np.float64]:
     # Reduce the weight of edges in the picture.
     spread = np.sqrt(np.maximum(uniform_filter(high**2, 5), 0.0)) + 1e-12
     usual = float(np.median(spread[spread > 1e-9])) if np.any(spread > 1e-9) else 1.0
-    high = np.clip(high / np.maximum(spread, usual), -4, 4) * np.minimum(1.0, (usual / spread) ** 2)
-    high -= high.mean()
-    return np.asarray(high / max(float(high.std()), 1e-12), np.float64)
+    high = usual * np.clip(high / np.maximum(spread, usual), -4, 4) * np.minimum(1.0, (usual / spread) ** 2)
+    return np.asarray(high - high.mean(), np.float64)
+
+
+def _pattern(net: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``_detail`` (y, x) with unit variance."""
+    detail = _detail(net)
+    return np.asarray(detail / max(float(detail.std()), 1e-12), np.float64)
+
+
+def _share(detail: NDArray[np.float64], pattern: NDArray[np.float64]) -> tuple[float, float]:
+    """The factor with which a pattern of unit variance is in a detail, and its standard deviation by chance."""
+    found = _correlations(detail, pattern) / np.sqrt(detail.size)
+    return float(found[0, 0]), float(found.std())
 
 
 def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,7 +100,8 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
             continue
         moved = _moved(own, others / others.std(), found)
         if moved is None:
-            lost.append((stack, here))
+            if stack.kind == "band":
+                lost.append(stack)
         else:
             how, strength = moved
             yield Suspicion(
@@ -96,6 +110,20 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
                 f"The correlation of the pixels' sensitivities with those of the flats is {strength:.0f} standard "
                 f"deviations when they are {how}, {here:.1f} as stored.",
             )
+    unit = common / common.std()
+    usual = float(np.median([_share(_detail(net[s.key]), unit)[0] for s in flats]))
+    shares = {stack.key: _share(_detail(net[stack.key]), unit) for stack in lost}
+    flat_fielded = [
+        key for key, (share, by_chance) in shares.items() if share + _SURE * by_chance < _LEAST_SHARE * usual
+    ]
+    if flat_fielded:
+        yield Suspicion(
+            "the photographs do not show the pixels' sensitivities that the flats show (already divided by a flat, or "
+            "another sensor)",
+            ", ".join(flat_fielded),
+            f"The flats' pattern is in them with a factor of {shares[flat_fielded[0]][0] / usual:.2f} +- "
+            f"{shares[flat_fielded[0]][1] / usual:.2f}; about 1 is expected.",
+        )
 
 
 def _moved(

@@ -20,6 +20,8 @@ __all__ = ["check_points", "explain_points"]
 #: Largest distance of a surveyed point from a surface, and largest share of points beyond it.
 _OFF_SURFACE_MM, _SHARE_OFF = 15.0, 0.3
 _SCATTER = 2.0
+#: Smallest extent of the points over that of the scene.
+_LEAST_SPREAD = 0.2
 
 
 def _points(capture: Capture) -> SurveyedPoints | None:
@@ -72,7 +74,12 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
 
 
 def _on_surfaces(points: SurveyedPoints, scene: Scene, name: str) -> Iterator[Suspicion]:
+    size = float(np.ptp(scene.corners_mm, axis=0).max())
+
     def off(places: NDArray[np.float64]) -> float:
+        """The share that lies off all surfaces; 1 for points in one corner, as of a small unit."""
+        if np.ptp(places, axis=0).max() < _LEAST_SPREAD * size:
+            return 1.0
         return float(np.mean(distance_to_surfaces(scene, places) > _OFF_SURFACE_MM))
 
     as_is = off(points.points_mm)
@@ -95,8 +102,8 @@ def _on_surfaces(points: SurveyedPoints, scene: Scene, name: str) -> Iterator[Su
     yield Suspicion(
         f"the points are {guess}",
         f"{name}: x_mm, y_mm, z_mm",
-        f"{as_is:.0%} of them lie more than {_OFF_SURFACE_MM:g} mm from every surface of the scene {scene.name}"
-        + (f", {shares[how]:.0%} when taken {how}." if guess == how else "."),
+        f"{as_is:.0%} of them lie in one corner of the scene {scene.name} or more than {_OFF_SURFACE_MM:g} mm from all "
+        "its surfaces" + (f", {shares[how]:.0%} when taken {how}." if guess == how else "."),
     )
 
 

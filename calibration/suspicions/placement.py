@@ -19,6 +19,9 @@ __all__ = ["check_orientation", "check_survey"]
 #: below, too.
 _SHIFT_PX, _SHIFT_SHARE = 1.2, 0.006
 
+#: Largest difference of the magnification from 1.
+_MAGNIFIED = 0.03
+
 _TURNS = {
     "mirrored left to right": lambda image: image[..., ::-1],
     "upside down": lambda image: image[..., ::-1, :],
@@ -104,6 +107,12 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
     found = register(picture, np.minimum(photograph, 1.0))
     if not found.found or found.correlation < 0.6:
         return
+    if abs(found.magnification - 1) > _MAGNIFIED:
+        yield Suspicion(
+            "the photographs were cropped and enlarged, or the points are those of another focal length",
+            "band.frames, geometry.points",
+            f"The photographs are {found.magnification:.3f} times as large as what the points' camera sees.",
+        )
     u, v = found.shift_px * view.sight.step
     limit = max(_SHIFT_PX, _SHIFT_SHARE * capture.shape[1])
     if np.hypot(u, v) > limit:

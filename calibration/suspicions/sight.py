@@ -9,7 +9,7 @@ from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-__all__ = ["Sight", "distance_to_surfaces", "see"]
+__all__ = ["Sight", "distance_to_surfaces", "hits", "see"]
 
 _LAMP_SAMPLES = 3
 
@@ -19,27 +19,32 @@ class Sight:
     """By pixel (y, x) of every ``step``-th row and column.
 
     surface : index into the scene's surfaces, their number for the lamp, -1 for nothing. place_mm : (y, x, 3).
+    normal : (y, x, 3) towards the camera.
     direct : irradiance by a lamp of radiance 1, shadows left out, sr.
     """
 
     step: int
     surface: NDArray[np.int64]
     place_mm: NDArray[np.float64]
+    normal: NDArray[np.float64]
     direct: NDArray[np.float64]
 
 
-def _hits(
+def hits(
     origin: NDArray[np.float64], direction: NDArray[np.float64], triangle: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n,) distance along rays (n, 3) to a triangle (3, 3), inf where they miss (Moeller and Trumbore 1997)."""
+    """(n,) distance along rays (n, 3) to a triangle (3, 3), inf where they miss (Moeller and Trumbore 1997).
+
+    origin : (3,) or (n, 3).
+    """
     a, b, c = triangle
     p = np.cross(direction, c - a)
     determinant = p @ (b - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        u = p @ (origin - a) / determinant
+        u = np.sum(p * (origin - a), axis=-1) / determinant
         q = np.cross(origin - a, b - a)
-        v = direction @ q / determinant
-        t = float((c - a) @ q) / determinant
+        v = np.sum(direction * q, axis=-1) / determinant
+        t = q @ (c - a) / determinant
         hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-6) & np.isfinite(t)
     return np.where(hit, t, np.inf)
 
@@ -61,7 +66,7 @@ def see(scene: Scene, camera: Camera, most_px: int = 128) -> Sight:
     for index, part in enumerate((*scene.surfaces, scene.lamp.surface)):
         for face in part.faces:
             triangle = part.vertices_mm[face]
-            distance = _hits(origin, direction, triangle)
+            distance = hits(origin, direction, triangle)
             closer = distance < nearest
             nearest[closer], surface[closer] = distance[closer], index
             across = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
@@ -69,7 +74,13 @@ def see(scene: Scene, camera: Camera, most_px: int = 128) -> Sight:
     place = origin + np.where(np.isfinite(nearest), nearest, 0.0)[:, None] * direction
     normal *= -np.sign(np.sum(normal * direction, axis=1, keepdims=True))
     direct = _direct(scene, place, normal)
-    return Sight(step, surface.reshape(shape), place.reshape(*shape, 3), direct.reshape(shape))
+    return Sight(
+        step,
+        surface.reshape(shape),
+        place.reshape(*shape, 3),
+        normal.reshape(*shape, 3),
+        direct.reshape(shape),
+    )
 
 
 def _direct(scene: Scene, place: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:

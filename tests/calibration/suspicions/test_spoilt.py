@@ -3,6 +3,7 @@
 import re
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,13 +11,20 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
 from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.calibration.radiometry import measure_constant
+from cboxlab.calibration.result import calibrate
 from cboxlab.calibration.suspicions import explain_points, find_suspicions
+from cboxlab.calibration.suspicions.light import radiance_over_lamp
+from cboxlab.calibration.suspicions.sight import see
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
 from helpers.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import frame_mistakes  # noqa: F401  (fills the list)
+import further_mistakes  # noqa: F401
 import manifest_mistakes  # noqa: F401
 from capture_mistakes import MISTAKES, Draft
 
@@ -36,28 +44,64 @@ def suspicions(folder):
     return find_suspicions(capture, bands, dark, noise, constant, fit, already=explained)
 
 
+#: Mistakes made at once, in which nothing of one hides another.
 CHOSEN = (
-    "all exposures in milliseconds",
-    "sphere a thousand times too bright",
-    "two bands' frames exchanged",
-    "a repeat shows another band",
-    "all frames mirrored left to right",
-    "the photographs mirrored, not the flats",
-    "lamp table in micrometres",
-    "a dark repeat of another exposure",
-    "points with v upwards",
+    ("all exposures in milliseconds", "photographs read from a region 4 px beside the flats'"),
+    ("sphere a thousand times too bright", "a repeat shows another band"),
+    ("two bands' frames exchanged", "points in inches"),
+    ("all frames mirrored left to right",),
+    ("the photographs mirrored, not the flats",),
+    ("lamp table in micrometres", "photographs already divided by the flat"),
+    ("a dark repeat of another exposure", "sphere in quanta, not energy"),
+    ("points with v upwards", "photographs binned by two and enlarged again"),
+    ("exposure of one band twice too long", "points in m"),
+    ("lamp in quanta, not energy", "photographs cropped and enlarged by a tenth"),
 )
 
 
-@pytest.mark.parametrize("name", CHOSEN)
-def test_a_mistake_in_the_bundled_capture_is_named(tmp_path, name):
+@pytest.mark.parametrize("names", CHOSEN, ids=lambda names: names[-1])
+def test_mistakes_in_the_bundled_capture_are_named(tmp_path, names):
     """The mistakes are deterministic (seed 5); the sound capture raises none (test_sound)."""
-    mistake = next(m for m in MISTAKES if m.name == name)
     draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
-    mistake.make(draft, np.random.default_rng(5))
+    mistakes = [next(m for m in MISTAKES if m.name == name) for name in names]
+    for mistake in mistakes:
+        mistake.make(draft, np.random.default_rng(5))
     draft.save()
     found = suspicions(draft.folder)
-    assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), found
+    for mistake in mistakes:
+        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), (mistake.name, found)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "colour"), [("filter table in micrometres", False), ("lamp table cut at 600 nm", True)]
+)
+def test_bands_without_light_leave_a_calibration_and_a_suspicion(tmp_path, name, colour):
+    """By their tables they see nothing, or no light of the lamp: no weight can be fitted to them."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    mistake = next(m for m in MISTAKES if m.name == name)
+    mistake.make(draft, np.random.default_rng(5))
+    draft.save()
+    found = calibrate(load_capture(draft.folder))
+    assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found.suspicions)
+    assert (found.weights is not None) == colour
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+def test_the_rough_light_of_the_lamp_is_the_renderers():
+    """The mean over 400 pixels of all surfaces within 3 %: paths of nine reflections against a final gather."""
+    box, camera, bands = cornell_box(), cornell_camera(32), np.array([450.0, 650.0])
+    scene = replace(box, lamp=replace(box.lamp, reflectance=Spectrum(bands, np.zeros(2))))
+    image = render_final_gather(scene, camera, bands, samples=64, batches=2)
+    rendered = image.project(np.eye(2))[0] / scene.lamp.radiance.at(bands)
+    sight = see(scene, camera)
+    chosen = image.single_surface & (sight.surface == image.surface) & (sight.surface < len(scene.surfaces))
+    reflectance = scene.reflectances(bands)[[[*scene.materials].index(s.material) for s in scene.surfaces]]
+    found = radiance_over_lamp(
+        scene, sight.place_mm[chosen], sight.normal[chosen], sight.surface[chosen], reflectance
+    )
+    assert np.count_nonzero(chosen) > 400
+    np.testing.assert_allclose(found.mean(axis=0), rendered[chosen].mean(axis=0), rtol=0.03)
 
 
 def test_a_suspicion_says_what_where_and_why(tmp_path):
