@@ -20,9 +20,8 @@ from ..radiometry import (
     register,
     response_curve,
 )
-from .light import radiance_over_lamp
-from .quanta import centre_nm, power_law
-from .sight import Sight, see
+from .constants import centre_nm, power_law
+from .sight import Sight, radiance_over_lamp, see
 from .suspicion import Suspicion
 
 __all__ = ["SceneView", "check_lamp", "check_materials", "check_registration", "view_scene"]

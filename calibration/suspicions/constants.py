@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from numpy.typing import NDArray
+from scipy.stats import theilslopes
 
-from ..capture import Capture, FlatTable
+from ..capture import BandTable, Capture, FlatTable
 from ..correction import CorrectedBands, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import (
@@ -15,10 +17,15 @@ from ..radiometry import (
     optical_factor,
     response_curve,
 )
-from .quanta import centre_nm, power_law
 from .suspicion import Suspicion
 
-__all__ = ["check_constant", "check_flats_and_references", "check_focal_length"]
+__all__ = [
+    "centre_nm",
+    "check_constant",
+    "check_flats_and_references",
+    "check_focal_length",
+    "power_law",
+]
 
 #: Plausible range of C over its nominal value: stated apertures, gains and lenses are accurate to about 30%; light from
 #: outside the pass band increases it.
@@ -30,6 +37,8 @@ _AGREE, _ALONE = 0.015, 0.12
 #: Scatter of flat over reference between bands if both show the same field, and deviation of a wrong frame.
 _SAME_FIELD, _OTHER_FRAMES = 0.03, 0.07
 _FOCAL = 1.2
+#: Largest distance of the power from 1 or -1, and of four fifths of the logarithms from the line.
+_NEAR_ONE, _STRAIGHT = 0.2, 0.04
 
 
 def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) -> list[tuple[float, str]]:
@@ -201,3 +210,25 @@ def check_focal_length(capture: Capture, fit: CameraFit | None) -> Iterator[Susp
             f"The points show a focal length of {fit.camera.focal_length_px:.1f} px, the manifest {nominal:.1f} px: "
             f"{ratio:.3g} times as much.",
         )
+
+
+def centre_nm(capture: Capture, band: BandTable) -> float:
+    """The mean wavelength of a band's transmittance, nm; NaN if it is not stated."""
+    if band.transmittance is None:
+        return float("nan")
+    transmittance = capture.light(band.transmittance).at(WAVELENGTH_NM)
+    return float(np.sum(transmittance * WAVELENGTH_NM) / max(np.sum(transmittance), 1e-300))
+
+
+def power_law(wavelength_nm: NDArray[np.float64], ratios: NDArray[np.float64]) -> int | None:
+    """The power of the wavelength, 1 or -1, that ratios (n,) follow; None if they follow neither.
+
+    Robust against one band in five (a leak, a wrong exposure).
+    """
+    good = np.isfinite(wavelength_nm) & np.isfinite(ratios) & (ratios > 0)
+    if np.count_nonzero(good) < 4 or np.ptp(wavelength_nm[good]) == 0:
+        return None
+    x, y = np.log(wavelength_nm[good]), np.log(ratios[good])
+    slope, offset, *_ = theilslopes(y, x)
+    near = abs(abs(slope) - 1) < _NEAR_ONE and np.quantile(np.abs(y - slope * x - offset), 0.8) < _STRAIGHT
+    return int(np.sign(slope)) if near else None

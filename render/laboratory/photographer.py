@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from numpy.typing import NDArray
 
@@ -37,7 +38,7 @@ def band_filters() -> dict[str, Spectrum]:
 
 
 @dataclass(frozen=True)
-class CaptureSettings:
+class CaptureSettings(OwnMappings):
     """Settings of the laboratory. Units are in the names; defaults: a cooled 12-bit camera, a 35 mm lens at f/8.
 
     film_width_mm : width of the sensor; pixel pitch = film_width_mm / width in px.

@@ -13,8 +13,7 @@ from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.result import calibrate
 from cboxlab.calibration.suspicions import explain_points, find_suspicions
-from cboxlab.calibration.suspicions.light import radiance_over_lamp
-from cboxlab.calibration.suspicions.sight import see
+from cboxlab.calibration.suspicions.sight import radiance_over_lamp, see
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
