@@ -180,19 +180,17 @@ def _without_priors(pixels: NDArray) -> NDArray[np.float64]:
 
 def build_linear_model(
     *, measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
-    camera_derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
+    derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
     band_errors: NDArray,
 ) -> LinearModel:  # fmt: skip
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
-    coverage : (y, x, f) of flat faces. camera_derivative : (10, band, y, x). band_errors : (band,) relative, of the
-    bands' signals by tables of spectra.
+    coverage : (y, x, f) of flat faces. derivative : (11, band, y, x) of the best signal known by camera and lamp.
+    band_errors : (band,) relative, of the bands' signals by tables of spectra.
     """
     inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
-    rows = [_without_priors(d[used] * fit.lamp_scale / sigma) for d in camera_derivative]
-    rows.append(_without_priors(base[used] / sigma))
-    design = np.array(rows).T
+    design = np.array([_without_priors(d[used] / sigma) for d in derivative]).T
     count = len(sigma)
     priors = nuisance_priors(calibrated, lamp_sigma)
     design[count:] = priors

@@ -76,13 +76,14 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     refit_change = warp_change(predictor.warp, fit_.camera)
     # the variance at the signal with the best effects known: a model without interreflection predicts too dark a
     # picture, and too little noise
-    best, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
-    variance = prepared.calibration.predicted_variance(best) + noise + model_variance(best)
+    lit, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
+    variance = prepared.calibration.predicted_variance(lit) + noise + model_variance(lit)
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
         measured=prepared.measured, base=base + refit_change, variance=variance, used=rendered.used,
-        coverage=rendered.image.coverage, camera_derivative=derivative, fit=fit_,
-        calibrated=prepared.expected_camera(given), lamp_sigma=prepared.lamp_sigma,
+        coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
+        derivative=np.concatenate([fit_.lamp_scale * derivative, rendered.signal[None]]),
+        lamp_sigma=prepared.lamp_sigma,
         band_errors=tabulation_errors(prepared.responses, prepared.scene.lamp.radiance),
     )  # fmt: skip
     return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, derivative)

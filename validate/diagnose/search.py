@@ -202,8 +202,9 @@ def build_problem(
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels; None where only
-    the camera's ten parameters change (see ``Problem.change``). by_priors : see ``judged_by_priors``."""
+    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels; by_priors : see
+    ``judged_by_priors``. Then changes is None: what is left of them beside camera and lamp is so little that it is
+    computed anew with the effects in the model (see ``Problem.change``)."""
 
     hypothesis: Hypothesis
     steps: tuple[float, ...]
@@ -225,9 +226,8 @@ def signature(
     """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here."""
     known = Signature(hypothesis, tuple(p.coordinate_step for p in hypothesis.free) or (1.0,), None)
     by_priors = all(judged_by_priors(effect, predictor.camera) for effect in known.stepped)
-    known = replace(known, by_priors=by_priors)
-    if not any(_in_picture(effect, predictor.camera) for effect in known.stepped):
-        return known
+    if by_priors:
+        return replace(known, by_priors=True)
     base = predictor.signal(given)
     try:
         changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]

@@ -30,7 +30,7 @@ def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02, band_err
         variance=np.full(SHAPE, 25.0),
         used=np.ones(SHAPE, bool),
         coverage=np.ones((*SHAPE[1:], 1)),
-        camera_derivative=derivative,
+        derivative=np.concatenate([scale * derivative, base[None]]),
         fit=fit,
         calibrated=camera,
         lamp_sigma=sigma,
