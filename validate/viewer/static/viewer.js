@@ -294,9 +294,11 @@ class CBoxViewer {
       const place = (100 * (v - scale.low)) / (scale.high - scale.low);
       return html("span", { style: `left:${place.toFixed(2)}%` }, shown(v));
     });
+    const named = ["", "σ"].includes(scale.unit) ? layer.name : `${layer.name}, ${scale.unit}`;
+    const unit = values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
     return html("div", { class: "cbv-bar", role: "img", "aria-label": `${layer.name}: scale from ${shown(scale.low)} to ${shown(scale.high)} ${scale.unit}` }, [
       html("div", { class: "ramp", style: `background:linear-gradient(to right, ${stops.join(", ")})` }),
-      html("div", { class: "ticks" }, marks), html("div", { class: "unit" }, ["", "σ"].includes(scale.unit) ? layer.name : `${layer.name}, ${scale.unit}`),
+      html("div", { class: "ticks" }, marks), html("div", { class: "unit" }, unit),
     ]);
   }
 
