@@ -35,15 +35,17 @@ def means_by_strips(
     order = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
     calls = np.array_split(order, -(-camera.height_px * camera.width_px // _LANES_PER_CALL))
     columns = np.arange(camera.width_px)
-    pictures: list[NDArray[np.float32]] = []
+    pictures = np.empty((batches, camera.height_px, camera.width_px, 0), np.float32)
     for batch in range(batches):
         for done, rows in enumerate(calls, 1):
             pixels = (rows[:, None] * camera.width_px + columns).astype(np.uint32).ravel()
             sums = strip(mi.UInt32(pixels), seed + 7919 * (batch + 1))
-            dr.eval(sums)
-            if done == 1:
-                pictures.append(np.empty((camera.height_px, camera.width_px, len(sums)), np.float32))
-            for mean, values in zip(np.moveaxis(pictures[batch], -1, 0), sums, strict=True):
-                mean[rows] = values.numpy().reshape(len(rows), -1) * np.float32(1 / samples)
+            means = dr.zeros(mi.Float, len(pixels) * len(sums))
+            first = dr.arange(mi.UInt32, len(pixels)) * len(sums)
+            for k, values in enumerate(sums):
+                dr.scatter(means, values * (1 / samples), first + k, mode=dr.ReduceMode.NoConflicts)
+            if not pictures.size:
+                pictures = np.empty((*pictures.shape[:3], len(sums)), np.float32)
+            pictures[batch, rows] = means.numpy().reshape(len(rows), -1, len(sums))
             progress.part((batch + done / len(calls)) / batches)
-    return np.stack(pictures)
+    return pictures

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import colour
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -56,18 +55,24 @@ def white_of(lamp_xyz: ArrayLike, rendered_luminance: ArrayLike) -> White:
 
 def lab(xyz: ArrayLike, white: White) -> NDArray[np.float64]:
     """CIELab (..., 3) of XYZ (..., 3); L* is 100 at the white."""
+    from colour import XYZ_to_Lab  # slow to import, and only needed here
+
     relative = np.asarray(xyz, float) / white.luminance
-    return np.asarray(colour.XYZ_to_Lab(relative, np.array([white.x, white.y])), np.float64)
+    return np.asarray(XYZ_to_Lab(relative, np.array([white.x, white.y])), np.float64)
 
 
 def delta_e_ab(lab_1: ArrayLike, lab_2: ArrayLike) -> NDArray[np.float64]:
     """Delta E*ab of 1976 (...,) between CIELab values (..., 3)."""
-    return np.asarray(colour.difference.delta_E_CIE1976(np.asarray(lab_1), np.asarray(lab_2)))
+    from colour.difference import delta_E_CIE1976
+
+    return np.asarray(delta_E_CIE1976(np.asarray(lab_1), np.asarray(lab_2)))
 
 
 def delta_e_2000(lab_1: ArrayLike, lab_2: ArrayLike) -> NDArray[np.float64]:
     """CIEDE2000 (...,) between CIELab values (..., 3), kL = kC = kH = 1."""
-    return np.asarray(colour.difference.delta_E_CIE2000(np.asarray(lab_1), np.asarray(lab_2)))
+    from colour.difference import delta_E_CIE2000
+
+    return np.asarray(delta_E_CIE2000(np.asarray(lab_1), np.asarray(lab_2)))
 
 
 def statistics(values: ArrayLike) -> DifferenceStatistics:
@@ -116,7 +121,9 @@ def _average(figures: list[DifferenceStatistics]) -> DifferenceStatistics:
 
 def srgb_matrix(white: White) -> NDArray[np.float64]:
     """(3, 3) from XYZ, relative to the white's luminance, to linear sRGB, adapted from the lamp to D65 (CAT02)."""
-    columns = colour.XYZ_to_sRGB(
+    from colour import XYZ_to_sRGB
+
+    columns = XYZ_to_sRGB(
         np.eye(3), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02",
         apply_cctf_encoding=False,
     )  # fmt: skip
@@ -128,9 +135,11 @@ def srgb_preview(xyz: ArrayLike, white: White) -> NDArray[np.uint8]:
 
     Pixels with NaN are mid grey.
     """
+    from colour import XYZ_to_sRGB
+
     xyz = np.asarray(xyz, float) / white.luminance
     known = np.isfinite(xyz).all(axis=-1, keepdims=True)
-    rgb = colour.XYZ_to_sRGB(
+    rgb = XYZ_to_sRGB(
         np.where(known, xyz, 0.0), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02"
     )
     rgb = np.where(known, np.clip(rgb, 0.0, 1.0), 0.5)
