@@ -20,6 +20,9 @@ _ODD = 15.0
 #: A thing in front changes the picture by more than this part in its core, a stain or dust by less.
 _OPAQUE = 0.25
 
+#: Where there is less light than this part of a band's mean, changes are compared with that part.
+_DARK = 0.05
+
 
 def fits_the_place(excess: Excess, form: Form) -> float:
     """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others."""
@@ -27,8 +30,11 @@ def fits_the_place(excess: Excess, form: Form) -> float:
         return 0.0
     change = changed(excess, form)
     weight = np.sum((change * excess.weight) ** 2, axis=0)
+    if not weight.any():
+        return 0.0
     core = weight > 0.3 * weight.max()
-    relative = change[:, core].sum(axis=1) / excess.signal[:, core].sum(axis=1)
+    dark = _DARK * excess.signal.mean(axis=(1, 2))
+    relative = change[:, core].mean(axis=1) / np.maximum(excess.signal[:, core].mean(axis=1), dark)
     strongest = float(relative[np.argmax(np.abs(relative))])
     deep = float(np.abs(relative).max()) > _OPAQUE
     found = 0.0

@@ -1,6 +1,7 @@
 """Which family explains a residual: causes with formulas of their own, far above noise."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,6 +116,17 @@ def test_a_glow_with_wide_flanks_has_its_place_in_the_corner():
     found = explain(small_excess(np.broadcast_to(40.0 / (1 + (away / 5) ** 2), SIGNAL.shape)))
     assert found.family == "sensor-offset"
     assert np.hypot(found.centre_px[0], found.centre_px[1] - (SIZE - 1)) < 0.1 * SIZE
+
+
+def test_light_on_a_part_of_the_picture_without_signal_is_explained():
+    """Relative changes have no meaning there, and a gain changes nothing."""
+    seen = (COLUMNS < 20) | (COLUMNS > 60)
+    light = 60.0 * _spot(40, 30, 4) * np.array([1.0, 0.9, 0.3, 0.1])[:, None, None]
+    excess = small_excess(light)
+    transport = replace(excess.transport, picture=seen * excess.transport.picture)
+    found = explain(replace(excess, signal=seen * SIGNAL, transport=transport))
+    assert found.family in ("extra-light", "sensor-offset", "object")
+    assert np.hypot(found.centre_px[0] - 40, found.centre_px[1] - 30) < 3
 
 
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
