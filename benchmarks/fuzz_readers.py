@@ -23,6 +23,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 LONGEST_S, MOST_BYTES = 2.0, 256 * 2**20
@@ -38,7 +39,7 @@ WORD = re.compile(rb"[A-Za-z_0-9.+-]+|\"[^\"\n]*\"|'[^'\n]*'")
 
 def changed(content: bytes, chance: random.Random) -> bytes:
     """``content`` with one to four changes of its words, lines or ends."""
-    for _ in range(chance.randint(1, 4)):
+    for _ in range(chance.choice((1, 1, 2, 4))):
         words, lines = list(WORD.finditer(content)), content.splitlines(keepends=True)
         kind = chance.randrange(6)
         if kind < 3 and words:
@@ -57,15 +58,23 @@ def changed(content: bytes, chance: random.Random) -> bytes:
     return content
 
 
-def readers() -> dict[str, tuple[Callable[[Path], Path], Callable[[Path], object]]]:
-    """For each reader: what writes a sound file into a folder and returns its path, and what reads it."""
+@dataclass(frozen=True)
+class Reader:
+    """sound : writes a sound file into a folder and returns its path. read : is given the path of a changed one."""
+
+    sound: Callable[[Path], Path]
+    read: Callable[[Path], object]
+
+
+def readers() -> dict[str, Reader]:
+    """Every reader of files by name."""
     import numpy as np
     import tifffile
+    from astropy.io import fits
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.capture.foreign_frames import read_foreign
     from cboxlab.calibration.capture.frames import read_frame
     from cboxlab.calibration.capture.labels import read_labels
-    from cboxlab.calibration.capture.manifest_faults import read_manifest
     from cboxlab.calibration.geometry.surveyed_points import read_points
     from cboxlab.render.files import read_cube, write_cube
     from cboxlab.render.files.cube_checks import as_cube
@@ -81,55 +90,215 @@ def readers() -> dict[str, tuple[Callable[[Path], Path], Callable[[Path], object
 
     root = Path(__file__).parents[1]
     demo = root / "validate" / "data" / "demo-capture"
-    cube = as_cube(np.arange(60.0, dtype=np.float32).reshape(3, 4, 5) + 1, [400.0, 450, 500, 600, 700])
+    cube = as_cube(np.arange(60, dtype=np.float32).reshape(3, 4, 5) + 1, [400.0, 450, 500, 600, 700])
     counts = np.arange(300, dtype=np.uint16).reshape(15, 20)
 
-    def copied(source: Path) -> Callable[[Path], Path]:
-        return lambda folder: Path(shutil.copy(source, folder / source.name))
+    def beside(source: Path) -> Callable[[Path], Path]:
+        """A file with all that lies beside it."""
 
-    def text(name: str, content: str) -> Callable[[Path], Path]:
-        def write(folder: Path) -> Path:
-            (folder / name).write_text(content)
+        def sound(folder: Path) -> Path:
+            shutil.copytree(source.parent, folder, dirs_exist_ok=True)
+            return folder / source.name
+
+        return sound
+
+    def written(name: str, write: Callable[[Path], object]) -> Callable[[Path], Path]:
+        def sound(folder: Path) -> Path:
+            write(folder / name)
             return folder / name
 
-        return write
+        return sound
 
-    def frame(folder: Path) -> Path:
-        tifffile.imwrite(folder / "frame.tif", counts, compression="zlib")
-        return folder / "frame.tif"
+    def text(name: str, content: object) -> Callable[[Path], Path]:
+        return written(
+            name, lambda path: path.write_text(content if isinstance(content, str) else json.dumps(content))
+        )
 
-    def raw(folder: Path) -> Path:
-        write_raw(folder / "raw.tif", counts, {"gain": 2.0, "bayer": "RGGB"})
-        return folder / "raw.tif"
+    def of_cube(ending: str) -> Reader:
+        return Reader(written(f"cube{ending}", lambda path: write_cube(path, cube)), read_cube)
 
-    def fits(folder: Path) -> Path:
-        from astropy.io import fits as astropy_fits
+    def of_folder(read: Callable[[Path], object]) -> Callable[[Path], object]:
+        return lambda path: read(path.parent)
 
-        astropy_fits.PrimaryHDU(counts).writeto(folder / "frame.fits")
-        return folder / "frame.fits"
-
-    def of_cube(ending: str) -> Callable[[Path], Path]:
-        def write(folder: Path) -> Path:
-            write_cube(cube, folder / f"cube{ending}")
-            return folder / f"cube{ending}"
-
-        return write
-
-    def entry(folder: Path) -> Path:
-        keep(folder / "entry", "key", b"picture")
-        return folder / "entry"
-
-    def whole_capture(folder: Path) -> Path:
-        shutil.copytree(demo, folder, dirs_exist_ok=True)
-        return folder / "capture.toml"
-
-    scene = (root / "tests" / "helpers" / "fuzzed-scene.toml").read_text()
-    model = 'format = "model/1"\nname = "box"\nscene = "cornell-box"\n\n[[effect]]\nid = "veiling-glare"\nfraction = 0.004\n'
-    study = {
-        "format": "study/1", "name": "box", "scene": "cornell-box", "captures": ["."], "at": 0,
-        "render": {"noise": 0.5, "max_bounces": None, "seed": 0},
-        "states": [{"effects": [{"id": "veiling-glare", "fraction": 0.004}], "rendered_with": []}],
+    glare = {"id": "veiling-glare", "fraction": 0.004}
+    return {
+        "capture": Reader(beside(demo / "capture.toml"), of_folder(load_capture)),
+        "seal": Reader(beside(demo / "sealed.json"), of_folder(open_seal)),
+        "answer": Reader(beside(demo / "answer.sealed"), of_folder(open_seal)),
+        "scene": Reader(beside(root / "scenes/data/cornell-box.toml"), load_scene),
+        "camera": Reader(beside(root / "render/sensor/data/dcs200.toml"), load_camera),
+        "model": Reader(
+            text(
+                "model.toml",
+                'format = "model/1"\nname = "box"\nscene = "cornell-box"\n[render]\nnoise = 0.5\nseed = 0\n'
+                '[[effect]]\nid = "veiling-glare"\nfraction = 0.004\n'
+                '[[effect]]\nid = "gloss"\nmaterial = "white"\nspecular = 0.05\nroughness = 0.2\n',
+            ),
+            load_model,
+        ),
+        "study": Reader(
+            text(
+                "study.json",
+                {
+                    "format": "study/1", "name": "box", "scene": "cornell-box", "captures": ["."], "at": 0,
+                    "render": {"noise": 0.5, "max_bounces": None, "seed": 0},
+                    "states": [{"effects": [glare], "rendered_with": []}],
+                },
+            ),
+            read_study,
+        ),
+        "reference": Reader(
+            text(
+                "reference.json",
+                {
+                    "format": "light-reference/1", "means": {"floor": 1.0}, "sigma": {"floor": 1e-4},
+                    "degrees": 7.0, "seed": 1, "samples": 64, "versions": {"cboxlab": "1"},
+                },
+            ),
+            read_reference,
+        ),
+        "diagnosis": Reader(
+            text(
+                "diagnosis.json",
+                {
+                    "ranking": [{"effect": "veiling-glare", "parameters": {"fraction": 0.004}, "probability": 0.9}],
+                    "selected": ["veiling-glare"],
+                },
+            ),
+            read_diagnosis,
+        ),
+        "spectra": Reader(beside(demo / "spectra" / "filters.csv"), read_spectra),
+        "points": Reader(beside(demo / "points.csv"), read_points),
+        "labels": Reader(text("labels.csv", "label,name,column\n1,floor,white\n2,wall,red\n"), read_labels),
+        "frame": Reader(
+            written("frame.tif", lambda path: tifffile.imwrite(path, counts, compression="zlib")),
+            lambda path: read_frame(path, 15, 20, 12),
+        ),
+        "raw": Reader(written("raw.tif", lambda path: write_raw(path, counts, {"gain": 2.0})), read_raw),
+        "tiff": Reader(written("a.tiff", lambda path: tifffile.imwrite(path, counts)), read_foreign),
+        "fits": Reader(written("a.fits", lambda path: fits.PrimaryHDU(counts).writeto(path)), read_foreign),
+        "netcdf": of_cube(".nc"),
+        "exr": of_cube(".exr"),
+        "envi": of_cube(".hdr"),
+        "kept": Reader(
+            written("entry", lambda path: keep(path, "key", b"picture")), lambda path: kept(path, "key")
+        ),
     }  # fmt: skip
-    return {}
 
 
+class Fuzzed:
+    """One reader's inputs: how many, and which failed in which way."""
+
+    def __init__(self, reader: Reader, known: type[Exception], work: Path) -> None:
+        self.reader, self.known, self.work = reader, known, work
+        self.place = Path(tempfile.mkdtemp())
+        self.path = reader.sound(self.place)
+        self.content = self.path.read_bytes()
+        reader.read(self.path)
+        self.inputs = self.refused = 0
+        self.failures: dict[str, str] = {}
+        self.slowest = 0.0
+        self.peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    def __call__(self, content: bytes) -> None:
+        self.path.write_bytes(content)
+        self.inputs += 1
+        start = time.process_time()
+        try:
+            self.reader.read(self.path)
+        except self.known:
+            self.refused += 1
+        except Exception as error:  # any other is a failure
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            self._failed(f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}", content)
+        seconds = time.process_time() - start
+        self.slowest = max(self.slowest, seconds)
+        if seconds > LONGEST_S:
+            self._failed("too slow", content)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        if (peak - self.peak) * 1024 > MOST_BYTES:
+            self._failed("too much memory", content)
+        self.peak = peak
+
+    def _failed(self, kind: str, content: bytes) -> None:
+        if kind not in self.failures:
+            self.failures[kind] = traceback.format_exc()
+            (self.work / f"failure-{len(self.failures)}").write_bytes(content)
+            (self.work / f"failure-{len(self.failures)}.txt").write_text(f"{kind}\n{self.failures[kind]}")
+
+
+def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
+    """All inputs of one reader, in this process, which ends with it; the counts go to WORK/READER/counts.json."""
+    import atheris
+
+    with atheris.instrument_imports(include=["cboxlab"]):
+        reader = readers()[name]
+    from cboxlab.scenes.errors import InputError
+
+    fuzzed = Fuzzed(reader, InputError, work)
+    chance = random.Random(seed)
+
+    def change(data: bytes, most: int, own_seed: int) -> bytes:
+        chance.seed(own_seed)
+        return (atheris.Mutate(data, most) if chance.random() < 0.5 else changed(data, chance))[:most]
+
+    def judged(data: bytes) -> None:
+        fuzzed(data)
+        if fuzzed.inputs % 100 == 0 or fuzzed.inputs >= inputs:
+            counts = {
+                "inputs": fuzzed.inputs, "refused": fuzzed.refused, "slowest_s": fuzzed.slowest,
+                "failures": fuzzed.failures,
+            }  # fmt: skip
+            (work / "counts.json").write_text(json.dumps(counts))
+
+    corpus = work / "corpus"
+    corpus.mkdir(parents=True, exist_ok=True)
+    (corpus / "sound").write_bytes(fuzzed.content)
+    longest = 2 * len(fuzzed.content) + 4096
+    options = [
+        f"-runs={inputs}",
+        f"-seed={seed}",
+        f"-max_len={longest}",
+        "-rss_limit_mb=0",
+        "-print_final_stats=0",
+    ]
+    atheris.Setup([sys.argv[0], *options, str(corpus)], judged, custom_mutator=change)
+    atheris.Fuzz()
+
+
+def main() -> int:
+    """Fuzz every reader, each in its own process, and print a line for each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("work", type=Path)
+    parser.add_argument("--inputs", type=int, default=5000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--readers", help="some of them, by comma")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        fuzz(options.one, options.inputs, options.seed, options.work / options.one)
+    failed = 0
+    for name in options.readers.split(",") if options.readers else readers():
+        own = options.work / name
+        shutil.rmtree(own, ignore_errors=True)
+        own.mkdir(parents=True)
+        command = [sys.executable, __file__, str(options.work), "--one", name]
+        command += ["--inputs", str(options.inputs), "--seed", str(options.seed)]
+        with (own / "log").open("w") as log:
+            code = subprocess.run(command, stdout=log, stderr=log, check=False).returncode
+        try:
+            counts = json.loads((own / "counts.json").read_text())
+        except FileNotFoundError:
+            counts = {"inputs": 0, "refused": 0, "slowest_s": 0.0, "failures": {}}
+        kinds = list(counts["failures"]) + ([f"exit code {code}"] if code else [])
+        failed += len(kinds)
+        print(
+            f"{name:10s} {counts['inputs']:7d} inputs, {counts['refused']:7d} refused, "
+            f"slowest {counts['slowest_s']:.2f} s, {len(kinds)} failures {', '.join(kinds)}",
+            flush=True,
+        )
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

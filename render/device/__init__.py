@@ -1,7 +1,8 @@
 """Support for the numerical kernels: their libraries, the Mitsuba variant, sampling points, polynomials."""
 
+from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere
 
-__all__ = ["SobolPoints", "cosine_hemisphere", "dr", "mi", "polynomial", "polynomial_at"]
+__all__ = ["SobolPoints", "cosine_hemisphere", "device_array", "dr", "mi", "polynomial", "polynomial_at"]

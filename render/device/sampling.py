@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import qmc
 
+from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 
@@ -31,7 +32,7 @@ class SobolPoints:
     def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int) -> None:
         log2 = int(np.ceil(np.log2(max(count, 2))))
         self.dimensions = dimensions
-        self._table = mi.UInt32(_sobol_table(dimensions, log2))
+        self._table = device_array(mi.UInt32, _sobol_table(dimensions, log2))
         seeds = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         self._seeds = [
             mi.sample_tea_32(lane, seeds + (0x9E3779B9 * (d + 1) & 0xFFFFFFFF))[0] for d in range(dimensions)

@@ -9,7 +9,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 
 __all__ = ["means_by_strips"]
 
@@ -35,15 +35,16 @@ def means_by_strips(
     order = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
     calls = np.array_split(order, -(-camera.height_px * camera.width_px // _LANES_PER_CALL))
     columns = np.arange(camera.width_px)
+    share = dr.opaque(mi.Float, 1 / samples)
     pictures = np.empty((batches, camera.height_px, camera.width_px, 0), np.float32)
     for batch in range(batches):
         for done, rows in enumerate(calls, 1):
-            pixels = (rows[:, None] * camera.width_px + columns).astype(np.uint32).ravel()
-            sums = strip(mi.UInt32(pixels), seed + 7919 * (batch + 1))
+            pixels = (rows[:, None] * camera.width_px + columns).ravel()
+            sums = strip(device_array(mi.UInt32, pixels), seed + 7919 * (batch + 1))
             means = dr.zeros(mi.Float, len(pixels) * len(sums))
             first = dr.arange(mi.UInt32, len(pixels)) * len(sums)
             for k, values in enumerate(sums):
-                dr.scatter(means, values * (1 / samples), first + k, mode=dr.ReduceMode.NoConflicts)
+                dr.scatter(means, values * share, first + k, mode=dr.ReduceMode.NoConflicts)
             if not pictures.size:
                 pictures = np.empty((*pictures.shape[:3], len(sums)), np.float32)
             pictures[batch, rows] = means.numpy().reshape(len(rows), -1, len(sums))

@@ -13,7 +13,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 
-from ..device import cosine_hemisphere, dr, mi
+from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
 from ..materials import SpectralBsdfs, SpectralMedium
 from ..radiosity import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_radiance
@@ -76,7 +76,7 @@ def _strip(
     rays = pixel_rays(camera, pixels)
     points = PathPoints(samples, pixels, seed)
     own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
-    reflectance_table = mi.Float(reflectances.astype(np.float32).ravel())
+    reflectance_table = device_array(mi.Float, reflectances)
     lambertian = mi.UInt32([0 if m in bsdfs.materials else 1 for m in range(len(reflectances))])
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import qmc
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 
 __all__ = ["PathPoints", "VertexPoints"]
 
@@ -63,7 +63,7 @@ class PathPoints:
         self._several_sets = log2 > _LOG2_MOST_POINTS
         log2 = min(log2, _LOG2_MOST_POINTS)
         words, lamp_words = _reversed_tables(log2)
-        self._table, self._lamp_table = mi.UInt32(words), mi.UInt64(lamp_words)
+        self._table, self._lamp_table = device_array(mi.UInt32, words), device_array(mi.UInt64, lamp_words)
         self._mask = dr.opaque(mi.UInt32, (1 << log2) - 1)
         self._lane_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))[0]
 

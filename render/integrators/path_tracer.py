@@ -13,7 +13,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 
-from ..device import cosine_hemisphere, dr, mi
+from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
 from ..radiosity import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
@@ -201,7 +201,7 @@ class _MaterialTable:
         if self._selects:
             self._rows = [[dr.opaque(mi.Float, float(x)) for x in row] for row in table]
         else:
-            self._packed = mi.Float(table.astype(np.float32).ravel())
+            self._packed = device_array(mi.Float, table)
 
     def __call__(self, material: mi.UInt32) -> list[mi.Float]:
         if not self._selects:

@@ -8,7 +8,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 from ..visibility import Tracer, build_tracer, visible
 
 __all__ = ["survey", "visible_points"]
@@ -75,7 +75,7 @@ def _seen(tracer: Tracer, camera: Camera, points: NDArray[np.float64]) -> NDArra
     image = camera.project(points)
     size = np.array([camera.width_px, camera.height_px])
     inside = np.all((image > _MARGIN_PX - 0.5) & (image < size - 0.5 - _MARGIN_PX), axis=1)
-    origin = mi.Point3f(*(mi.Float(np.full(len(points), float(x), np.float32)) for x in camera.position_mm))
-    target = mi.Point3f(*(mi.Float(points[:, i].astype(np.float32)) for i in range(3)))
+    origin = mi.Point3f(*(device_array(mi.Float, np.full(len(points), float(x))) for x in camera.position_mm))
+    target = mi.Point3f(*(device_array(mi.Float, points[:, i]) for i in range(3)))
     free = np.array(visible(tracer, origin, target, dr.full(mi.Bool, True, len(points))))
     return inside & free

@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Material, Scene
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 
 __all__ = ["SpectralBsdfs", "bsdf_dict"]
 
@@ -76,7 +76,7 @@ class SpectralBsdfs:
             self._bsdfs, self._groups = ends, [probe]
             rows = np.zeros((len(materials), self._count), np.float32)
             rows[self.materials] = reflectances
-            self._rows = mi.Float(rows.ravel())
+            self._rows = device_array(mi.Float, rows)
 
     def _all(self, values: list[mi.Float], material: mi.UInt32, active: mi.Bool) -> list[mi.Float]:
         """Values at each wavelength from those of the groups."""

@@ -14,7 +14,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, dr, mi
+from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LightField, lamp_pattern, lamp_point, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 
@@ -72,7 +72,7 @@ class Coat:
         """(n,) directional albedo (0 to 1) for light at ``cosine`` (n,) to the normal."""
         place = (np.arange(strata) + 0.5) / strata
         c, u, v = (
-            mi.Float(x.astype(np.float32).ravel())
+            device_array(mi.Float, x)
             for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
         )
         outgoing = mi.Vector3f(dr.safe_sqrt(1 - c * c), 0, c)
@@ -116,9 +116,9 @@ def changed_reflection(
     """
     tracer, patches = light.tracer, light.patches
     bands = radiance.shape[1]
-    table = mi.Float(radiance.astype(np.float32).ravel())
+    table = device_array(mi.Float, radiance)
     rho = [dr.opaque(mi.Float, float(r)) for r in reflectances[material]]
-    table_rho = mi.Float(np.asarray(reflectances).astype(np.float32).ravel())
+    table_rho = device_array(mi.Float, reflectances)
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
     rays = pixel_rays(camera, lane)

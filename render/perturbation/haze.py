@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from ..device import SobolPoints, dr, mi
+from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LampSampler, lamp_point, patch_of
 from ..visibility import Tracer, intersect, visible
 from .patch_transport import PatchTransport
@@ -103,6 +103,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     first, extent = mi.Point3f(*_columns(corner)), mi.Vector3f(*_columns(size))
     random = SobolPoints(7, _CELL_SAMPLES, lane, seed)
     matrix = dr.zeros(mi.Float, count * len(patches))
+    patch_count = dr.opaque(mi.UInt32, len(patches))
     empty, exposed, lit = (dr.zeros(mi.Float, count) for _ in range(3))
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
@@ -114,7 +115,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         dr.scatter_add(exposed, mi.Float(1), lane, air)
         dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
         patch = patch_of(patches, hit.triangle, hit.uv, hit.reflecting)
-        dr.scatter_add(matrix, mi.Float(1), lane * len(patches) + patch, hit.reflecting)
+        dr.scatter_add(matrix, mi.Float(1), lane * patch_count + patch, hit.reflecting)
         dr.scatter_add(lit, _from_lamp(tracer, light.lamp, point, u[5], u[6]), lane, air)
         return (i + 1,)
 
@@ -151,7 +152,7 @@ def _cells(
 
 
 def _columns(values: NDArray) -> list[mi.Float]:
-    return [mi.Float(values[:, i].astype(np.float32)) for i in range(3)]
+    return [device_array(mi.Float, values[:, i]) for i in range(3)]
 
 
 def _from_lamp(tracer: Tracer, lamp: LampSampler, point: mi.Point3f, u: mi.Float, v: mi.Float) -> mi.Float:
@@ -170,8 +171,8 @@ def _along_rays(
     count = depth.size * STEPS
     lane = dr.arange(mi.UInt32, count)
     pixel, step = lane // STEPS, mi.Float(lane % STEPS)
-    toward = dr.gather(mi.Vector3f, mi.Float(direction.astype(np.float32).ravel()), pixel)
-    length = dr.gather(mi.Float, mi.Float(depth.astype(np.float32).ravel()), pixel) * (1 / STEPS)
+    toward = dr.gather(mi.Vector3f, device_array(mi.Float, direction), pixel)
+    length = dr.gather(mi.Float, device_array(mi.Float, depth), pixel) * (1 / STEPS)
     start = mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in eye))
     random = SobolPoints(3, _RAY_SAMPLES, lane, seed)
 

@@ -19,7 +19,7 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from ..device import SobolPoints, cosine_hemisphere, dr, mi
+from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
 from ..radiosity import LightField, direct_light, lamp_pattern, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
 
@@ -123,12 +123,13 @@ def _traced(
     fragments = own.stop - own.start
     index = np.full(count * faces, fragments, np.uint32)
     index[(pixel[own] - pixels[0]) * faces + face[own]] = np.arange(fragments)
-    lookup = mi.UInt32(index)
+    lookup = device_array(mi.UInt32, index)
     lane = dr.arange(mi.UInt32, count)
     here = lane + dr.opaque(mi.UInt32, pixels[0])
     rays = pixel_rays(camera, here)
     points = SobolPoints(6, samples, here, seed)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
+    patch_count = dr.opaque(mi.UInt32, len(patches))
     direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
     glow, on_lamp = (dr.zeros(mi.Float, count) for _ in range(2))
 
@@ -151,7 +152,7 @@ def _traced(
         dr.scatter_add(direct, arriving, fragment, shaded)
         dr.scatter_add(seen, mi.Float(1), fragment, shaded)
         dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
-        dr.scatter_add(matrix, mi.Float(1), fragment * len(patches) + patch, lit)
+        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, lit)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)

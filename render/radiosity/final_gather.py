@@ -19,7 +19,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 
-from ..device import SobolPoints, cosine_hemisphere, dr, mi
+from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
 from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
@@ -147,7 +147,7 @@ def gather(
     progress: Progress = QUIET,
 ) -> RenderedImage:  # fmt: skip
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
-    table = mi.Float(light.table.ravel())
+    table = device_array(mi.Float, light.table)
 
     def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
         return _strip(light, table, camera, pixels, samples, own_seed)
@@ -190,8 +190,8 @@ def render_final_gather(
 def _parents(patches: Patches, finer: Patches) -> np.ndarray:
     """(n,) the patch that contains each finer patch."""
     alone = np.searchsorted(finer.patch, np.arange(len(finer)))
-    triangle = mi.UInt32(finer.triangle[alone].astype(np.uint32))
-    uv = mi.Point2f(finer.uv[alone].T.astype(np.float32))
+    triangle = device_array(mi.UInt32, finer.triangle[alone])
+    uv = mi.Point2f(*(device_array(mi.Float, column) for column in finer.uv[alone].T))
     return np.array(patch_of(patches, triangle, uv, dr.full(mi.Bool, True, len(finer))))
 
 
@@ -247,7 +247,7 @@ def _strip(
     second = max_bounces is None or max_bounces >= 2
     third = max_bounces is None or max_bounces >= 3
     per_material = 1 + materials + materials**2 + rank
-    reach = dr.opaque(mi.Float, light.near)
+    reach, patch_count = dr.opaque(mi.Float, light.near), dr.opaque(mi.UInt32, len(patches))
 
     def gathered(i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool) -> list[mi.Float]:
         """Light of one gathering ray: direct light by second and third material, and light from the patches."""
@@ -274,7 +274,7 @@ def _strip(
         triangle = dr.select(close, last.triangle, far.triangle)
         uv = mi.Point2f(dr.select(close, last.uv.x, far.uv.x), dr.select(close, last.uv.y, far.uv.y))
         patch = patch_of(patches, triangle, uv, read)
-        entry = (patch + dr.select(close, (far_material + 1) * len(patches), 0)) * rank
+        entry = (patch + dr.select(close, (far_material + 1) * patch_count, 0)) * rank
         return values + [dr.gather(mi.Float, table, entry + k, read) for k in range(rank)]
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:

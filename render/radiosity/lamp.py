@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes.scene import Lamp
 
-from ..device import dr, mi, polynomial, polynomial_at
+from ..device import device_array, dr, mi, polynomial, polynomial_at
 from ..visibility import RAY_OFFSET_MM, Tracer, visible
 
 __all__ = [
@@ -66,14 +66,13 @@ def _cells(lamp: Lamp) -> _Cells | None:
     if lamp.pattern is None:
         return None
     corner, right, _, up = lamp.surface.vertices_mm[:4]
-    edges = (mi.Vector3f(*(float(x) for x in end - corner)) for end in (right, up))
-    return _Cells(
-        mi.Float(lamp.pattern.astype(np.float32).ravel()), lamp.pattern.shape, _point(corner), *edges
-    )
+    edges = (mi.Vector3f(_point(end - corner)) for end in (right, up))
+    return _Cells(device_array(mi.Float, lamp.pattern), lamp.pattern.shape, _point(corner), *edges)
 
 
 def _point(values: np.ndarray) -> mi.Point3f:
-    return mi.Point3f(*(float(x) for x in values))
+    """Opaque, so that lamps anywhere share one kernel."""
+    return mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in values))
 
 
 def build_lamp_sampler(tracer: Tracer) -> LampSampler:
@@ -91,7 +90,7 @@ def build_lamp_sampler(tracer: Tracer) -> LampSampler:
     return LampSampler(
         corners=[_point(c) for t in triangles for c in t],
         thresholds=list(np.cumsum(areas) / areas.sum()),
-        normal=mi.Vector3f(*(float(x) for x in cross[0] / np.linalg.norm(cross[0]))),
+        normal=mi.Vector3f(_point(cross[0] / np.linalg.norm(cross[0]))),
         area=float(areas.sum()),
         border=[(_point(a), _point(b)) for a, b in edges.values()],
         centre=(low + high) / 2,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..device import SobolPoints, dr, mi
+from ..device import SobolPoints, device_array, dr, mi
 from ..visibility import RAY_OFFSET_MM, Tracer, intersect
 from .patches import Patches, patch_points
 
@@ -75,9 +75,9 @@ def build_slopes(tracer: Tracer, patches: Patches) -> PatchSlopes:
         neighbour,
         across,
         centre,
-        packed_neighbour=mi.UInt32(neighbour.astype(np.uint32).ravel()),
-        packed_across=mi.Float(across.astype(np.float32).ravel()),
-        packed_centre=mi.Float(centre.astype(np.float32).ravel()),
+        packed_neighbour=device_array(mi.UInt32, neighbour),
+        packed_across=device_array(mi.Float, across),
+        packed_centre=device_array(mi.Float, centre),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 from ..visibility import Tracer, normal_and_material
 
 __all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
@@ -84,8 +84,8 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
         triangle=triangle,
         uv=uv,
         corners=corners,
-        packed_divisions=mi.Float(divisions.astype(np.float32)),
-        packed_first=mi.UInt32(first.astype(np.uint32)),
+        packed_divisions=device_array(mi.Float, divisions),
+        packed_first=device_array(mi.UInt32, first),
     )
 
 
@@ -155,10 +155,10 @@ def patch_points(
     share = _areas(patches.corners) / patches.area[patches.patch]
     total = np.cumsum(share)
     low = total - share - (total - share)[start[:-1]][patches.patch]
-    corners = mi.Float(patches.corners.astype(np.float32).ravel())
-    triangle = mi.UInt32(patches.triangle.astype(np.uint32))
-    starts = mi.UInt32(start.astype(np.uint32))
-    lows, shares = mi.Float(low.astype(np.float32)), mi.Float(share.astype(np.float32))
+    corners = device_array(mi.Float, patches.corners)
+    triangle = device_array(mi.UInt32, patches.triangle)
+    starts = device_array(mi.UInt32, start)
+    lows, shares = device_array(mi.Float, low), device_array(mi.Float, share)
     steps = int(np.diff(start).max() - 1).bit_length()
 
     def points(patch: mi.UInt32, u: mi.Float, v: mi.Float) -> tuple[mi.Point3f, mi.Vector3f]:

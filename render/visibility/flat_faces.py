@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 
 __all__ = ["MOST_FACES", "FlatFaces", "flat_faces"]
 
@@ -121,14 +121,10 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
         rows=tuple(tuple(dr.opaque(mi.Float, float(value)) for value in _row(own)) for own in planes),
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=_OVERLAP * float(np.ptp(corners, axis=0).max()),
-        diagonals=_buffer([_diagonal(outline) for outline, _ in polygons]),
-        triangles=mi.UInt32(np.array([(own[0], own[-1]) for _, own in polygons], np.uint32).ravel()),
-        coordinates=_buffer(_barycentric(vertices)),
+        diagonals=device_array(mi.Float, [_diagonal(outline) for outline, _ in polygons]),
+        triangles=device_array(mi.UInt32, [(own[0], own[-1]) for _, own in polygons]),
+        coordinates=device_array(mi.Float, _barycentric(vertices)),
     )
-
-
-def _buffer(values: ArrayLike) -> mi.Float:
-    return mi.Float(np.ravel(values).astype(np.float32))
 
 
 def _polygons(

@@ -12,7 +12,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, dr, mi
+from ..device import SobolPoints, device_array, dr, mi
 from .flat_faces import FlatFaces
 from .tracer import undistorted_positions
 
@@ -99,11 +99,11 @@ def _sampled(
     """(n, k) shares of the faces ``listed`` (n, k) in each pixel; an index beyond the last face is that of none."""
     count, most = listed.shape
     never = np.broadcast_to([0.0, 0.0, -1.0], functions[:1].shape)
-    table = mi.Float(np.concatenate([functions, never]).astype(np.float32).ravel())
+    table = device_array(mi.Float, np.concatenate([functions, never]))
     lane = dr.arange(mi.UInt32, count)
-    pixel = mi.UInt32(pixels.astype(np.uint32))
+    pixel = device_array(mi.UInt32, pixels)
     positions, points = undistorted_positions(camera, pixel), SobolPoints(2, samples, pixel, seed)
-    index = mi.UInt32(listed.astype(np.uint32).ravel())
+    index = device_array(mi.UInt32, listed)
     own = []
     for k in range(most):
         start = functions[0].size * dr.gather(mi.UInt32, index, lane * most + k)

@@ -6,7 +6,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from ..device import SobolPoints, dr, mi
+from ..device import SobolPoints, device_array, dr, mi
 from .face_edges import face_edges, pixels_on_edges
 from .flat_faces import FlatFaces
 from .polygon_coverage import polygon_coverage
@@ -52,7 +52,7 @@ def pixel_coverage(
     if isinstance(tracer.accelerator, FlatFaces):
         return _by_polygons(tracer, tracer.accelerator, camera, pixels, samples, seed)
     count = len(pixels)
-    lane = mi.UInt32(np.asarray(pixels, np.uint32))
+    lane = device_array(mi.UInt32, pixels)
     rays = pixel_rays(camera, lane)
     points = SobolPoints(2, samples, lane, seed)
     faces = len(tracer.facet_surface)
@@ -90,10 +90,8 @@ def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int,
     """
     jitter = np.random.default_rng(seed).random((2, len(pixels), across, across))
     v, u = (np.arange(across)[:, None] + jitter[0]) / across, (np.arange(across) + jitter[1]) / across
-    rays = pixel_rays(camera, mi.UInt32(np.repeat(np.asarray(pixels, np.uint32), across**2)))
-    return _faces(tracer, rays(*(mi.Float(x.ravel().astype(np.float32)) for x in (u, v)))).reshape(
-        jitter.shape[1:]
-    )
+    rays = pixel_rays(camera, device_array(mi.UInt32, np.repeat(pixels, across**2)))
+    return _faces(tracer, rays(*(device_array(mi.Float, x) for x in (u, v)))).reshape(jitter.shape[1:])
 
 
 def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:

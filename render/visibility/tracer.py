@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 from .flat_faces import FlatFaces, flat_faces
 
 __all__ = [
@@ -115,16 +115,16 @@ def build_tracer(scene: Scene) -> Tracer:
         material=material,
         facet=facet,
         facet_surface=facet_surface,
-        packed_triangles=mi.UInt64(_packed(normals, material)),
-        packed_facet=mi.UInt32(facet.astype(np.uint32)),
+        packed_triangles=device_array(mi.UInt64, _packed(normals, material)),
+        packed_facet=device_array(mi.UInt32, facet),
     )
 
 
 def in_a_tree(vertices: np.ndarray) -> mi.Scene:
     mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
-    parameters["faces"] = mi.UInt32(np.arange(3 * len(vertices), dtype=np.uint32))
+    parameters["vertex_positions"] = device_array(mi.Float, vertices)
+    parameters["faces"] = device_array(mi.UInt32, np.arange(3 * len(vertices)))
     parameters.update()
     return mi.load_dict({"type": "scene", "mesh": mesh})
 
@@ -241,7 +241,7 @@ def undistorted_positions(
     if camera.further_distortion is not None:
         # within a pixel it is taken for even
         centres = np.stack([column.numpy(), row.numpy()], axis=-1).astype(float)
-        column, row = (mi.Float(c.astype(np.float32)) for c in camera.undisplaced(centres).T)
+        column, row = (device_array(mi.Float, c) for c in camera.undisplaced(centres).T)
     left = (column - 0.5 - centre_x) / f
     top = (row - 0.5 - centre_y) / f
     pitch = 1 / f
