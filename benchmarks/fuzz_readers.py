@@ -78,7 +78,7 @@ def readers() -> dict[str, Reader]:
     from cboxlab.calibration.geometry.surveyed_points import read_points
     from cboxlab.render.files import read_cube, write_cube
     from cboxlab.render.files.cube_checks import as_cube
-    from cboxlab.render.files.raw_files import read_raw, write_raw
+    from cboxlab.render.files.raw_files import write_raw
     from cboxlab.render.sensor.cameras import load_camera
     from cboxlab.scenes.files import keep, kept
     from cboxlab.scenes.scene_file import load_scene
@@ -174,7 +174,10 @@ def readers() -> dict[str, Reader]:
             written("frame.tif", lambda path: tifffile.imwrite(path, counts, compression="zlib")),
             lambda path: read_frame(path, 15, 20, 12),
         ),
-        "raw": Reader(written("raw.tif", lambda path: write_raw(path, counts, {"gain": 2.0})), read_raw),
+        "raw": Reader(
+            written("raw.tif", lambda path: write_raw(path, counts, {"gain": 2.0})),
+            lambda path: read_frame(path, 15, 20, 16),
+        ),
         "tiff": Reader(written("a.tiff", lambda path: tifffile.imwrite(path, counts)), read_foreign),
         "fits": Reader(written("a.fits", lambda path: fits.PrimaryHDU(counts).writeto(path)), read_foreign),
         "netcdf": of_cube(".nc"),
@@ -184,6 +187,11 @@ def readers() -> dict[str, Reader]:
             written("entry", lambda path: keep(path, "key", b"picture")), lambda path: kept(path, "key")
         ),
     }  # fmt: skip
+
+
+def _peak() -> int:
+    """The process's largest memory so far, bytes."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 class Fuzzed:
@@ -198,12 +206,11 @@ class Fuzzed:
         self.inputs = self.refused = 0
         self.failures: dict[str, str] = {}
         self.slowest = 0.0
-        self.peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     def __call__(self, content: bytes) -> None:
         self.path.write_bytes(content)
         self.inputs += 1
-        start = time.process_time()
+        before, start = _peak(), time.process_time()
         try:
             self.reader.read(self.path)
         except self.known:
@@ -215,10 +222,8 @@ class Fuzzed:
         self.slowest = max(self.slowest, seconds)
         if seconds > LONGEST_S:
             self._failed("too slow", content)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        if (peak - self.peak) * 1024 > MOST_BYTES:
+        if _peak() - before > MOST_BYTES:
             self._failed("too much memory", content)
-        self.peak = peak
 
     def _failed(self, kind: str, content: bytes) -> None:
         if kind not in self.failures:

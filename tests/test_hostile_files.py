@@ -107,6 +107,26 @@ def test_a_frame_that_unpacks_without_end_is_refused(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
 
 
+@pytest.mark.parametrize("size", range(12))
+def test_the_beginning_of_a_frame_is_refused(tmp_path, size):
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((3, 4), np.uint16))
+    (tmp_path / "a.tif").write_bytes((tmp_path / "a.tif").read_bytes()[:size])
+    refused(lambda path: read_frame(path, 3, 4, 12), tmp_path / "a.tif")
+
+
+def test_a_unit_that_is_no_text_is_refused(tmp_path):
+    write_cube(tmp_path / "cube.nc", CUBE)
+    with h5py.File(tmp_path / "cube.nc", "r+") as file:
+        file["radiance"].attrs["units"] = 3.0
+    refused(read_cube, tmp_path / "cube.nc", "the unit '3.0'")
+
+
+def test_a_diagnosis_with_a_number_for_parameters_is_refused(tmp_path):
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps({"ranking": [{"effect": "haze", "parameters": 1.0}], "selected": ["haze"]}))
+    refused(read_diagnosis, path, "a diagnosis")
+
+
 def test_a_turned_frame_is_refused(tmp_path):
     path = frame(tmp_path / "turned.tif", extratags=[(274, "H", 1, 6, True)])
     refused(lambda p: read_frame(p, 8, 8, 16), path, "orientation 6")

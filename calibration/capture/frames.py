@@ -13,16 +13,6 @@ from numpy.typing import NDArray
 
 __all__ = ["check_frame", "read_frame"]
 
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    IndexError,
-    KeyError,
-    TypeError,
-    RuntimeError,
-    zlib.error,
-    tifffile.TiffFileError,
-)
 #: TIFF 6.0's numbers of compressions that need no further library (5: LZW), and of those by zlib.
 _COMPRESSIONS, _DEFLATED = (1, 5, 8, 32773, 32946), (8, 32946)
 _HINT = "Export it again as a one-channel 16-bit unsigned TIFF."
@@ -84,7 +74,7 @@ def check_frame(path: Path, height: int, width: int) -> None:
             _check_page(path, file, height, width)
     except InputError:
         raise
-    except _UNREADABLE as error:
+    except Exception as error:  # tifffile and its decoders raise many kinds for damaged files
         raise InputError(
             path,
             f"a file that cannot be read as TIFF ({error})",
@@ -104,7 +94,9 @@ def read_frame(path: Path, height: int, width: int, bit_depth: int) -> NDArray[n
             page = file.pages.first
             _require_bounded_segments(path, file, page)
             counts = page.asarray()
-    except _UNREADABLE as error:
+    except InputError:
+        raise
+    except Exception as error:
         raise InputError(
             path,
             f"pixels that cannot be decoded ({error})",

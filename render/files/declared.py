@@ -75,9 +75,9 @@ DECLARABLE = {
 _KEYS = {name: key for key, name in DECLARABLE.items()}
 
 
-def _parsed(unit: str) -> tuple[float, tuple[int, ...]] | None:
+def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
     """Size in SI units, and powers of watt, metre, steradian, candela; None for what is no such unit."""
-    text = unit.translate(_POWERS).replace("·", " ").replace("*", " ").replace(".", " ").strip()
+    text = str(unit).translate(_POWERS).replace("·", " ").replace("*", " ").replace(".", " ").strip()
     # one division by a bracket: W/(m^2 sr nm)
     if match := re.fullmatch(r"([^/()]+)/\s*\(([^()/]+)\)", text):
         text = match[1] + " /" + " /".join(match[2].split())

@@ -216,7 +216,7 @@ def read_diagnosis(path: Path) -> Mapping[str, Any]:
         sound = sound and all(isinstance(name, str) for name in selected)
         values = [value for r in ranking for value in r["parameters"].values()]
         sound = sound and all(v is None or isinstance(v, str) or _is_number(v) for v in values)
-    except (KeyError, TypeError):
+    except (AttributeError, KeyError, TypeError):
         raise InputError(path, "other content", expected) from None
     if not sound:
         raise InputError(path, "entries of another type", expected)

@@ -12,7 +12,6 @@ from cboxlab.calibration.correction.noise import measure_noise
 from cboxlab.calibration.radiometry.sensor_equation import band_responses, nominal_constant
 from cboxlab.render.files.cube_files import open_cube, write_cube
 from cboxlab.render.files.dng import write_dng
-from cboxlab.render.files.raw_files import read_raw
 from cboxlab.render.image.spectral_basis import from_basis, principal_components, spectral_error, to_basis
 from cboxlab.render.laboratory.cube_capture import write_cube_capture
 from cboxlab.render.sensor.cameras import PACKAGED, load_camera, packaged_cameras
@@ -29,6 +28,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.commands.cli import main
+from helpers.raw_frames import read_raw
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
 TUNGSTEN = Spectrum(WAVELENGTH_NM, planck(WAVELENGTH_NM, 3000.0))

@@ -7,12 +7,12 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 from cboxlab.render.files.cube_files import read_cube, write_cube
-from cboxlab.render.files.raw_files import read_raw
 from cboxlab.validate.commands.cli import main
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.compare.maps import read_map
 from cboxlab.validate.model.model_file import load_model
 from helpers.command_line import assert_one_line_of_help
+from helpers.raw_frames import read_raw
 from PIL import Image
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.files.raw_files import read_raw
 from cboxlab.render.image.blur import blur
 from cboxlab.scenes import cornell_box
 from cboxlab.scenes.errors import InputError
@@ -33,6 +32,7 @@ from cboxlab.validate.report.diagnosis import (
 )
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import story
+from helpers.raw_frames import read_raw
 from PIL import Image
 from scipy import stats
 from scipy.ndimage import convolve
