@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,20 @@ _LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
 _DEEPEST = 32
 
 _INT64 = 2**63
+
+_LINE = re.compile(r"at line (\d+)")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+
+#: Faults in a line of TOML that are made often, and how they are mended.
+_FREQUENT = {
+    r"^\[[^\[\]]+\]$": "Tables that occur several times have double brackets, [[flat]], each of them.",
+    r"\\": "Paths are written with / in place of \\.",
+    r"=\s*-?\d+,\d": "Numbers have a decimal point, not a comma.",
+    r"=\s*-?(\.\d|\d+\.(\D|$))": "Numbers have digits on both sides of the decimal point.",
+    r"=\s*(True|False)\b": "Write true and false in small letters.",
+    r"=\s*[A-Za-z_./]": "Text stands in quotes.",
+    r"^[\w-]+\s+[\w-]+\s*=": "Keys have no spaces.",
+}
 
 
 def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
@@ -64,13 +79,28 @@ def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(path, "values nested too deeply", expected) from None
     except ValueError as error:  # faults of the TOML; integers of thousands of digits
-        raise InputError(path, f"a fault in the TOML: {error}", expected) from None
+        raise InputError(
+            path, f"a fault in the TOML: {error}", expected, _toml_hint(text, str(error))
+        ) from None
     for key, value, depth in _values(content):
+        if isinstance(value, str) and (odd := _CONTROL.search(value)):
+            hint = "In double quotes a backslash begins an escape: write paths with /."
+            raise InputError(f"{path}: {key}", f"a control character, {odd[0]!r}, in {value!r}", "text", hint)
         if depth > _DEEPEST:
             raise InputError(f"{path}: {key[:80]}", "values nested too deeply", expected)
         if isinstance(value, int) and not -_INT64 <= value < _INT64:
             raise InputError(f"{path}: {key}", "an integer beyond 64 bits", "a smaller number")
     return content
+
+
+def _toml_hint(text: str, message: str) -> str:
+    """The line that ``message`` speaks of, and what is mostly wrong with such a line."""
+    number = _LINE.search(message)
+    if number is None:
+        return ""
+    line = text.splitlines()[int(number[1]) - 1].strip() if text else ""
+    rule = next((hint for pattern, hint in _FREQUENT.items() if re.search(pattern, line)), "")
+    return f"Line {number[1]} is: {line[:80]}" + (f". {rule}" if rule else "")
 
 
 def _values(content: dict[str, Any]) -> Iterator[tuple[str, Any, int]]:

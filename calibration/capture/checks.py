@@ -60,7 +60,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 yield InputError(
                     f"{path}: {key.removesuffix('s')}[{index}].band",
                     f"'{table.band}'",
-                    f"one of {', '.join(known)}",
+                    f"one of {', '.join(dict.fromkeys(known))}",
                     nearest(table.band, known),
                 )
     exposures = [dark.exposure_s for dark in manifest.darks]

@@ -9,6 +9,7 @@ from cboxlab.calibration.colour.colorimetry import (
     train_filter_weights,
 )
 from cboxlab.calibration.colour.colour_error import choose_filters, colour_error, lab_differences
+from cboxlab.calibration.colour.colour_study import study_colour
 from cboxlab.calibration.colour.radiance_ensemble import (
     Radiances,
     evaluation_radiances,
@@ -18,7 +19,7 @@ from cboxlab.calibration.colour.radiance_ensemble import (
 from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
-from helpers.fake_capture import CENTRES_NM, response
+from helpers.fake_capture import CENTRES_NM, FakeCapture, response
 
 STEP = INTEGRAL_GRID.weights
 
@@ -119,6 +120,12 @@ def test_the_best_subset_is_found_and_more_filters_never_hurt(training, lamps):
     one = choose_filters(responses(), training, evaluation, [1], 0.003)[0]
     alone = [choose_filters([r], training, evaluation, [1], 0.003)[0].training_rms for r in responses()]
     assert one.training_rms == pytest.approx(min(alone))
+
+
+def test_a_capture_is_told_the_best_subset_of_every_size(tmp_path):
+    capture = load_capture(FakeCapture(tmp_path / "c", centres=(450, 550, 650)).write())
+    choices = study_colour(capture, responses((450, 550, 650)), 0.01).choices
+    assert [len(choice.bands) for choice in choices] == [1, 2, 3]
 
 
 def test_exchange_finds_what_trying_all_finds(training, lamps, monkeypatch):

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.detector.dark_fit import fit_dark
+from cboxlab.calibration.correction.dark import DarkLibrary
+from cboxlab.calibration.correction.noise import NoiseModel
+from cboxlab.calibration.detector.dark_fit import fit_dark, ordinary_pixels
 from scipy import stats
 
 #: Vora et al. 2001, Table II: mean dark value of the DCS-200 over R, G, B; exposure in s, counts.
@@ -60,3 +62,14 @@ def test_noise_alone_is_no_trend():
     rng = np.random.default_rng(4)
     verdicts = [fit_dark(np.arange(1, 9), rng.standard_normal(8)).verdict for _ in range(200)]
     assert sum("no trend" not in v for v in verdicts) <= 10
+
+
+@pytest.mark.parametrize("repeats", [1, 25])
+def test_a_pixel_is_hot_against_the_noise_of_the_mean_of_the_darks(repeats):
+    """Levels that are all rounded alike: what is left is read noise, 2 DN in a frame, over the root of the frames."""
+    noise = NoiseModel(1.0, None, 2.0, None)
+    sigma = 2.0 / np.sqrt(repeats)
+    level = np.full((1, 40, 40), 100.0)
+    level[0, 3, 4], level[0, 5, 6] = 100 + 3 * sigma, 100 + 9 * sigma
+    dark = DarkLibrary(np.ones(1), np.array([repeats]), level, level[0], 0 * level[0], False)
+    assert sorted(map(tuple, np.argwhere(~ordinary_pixels(dark, noise)))) == [(5, 6)]

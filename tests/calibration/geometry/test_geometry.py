@@ -194,12 +194,14 @@ def undetermined() -> dict[str, tuple[SurveyedPoints, str]]:
     back_wall[:, 2] = BOX_MM[2]
     shallow = back_wall + np.array([0, 0, 1.0]) * rng.uniform(-4, 4, (30, 1))
     tiny = BOX_MM / 2 + rng.uniform(-15, 15, (30, 3))
+    aside = tiny + np.array([0, 0.4, 0]) * BOX_MM
     return {
         "five points": (with_points(good.points_mm[:5]), "at least 6"),
         "six coplanar points": (with_points(back_wall[:6]), "one plane"),
         "coplanar points": (with_points(back_wall), "one plane"),
         "nearly coplanar points": (with_points(shallow), "relative uncertainty"),
         "a small part of the image": (with_points(tiny), "of an image of"),
+        "a small part aside": (with_points(aside), "of an image of"),
         "points seen by no camera": (replace(good, image_px=rng.uniform(0, 255, (30, 2))), "exchanged"),
         "the same point again": (with_points(np.tile(good.points_mm[:1], (30, 1))), "one plane"),
     }

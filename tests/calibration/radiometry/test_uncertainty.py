@@ -105,6 +105,20 @@ def test_constant_and_bands_share_their_errors():
     assert residual.sum() / stated.sum() == pytest.approx(1.0, abs=0.15)
 
 
+def test_bands_known_unequally_well_err_less_the_error_of_their_mean():
+    """With weights a in C the errors are (I - 1 a^T) times independent ones; noise makes the weights unequal."""
+    rng = np.random.default_rng(9)
+    noise = np.geomspace(0.002, 0.03, 7)
+    values = 1 + np.hypot(0.008, noise) * rng.standard_normal(7)
+    found = join_constants(
+        [BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1
+    )
+    assert found.scatter > 0 and np.ptp(found.weights) > 0.05
+    own = np.eye(7) - np.outer(np.ones(7), found.weights)
+    shared = measure_uncertainty(found, tuple(c.band for c in found.by_band))
+    np.testing.assert_allclose(shared.band_covariance, found.scatter**2 * own @ own.T, rtol=1e-9, atol=1e-15)
+
+
 def test_two_references_of_a_band_are_one_band():
     constants = [
         BandConstant("a", 1.01, 0.001, 9),

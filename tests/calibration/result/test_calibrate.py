@@ -5,16 +5,12 @@ import json
 
 import numpy as np
 import pytest
-import tifffile
 import xarray as xr
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.capture.mosaic import channel_mask
 from cboxlab.calibration.colour.patch_colour import patch_errors, patch_xyz, smoothest_spectra
-from cboxlab.calibration.colour.shading import PatchPixels, fit_shading
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
 from helpers.fake_capture import CONSTANT, FakeCapture
-from PIL import Image
 
 KEYS = {
     "suspicions",
@@ -171,100 +167,3 @@ def test_even_white_has_the_chromaticity_of_the_illuminant(colorchecker):
     table = replace(colorchecker.patches, reflectance=np.ones_like(colorchecker.patches.reflectance))
     xyz = patch_xyz(table)[0][0]
     np.testing.assert_allclose(xyz[:2] / xyz.sum(), [0.3127, 0.3290], atol=5e-4)
-
-
-def patches_under(light, rng, noise=0.5):
-    """Twelve patches of random reflectance on a 200 x 300 frame under a light (v, u)."""
-    found = []
-    for row in range(3):
-        for column in range(4):
-            v, u = (
-                a.ravel()
-                for a in np.mgrid[row * 60 + 10 : row * 60 + 50, column * 70 + 10 : column * 70 + 60]
-            )
-            signal = 200 * rng.uniform(0.05, 1.0) * light(u, v)
-            found.append(
-                PatchPixels(
-                    u.astype(float), v.astype(float), signal + noise * rng.standard_normal(u.size), noise
-                )
-            )
-    return found
-
-
-def test_illumination_is_recovered_from_the_patches_alone():
-    """A light of cubic logarithm: ratios between places within 4 of the stated sigmas, sigmas below 0.5%.
-
-    40 charts: mean square pull within [0.25, 2]. The jackknife is known to err on the large side with few
-    patches, never on the small one.
-    """
-
-    def light(u, v):
-        x, y = (u - 140) / 140, (v - 90) / 140
-        return np.exp(-0.4 * x + 0.2 * y - 0.1 * x * y + 0.15 * x**3)
-
-    rng, pulls = np.random.default_rng(12), []
-    for _ in range(40):
-        patches = patches_under(light, rng)
-        shading = fit_shading(patches)
-        assert shading.order == 3
-        for u, v in ((40.0, 30.0), (250.0, 30.0), (40.0, 150.0), (250.0, 150.0)):
-            ratio = shading.at(u, v) / shading.at(140.0, 90.0) / (light(u, v) / light(140.0, 90.0))
-            sigma = shading.relative_sigma(u, v, (140.0, 90.0))
-            assert sigma < 0.005
-            pulls.append((ratio - 1) / sigma)
-    assert 0.25 < np.mean(np.square(pulls)) < 2.0
-
-
-def test_too_few_bright_patches_give_no_shading():
-    patches = patches_under(lambda u, v: 1.0 + 0 * u, np.random.default_rng(1), noise=300.0)
-    assert fit_shading(patches) is None
-
-
-def test_chart_of_known_reflectances_through_the_whole_chain(tmp_path):
-    """Patches under uneven light behind a mosaic, with stray light in one band: reflectances return.
-
-    8 patches of 32 x 32 px, 3 bands, 5 e-/DN; the darkest patch is neutral, the white one known.
-    """
-    rng = np.random.default_rng(21)
-    height, width, pattern = 80, 160, "RGGB"
-    true = np.array([rng.uniform(0.1, 0.8, 3) for _ in range(8)])
-    true[0], true[7] = 0.9, 0.04
-    labels = np.zeros((height, width), np.uint8)
-    scene = np.full((3, height, width), 0.2)
-    for index in range(8):
-        window = np.s_[
-            4 + 38 * (index // 4) : 36 + 38 * (index // 4), 4 + 40 * (index % 4) : 36 + 40 * (index % 4)
-        ]
-        labels[window] = index + 1
-        scene[(slice(None), *window)] = true[index][:, None, None]
-    u = np.indices((height, width))[1] / width
-    folder = tmp_path / "chart"
-    (folder / "frames").mkdir(parents=True)
-    text = 'format = "capture/1"\n[camera]\nwidth_px = 160\nheight_px = 80\n'
-    text += "bit_depth = 12\ngain_e_per_dn = 5.0\n"
-    text += f'[mosaic]\npattern = "{pattern}"\n'
-    stray = (0.0, 0.0, 0.05)
-    for band, (name, channel) in enumerate((("f450", "B"), ("f550", "G"), ("f620", "R"))):
-        light = 3000 * np.exp(-(0.3 + 0.2 * band) * u)
-        signal = np.where(
-            channel_mask(pattern, (height, width), channel), light * (scene[band] + stray[band]), 30
-        )
-        counts = np.rint(rng.poisson(5 * signal) / 5).astype(np.uint16)
-        tifffile.imwrite(folder / f"frames/{name}.tif", counts)
-        text += f'[[band]]\nid = "{name}"\nexposure_s = 1.0\nframes = ["frames/{name}.tif"]\n'
-        text += f'transmittance = "filters.csv:{name}"\n'
-    grid = np.arange(400, 701)
-    bells = [np.exp(-0.5 * ((grid - c) / 5) ** 2) for c in (450, 550, 620)]
-    np.savetxt(folder / "filters.csv", np.column_stack([grid, *bells]), delimiter=",", comments="",
-               header="wavelength_nm,f450,f550,f620")  # fmt: skip
-    (folder / "known.csv").write_text("wavelength_nm,w\n400,0.9\n700,0.9\n")
-    Image.fromarray(labels).save(folder / "labels.png")
-    names = "".join(f"{i + 1},{'white' if i == 0 else f'p{i}'},{'w' if i == 0 else ''}\n" for i in range(8))
-    (folder / "names.csv").write_text("label,name,column\n" + names)
-    text += '[labels]\nimage = "labels.png"\nnames = "names.csv"\nreflectance = "known.csv"\n'
-    (folder / "capture.toml").write_text(text)
-    table = calibrate(load_capture(folder)).patches
-    # Stray light in proportion to the light at the patch is what the offset can describe.
-    np.testing.assert_allclose(table.offset, stray, atol=0.006)
-    np.testing.assert_allclose(table.reflectance, true, atol=0.015)
-    assert np.mean(np.abs(table.reflectance - true)) < 0.005

@@ -1,0 +1,36 @@
+"""Black level and exposure offset from exposures of several lengths."""
+
+import numpy as np
+import pytest
+import tifffile
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.correction.dark import read_darks
+from cboxlab.calibration.correction.noise import measure_noise
+from cboxlab.calibration.detector.linearity import measure_linearity
+from helpers.fake_capture import GAIN
+
+
+def test_brackets_show_black_level_and_exposure_offset(tmp_path):
+    """Counts lose 0.7 DN below the dark's level and every exposure is 5% of the shortest longer: both found.
+
+    The frames are written by this test, since darks, cut off at 0, cannot show it.
+    """
+    rng = np.random.default_rng(8)
+    folder = tmp_path / "c"
+    (folder / "frames").mkdir(parents=True)
+    light = 40.0 * (0.3 + 0.7 * np.indices((64, 64))[1] / 64)
+    tables = ""
+    for index, seconds in enumerate((1.0, 2.0, 4.0, 8.0)):
+        counts = rng.poisson(light * (seconds + 0.05) * GAIN) / GAIN - 0.7
+        tifffile.imwrite(folder / f"frames/{index}.tif", np.clip(np.rint(counts), 0, 4095).astype(np.uint16))
+        head = '[[band]]\nid = "a"' if index == 0 else '[[bracket]]\nband = "a"'
+        tables += f'{head}\nexposure_s = {seconds}\nframes = ["frames/{index}.tif"]\n'
+    camera = "[camera]\nwidth_px = 64\nheight_px = 64\nbit_depth = 12\ngain_e_per_dn = 12.0\n"
+    (folder / "capture.toml").write_text('format = "capture/1"\n' + camera + tables)
+    capture = load_capture(folder)
+    dark = read_darks(capture)
+    found = measure_linearity(capture, dark, measure_noise(capture, dark))
+    assert found.black_level_dn == pytest.approx(0.7, abs=4 * found.black_level_sigma)
+    assert found.exposure_offset_s == pytest.approx(0.05, abs=4 * found.exposure_offset_sigma)
+    assert found.black_level_sigma < 0.2 and found.exposure_offset_sigma < 0.01
+    assert found.rms_corrected["a"] < found.rms_deviation["a"]
