@@ -22,6 +22,7 @@ from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.spectra import read_spectra
 from cboxlab.validate.commands.cli import main
 from cboxlab.validate.model.model_file import load_model
+from cboxlab.validate.references.stored import read_reference
 from cboxlab.validate.synthetic.blind import open_seal, read_diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
@@ -125,6 +126,25 @@ def test_a_diagnosis_with_a_number_for_parameters_is_refused(tmp_path):
     path = tmp_path / "diagnosis.json"
     path.write_text(json.dumps({"ranking": [{"effect": "haze", "parameters": 1.0}], "selected": ["haze"]}))
     refused(read_diagnosis, path, "a diagnosis")
+
+
+def test_an_effect_whose_name_is_a_list_is_refused(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text('format = "model/1"\nname = "a"\nscene = "cornell-box"\n[[effect]]\nid = []\n')
+    refused(load_model, path, "effect[0].id", "[]")
+
+
+@pytest.mark.parametrize("change", [{"seed": float("inf")}, {"means": {"floor": 10**400}}])
+def test_a_reference_with_numbers_without_end_is_refused(tmp_path, change):
+    record = {
+        "format": "light-reference/1",
+        "means": {"floor": 1.0},
+        "sigma": {"floor": 1e-4},
+        "degrees": 7.0,
+    }
+    path = tmp_path / "reference.json"
+    path.write_text(json.dumps({**record, "seed": 1, "samples": 4, "versions": {}, **change}))
+    refused(read_reference, path, "no reference")
 
 
 def test_a_turned_frame_is_refused(tmp_path):

@@ -67,9 +67,9 @@ def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str,
     return {**names, "band": bands} if bands else names
 
 
-def _in_catalogue(identifier: str | None, where: str) -> Effect:
+def _in_catalogue(identifier: object, where: str) -> Effect:
     known = catalogue()
-    if identifier not in known:
+    if not isinstance(identifier, str) or identifier not in known:
         allowed = f"one of {', '.join(known)}"
         raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), known))
     return known[identifier]

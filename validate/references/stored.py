@@ -109,7 +109,7 @@ def read_reference(path: Path) -> Reference:
     record = read_json(path, "a stored reference")
     try:
         return _checked(record)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             path, f"no reference ({type(error).__name__}: {error})", f"format {FORMAT}"
         ) from None
