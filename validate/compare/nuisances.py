@@ -28,6 +28,10 @@ _STEP_PX = 0.1
 _SEARCH_STEPS_PX = (0.3, 0.1, 0.03)
 _ROUNDS_EACH = 4
 
+#: The search goes on with the shorter steps while they lower the cost by more than this part, at most so many times:
+#: where edges lie along rows of pixels, as a floor's front edge may, it is slow.
+_FURTHER_STEPS_PX, _MOST_FURTHER, _WORTH = (0.1, 0.03), 12, 1e-3
+
 _SMALLEST_GAIN = 1.0
 
 #: Threshold of the Huber loss in standard deviations, so that flaws of the model hardly affect the camera.
@@ -136,8 +140,11 @@ def fit_nuisances(
         return float(robust.sum() + deviation @ prior @ deviation)
 
     design = np.zeros((Nuisances.count, len(target)))
-    lowest = cost(camera, scale, current)
-    for search_step in _SEARCH_STEPS_PX:
+    lowest = at_last = cost(camera, scale, current)
+    for index, search_step in enumerate((*_SEARCH_STEPS_PX, *_MOST_FURTHER * _FURTHER_STEPS_PX)):
+        if index >= len(_SEARCH_STEPS_PX) and at_last - lowest < _WORTH * lowest:
+            break
+        at_last = lowest
         design[of_camera] = camera_jacobian(warp, camera, search_step)[:, used]
         for _ in range(_ROUNDS_EACH):
             scaled = design * scale
