@@ -176,7 +176,9 @@ def kept(path: Path, key: str) -> bytes | None:
 
 
 def _checksum(key: str, content: bytes) -> bytes:
-    return hashlib.sha256(key.encode() + content).digest()
+    digest = hashlib.sha256(key.encode())
+    digest.update(content)
+    return digest.digest()
 
 
 def this_command() -> str:
