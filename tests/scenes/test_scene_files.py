@@ -245,7 +245,9 @@ rooms = st.fixed_dictionaries(
         "yaw": st.floats(-360, 360),
         "steps": st.lists(st.integers(5, 10), min_size=1, max_size=20),
         "reflectance": st.lists(st.floats(0, 1), min_size=21, max_size=21),
-        "source": st.text(st.characters(codec="utf-8", exclude_characters="\x7f")),
+        "source": st.text(
+            st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]) | st.sampled_from("\t\n\r")
+        ),
         "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,20}", fullmatch=True).filter(
             lambda n: n != "light"
         ),
