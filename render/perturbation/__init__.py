@@ -5,7 +5,7 @@ from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
 from .patch_light import PatchLight, patch_light, with_albedo
 from .patch_transport import PatchTransport, build_patch_transport
-from .warp import Warp, build_warp, pixels_per_unit, warp_change
+from .warp import Warp, build_warp, pixels_per_unit, warp_change, warp_changes
 
 __all__ = [
     "STEPS",
@@ -23,5 +23,6 @@ __all__ = [
     "patch_light",
     "pixels_per_unit",
     "warp_change",
+    "warp_changes",
     "with_albedo",
 ]

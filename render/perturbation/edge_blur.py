@@ -37,8 +37,8 @@ _MARGIN = 7
 
 @dataclass(frozen=True, eq=False)
 class EdgeBlur(OwnMappings):
-    """faces : for each face with a visible edge the rows and columns of its blurred coverage, and its coverage there,
-    (subpixel rows, subpixel columns), 0 to 1.
+    """faces : by index into the warp's faces, for each with a visible edge, the rows and columns of its blurred
+    coverage, and its coverage there, (subpixel rows, subpixel columns), 0 to 1.
     """
 
     warp: Warp
@@ -56,7 +56,7 @@ class EdgeBlur(OwnMappings):
                     for face, change in self._at(node).items():
                         rows, columns, _ = self.faces[face]
                         result[band, rows, columns] += (
-                            share * change * self.warp.layers[face][band, rows, columns]
+                            share * change * self.warp.layers[face][rows, columns, band]
                         )
         return result
 
@@ -80,7 +80,7 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
     rows, columns = np.divmod(warp.border, camera.width_px)
     whole[rows, columns] = -1
     found = {}
-    for face in warp.layers:
+    for index, face in enumerate(warp.faces):
         mixed = (seen == face).reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).mean(axis=(2, 4), dtype=np.float32)
         here = whole == face
         here[rows, columns] = mixed.any(axis=(1, 2))
@@ -92,7 +92,7 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
         fine += alone[:, None, :, None]
         own = mixed.any(axis=(1, 2))
         fine[rows[own] - down.start, :, columns[own] - across.start, :] = mixed[own]
-        found[face] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
+        found[index] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
     return EdgeBlur(warp, found)
 
 

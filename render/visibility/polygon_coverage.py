@@ -8,6 +8,8 @@ which are chosen beforehand.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
@@ -26,27 +28,36 @@ _MARGIN = 0.01
 
 
 def polygon_coverage(
-    faces: FlatFaces, camera: Camera, pixels: NDArray[np.int64], samples: int, seed: int
+    faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArray[np.int64], samples: int, seed: int
 ) -> NDArray[np.float32]:
-    """(n, f) share, 0 to 1, of some ``pixels`` (n,), counted along the rows, in which a face is the nearest.
+    """(c, n, f) share, 0 to 1, of some ``pixels`` (n,) of each of c cameras in which a face is the nearest.
 
-    samples : low-discrepancy positions in each pixel that may see several faces.
+    cameras : with one picture size; pixels are counted along its rows. samples : low-discrepancy positions in each
+    pixel that may see several faces, the same ones for all cameras.
     """
-    functions = _functions(faces.planes, camera)
-    candidates, alone = _candidates(functions, camera, pixels)
+    functions = np.array([_functions(faces.planes, camera) for camera in cameras])
+    found = [_candidates(own, camera, pixels) for own, camera in zip(functions, cameras, strict=True)]
+    candidates, alone = np.array(found).swapaxes(0, 1)
     coverage = alone.astype(np.float32)
-    counts = np.where(alone.any(axis=1), 0, candidates.sum(axis=1))
-    limits = [*(k for k in _CLASSES if k < len(functions)), len(functions)]
+    counts = np.where(alone.any(axis=-1), 0, candidates.sum(axis=-1))
+    count = functions.shape[1]
+    limits = [*(k for k in _CLASSES if k < count), count]
     for fewest, most in zip([0, *limits], limits, strict=False):
-        own = np.flatnonzero((counts > fewest) & (counts <= most))
+        seen_by, own = np.nonzero((counts > fewest) & (counts <= most))
         if len(own):
-            chosen = np.argsort(~candidates[own], axis=1, kind="stable")[:, :most]
+            near = candidates[seen_by, own]
+            chosen = np.argsort(~near, axis=1, kind="stable")[:, :most]
+            near = np.take_along_axis(near, chosen, axis=1)
             # the last function is that of no face
-            listed = np.where(np.take_along_axis(candidates[own], chosen, axis=1), chosen, len(functions))
-            shares = _sampled(functions, listed, camera, pixels[own], samples, seed)
-            rows = np.repeat(own, most).reshape(shares.shape)
-            seen = listed < len(functions)
-            coverage[rows[seen], listed[seen]] = shares[seen]
+            listed = np.where(near, seen_by[:, None] * count + chosen, len(cameras) * count)
+            pixel, of = (device_array(mi.UInt32, index) for index in (pixels[own], seen_by))
+            positions, points = (
+                undistorted_positions(cameras, pixel, of),
+                SobolPoints(2, samples, pixel, seed),
+            )
+            shares = _sampled(functions.reshape(-1, *functions.shape[2:]), listed, positions, points, samples)
+            rows, _ = np.nonzero(near)
+            coverage[seen_by[rows], own[rows], chosen[near]] = shares[near]
     return coverage
 
 
@@ -65,11 +76,10 @@ def _candidates(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n, f) faces that may be seen in each pixel, and those that are all that it sees."""
     rows, columns = np.divmod(pixels, camera.width_px)
-    corners = []
-    for down, right in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
-        ray = camera.directions(columns + right, rows + down) @ camera.rotation.T
-        corners.append(ray[:, :2] / ray[:, 2:])
-    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    down, right = np.array([[-0.5, -0.5, 0.5, 0.5], [-0.5, 0.5, -0.5, 0.5]])[..., None]
+    ray = camera.directions(columns + right, rows + down) @ camera.rotation.T
+    corners = ray[..., :2] / ray[..., 2:]
+    low, high = corners.min(axis=0), corners.max(axis=0)
     # (3, n) centres and half sizes, in homogeneous coordinates
     middle = np.vstack([(low + high).T / 2, np.ones(len(low))])
     half = np.vstack([(high - low).T * (0.5 + _MARGIN), np.zeros(len(low))])
@@ -91,18 +101,15 @@ def _candidates(
 def _sampled(
     functions: NDArray[np.float64],
     listed: NDArray[np.int64],
-    camera: Camera,
-    pixels: NDArray[np.int64],
+    positions: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]],
+    points: SobolPoints,
     samples: int,
-    seed: int,
 ) -> NDArray[np.float32]:
-    """(n, k) shares of the faces ``listed`` (n, k) in each pixel; an index beyond the last face is that of none."""
+    """(n, k) shares of the faces ``listed`` (n, k) at each lane's positions; beyond the last is that of none."""
     count, most = listed.shape
     never = np.broadcast_to([0.0, 0.0, -1.0], functions[:1].shape)
     table = device_array(mi.Float, np.concatenate([functions, never]))
     lane = dr.arange(mi.UInt32, count)
-    pixel = device_array(mi.UInt32, pixels)
-    positions, points = undistorted_positions(camera, pixel), SobolPoints(2, samples, pixel, seed)
     index = device_array(mi.UInt32, listed)
     own = []
     for k in range(most):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -31,7 +33,7 @@ def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int 
     lowest = minimum_filter(np.where(crossed, faces, face), 3)
     mixed = np.flatnonzero(crossed | (lowest < highest))
     if len(mixed):
-        coverage.reshape(crossed.size, -1)[mixed] = pixel_coverage(tracer, camera, mixed, samples, seed)
+        coverage.reshape(crossed.size, -1)[mixed] = pixel_coverage(tracer, [camera], mixed, samples, seed)[0]
     return coverage
 
 
@@ -46,11 +48,19 @@ def border_pixels(coverage: np.ndarray) -> np.ndarray:
 
 
 def pixel_coverage(
-    tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int = 0
+    tracer: Tracer, cameras: Sequence[Camera], pixels: np.ndarray, samples: int, seed: int = 0
 ) -> np.ndarray:
-    """(n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows."""
+    """(c, n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows, of each of c cameras.
+
+    cameras : with one picture size. samples : camera rays of a pixel, the same ones for all cameras.
+    """
     if isinstance(tracer.accelerator, FlatFaces):
-        return _by_polygons(tracer, tracer.accelerator, camera, pixels, samples, seed)
+        return _by_polygons(tracer, tracer.accelerator, cameras, np.asarray(pixels), samples, seed)
+    return np.array([_by_rays(tracer, camera, pixels, samples, seed) for camera in cameras])
+
+
+def _by_rays(tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int) -> np.ndarray:
+    """(n, f) by rays through the tree."""
     count = len(pixels)
     lane = device_array(mi.UInt32, pixels)
     rays = pixel_rays(camera, lane)
@@ -72,15 +82,13 @@ def pixel_coverage(
 
 
 def _by_polygons(
-    tracer: Tracer, faces: FlatFaces, camera: Camera, pixels: np.ndarray, samples: int, seed: int
+    tracer: Tracer, faces: FlatFaces, cameras: Sequence[Camera], pixels: np.ndarray, samples: int, seed: int
 ) -> np.ndarray:
     """The lit sides of polygons, added up by flat face; backs only hide what is behind them."""
-    lit = faces.planes[:, 0, :3] @ camera.position_mm > faces.planes[:, 0, 3]
-    first = np.array(faces.triangles)[::2]
-    own = np.eye(len(tracer.facet_surface), dtype=np.float32)[tracer.facet[first]] * lit[:, None].astype(
-        np.float32
-    )
-    return polygon_coverage(faces, camera, np.asarray(pixels), samples, seed) @ own
+    eyes = np.array([camera.position_mm for camera in cameras])
+    lit = eyes @ faces.planes[:, 0, :3].T > faces.planes[:, 0, 3]
+    own = np.eye(len(tracer.facet_surface), dtype=np.float32)[tracer.facet[np.array(faces.triangles)[::2]]]
+    return polygon_coverage(faces, cameras, pixels, samples, seed) @ (own * lit[..., None])
 
 
 def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from cboxlab.render.perturbation import Warp, pixels_per_unit, warp_change
+from cboxlab.render.perturbation import Warp, pixels_per_unit, warp_change, warp_changes
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
 from numpy.typing import NDArray
 
@@ -84,11 +84,11 @@ def camera_jacobian(warp: Warp, camera: Camera, step_px: float = _STEP_PX) -> ND
     step_px : step of each parameter, as the rms motion of the picture.
     """
     steps = step_px / pixels_per_unit(warp.tracer, camera)
-    result = []
-    for axis, step in zip(np.eye(len(steps)), steps, strict=True):
-        ahead, behind = (camera.with_parameters(camera.parameters + sign * step * axis) for sign in (1, -1))
-        result.append((warp_change(warp, ahead) - warp_change(warp, behind)) / (2 * step))
-    return np.array(result)
+    both = camera.parameters + np.stack([np.diag(steps), -np.diag(steps)], axis=1).reshape(-1, len(steps))
+    changes = warp_changes(warp, [camera.with_parameters(there) for there in both])
+    return np.array(
+        [(ahead - behind) / (2 * step) for step, ahead, behind in zip(steps, changes, changes, strict=True)]
+    )
 
 
 def fit_lamp_scale(

@@ -319,7 +319,7 @@ def turned(camera, degrees):
 def test_no_pixel_that_sees_several_faces_is_overlooked(scene, camera):
     """Coverage is what 1024 rays in every pixel find, to the last one."""
     tracer = build_tracer(scene)
-    everywhere = pixel_coverage(tracer, camera, np.arange(64**2), 1024)
+    everywhere = pixel_coverage(tracer, [camera], np.arange(64**2), 1024)[0]
     assert np.count_nonzero((everywhere > 0) & (everywhere < 1)) > 40
     assert np.array_equal(facet_coverage(tracer, camera, 1024).reshape(everywhere.shape), everywhere)
 

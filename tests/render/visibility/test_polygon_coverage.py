@@ -33,7 +33,7 @@ def test_shares_are_those_of_rays(name):
     tracer = build_tracer(cornell_box())
     pixels = np.arange(SIZE * SIZE)
     found, expected = (
-        pixel_coverage(t, camera, pixels, SAMPLES, seed=3)
+        pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
         for t in (tracer, replace(tracer, accelerator=in_a_tree(tracer.vertices)))
     )
     assert 0 < expected.sum() / len(pixels) <= 1
