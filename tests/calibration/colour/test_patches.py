@@ -56,3 +56,5 @@ def test_chart_of_known_reflectances_through_the_whole_chain(tmp_path):
     np.testing.assert_allclose(table.offset, stray, atol=0.006)
     np.testing.assert_allclose(table.reflectance, true, atol=0.015)
     assert np.mean(np.abs(table.reflectance - true)) < 0.005
+    # The white patch: the shot noise of 256 pixels with about 12,000 electrons is 0.06 %, the light's shape adds to it.
+    assert np.all((table.sigma[0] > 0.0004) & (table.sigma[0] < 0.0015))

@@ -265,3 +265,15 @@ def test_the_line_of_variances_states_its_own_error():
         line, covariance = noise._fit_line(settings)
         pulls.append((line[1] - slope) / np.sqrt(covariance[1, 1]))
     assert np.std(pulls) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_smallest_hot_pixel_falls_with_the_number_of_dark_frames(reduced):
+    """A level known to a tenth of a frame's read noise shows a pixel that is higher by all of that noise."""
+    capture, dark, noise, _ = reduced
+    level = np.broadcast_to(dark.level.mean(axis=(1, 2), keepdims=True), dark.level.shape).copy()
+    level[:, 50, 60] += np.sqrt(noise.floor_dn2)
+    known = DarkLibrary(
+        dark.exposure_s, np.full_like(dark.repeats, 100), level, level[0], np.zeros_like(dark.rate), False
+    )
+    hot = correct_bands(capture, known, noise).images["mask"].values & Mask.HOT
+    assert np.argwhere(hot.all(axis=0)).tolist() == [[50, 60]]

@@ -11,8 +11,11 @@ from helpers.fake_capture import DISTANCE_MM, F_NUMBER, FakeCapture
 TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
 
 
-def series_capture(folder, late_s=0.0):
-    """A capture of one band whose sphere was taken at other times, f-numbers, distances and levels, too."""
+def series_capture(folder, late_s=0.0, times=TIMES, further=True, shade=0.0):
+    """A capture of one band whose sphere was taken at other times, and at other f-numbers, distances and levels, too.
+
+    shade : part of the light that a strip along the right and the lower border lacks in every second frame.
+    """
     fake = FakeCapture(folder, seed=4, centres=(550,))
     fake.write()
     base = fake.exposure["f550"]
@@ -25,15 +28,18 @@ def series_capture(folder, late_s=0.0):
         ",".join([r, *(f"{float(r.split(',')[at]) * level:.10g}" for level in LEVELS)]) for r in spectra[1:]
     ]
     (folder / "spectra" / "all.csv").write_text("\n".join(rows) + "\n")
-    settings = [(t, F_NUMBER, DISTANCE_MM, 1.0) for t in TIMES]
-    settings += [(0.4, f, DISTANCE_MM, 1.0) for f in STOPS]
-    settings += [(0.4, F_NUMBER, d, 1.0) for d in DISTANCES]
-    settings += [(0.4, F_NUMBER, DISTANCE_MM, level) for level in (*LEVELS, 1.0)]
+    settings = [(t, F_NUMBER, DISTANCE_MM, 1.0) for t in times]
+    if further:
+        settings += [(0.4, f, DISTANCE_MM, 1.0) for f in STOPS]
+        settings += [(0.4, F_NUMBER, d, 1.0) for d in DISTANCES]
+        settings += [(0.4, F_NUMBER, DISTANCE_MM, level) for level in (*LEVELS, 1.0)]
     darks = set()
     for index, (share, stop, distance, level) in enumerate(settings):
         seconds = float(f"{share * base:.4g}")
         optics = (F_NUMBER / stop) ** 2 * (DISTANCE_MM / distance) ** 2
         signal = fake.signal_per_s["f550"] * (seconds + late_s) * optics * level * fake.flat
+        for border in (np.s_[-fake.height // 5 :, :], np.s_[:, -fake.width // 5 :]):
+            signal[border] *= 1 - shade * (index % 2)
         column = "sphere" if level == 1 else f"sphere{level:g}"
         tifffile.imwrite(folder / f"frames/series-{index}.tif", fake.counts(signal, seconds))
         text += (
@@ -94,3 +100,20 @@ def test_plots_and_record_are_written(straight, tmp_path):
     names = {path.name for path in write_calibration(straight, tmp_path)}
     assert {"response.png", "curve.png", "calibration.json", "xyz.nc"} <= names
     assert np.all([(tmp_path / name).stat().st_size > 0 for name in names])
+
+
+def test_only_the_middle_of_the_field_is_used(tmp_path):
+    """A shadow along two borders in every second frame changes no law."""
+    series_capture(tmp_path / "c", shade=0.5)
+    responses = calibrate(load_capture(tmp_path / "c")).sensor.responses
+    found = {s.key: s.fit for s in responses if s.source == "reference"}
+    assert set(found) == {"exposure", "f_number", "image_distance", "flux"}
+    for fit in found.values():
+        assert fit.departure is None and fit.probability > 1e-3, fit.verdict
+
+
+@pytest.mark.parametrize(("shortest", "curve"), [(0.25, True), (0.5, False)])
+def test_a_curve_needs_light_over_a_factor_of_three(tmp_path, shortest, curve):
+    """Nine exposures from a part of the band's own one up to it."""
+    series_capture(tmp_path / "c", times=np.linspace(shortest, 0.95, 9).tolist(), further=False)
+    assert (calibrate(load_capture(tmp_path / "c")).sensor.curve is not None) == curve

@@ -4,11 +4,15 @@ Stochastic tests have fixed seeds; each verdict's false-alarm rate stands beside
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import tifffile
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.capture.mosaic import channel_mask
+from cboxlab.calibration.geometry.camera_calibration import calibrate_camera
 from cboxlab.calibration.geometry.camera_fit import fit_camera
 from cboxlab.calibration.geometry.surveyed_points import SurveyedPoints
 from cboxlab.calibration.geometry.target_camera import fit_camera_targets
@@ -127,6 +131,35 @@ def test_targets_are_found_and_give_the_lens(
     # Detection errors are not purely random; they may take the place of three more standard deviations.
     assert np.all(np.abs(fit.intrinsics - INTRINSICS) < 6 * deviation)
     assert deviation[0] < 0.01 * FOCAL_LENGTH_PX
+
+
+@pytest.mark.parametrize("mosaic", ["GBRG", "RGGB"])
+def test_a_target_behind_a_mosaic_gives_the_lens_in_whole_pixels(tmp_path: Path, mosaic: str) -> None:
+    """Red and blue are half as bright. Half the resolution doubles what detection errs by."""
+    rng = np.random.default_rng(6)
+    names = []
+    green = channel_mask(mosaic, (HEIGHT, WIDTH), "G")
+    for index, tilt in enumerate(TILTS_DEG):
+        camera = camera_before(centre(5, 7), tilt, 42.0 * 8)
+        image = photograph(camera, chessboard(5, 7), rng) * np.where(green, 1.0, 0.5)
+        names.append(f"target-{index}.tif")
+        tifffile.imwrite(tmp_path / names[-1], np.clip(np.rint(image), 0, 4095).astype(np.uint16))
+    tifffile.imwrite(tmp_path / "scene.tif", np.full((HEIGHT, WIDTH), 1000, np.uint16))
+    (tmp_path / "capture.toml").write_text(
+        f"""
+format = "capture/1"
+camera = {{ width_px = {WIDTH}, height_px = {HEIGHT}, bit_depth = 12 }}
+mosaic = {{ pattern = "{mosaic}" }}
+band = [{{ id = "f550", exposure_s = 1.0, frames = ["scene.tif"] }}]
+target = [{{ kind = "chessboard", rows = 5, columns = 7, pitch_mm = {PITCH_MM}, frames = {names} }}]
+"""
+    )
+    _, fit, notes = calibrate_camera(load_capture(tmp_path))
+    assert fit is not None, notes
+    assert fit.reprojection_rms_px < 0.4
+    deviation = np.sqrt(np.diag(fit.intrinsics_covariance))
+    assert np.all(np.abs(fit.intrinsics - INTRINSICS) < 6 * deviation)
+    assert np.all(deviation[:3] < 5.0)
 
 
 def test_a_disk_is_found_where_it_is_whatever_the_shading() -> None:
