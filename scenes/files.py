@@ -159,10 +159,11 @@ class _Patient(io.RawIOBase):
         return len(content)
 
 
-def keep(path: Path, key: str, content: bytes) -> None:
+def keep(path: Path, key: str, content: bytes | memoryview) -> None:
     """Write ``content`` with a checksum over ``key`` and itself, for ``kept``. key : what it was made from."""
-    with replacing(path) as temporary:
-        temporary.write_bytes(_checksum(key, content) + content)
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        stream.write(_checksum(key, content))
+        stream.write(content)
 
 
 def kept(path: Path, key: str) -> bytes | None:
@@ -172,10 +173,11 @@ def kept(path: Path, key: str) -> bytes | None:
     except OSError:
         return None
     size = hashlib.sha256().digest_size
-    return stored[size:] if stored[:size] == _checksum(key, stored[size:]) else None
+    content = memoryview(stored)[size:]
+    return bytes(content) if stored[:size] == _checksum(key, content) else None
 
 
-def _checksum(key: str, content: bytes) -> bytes:
+def _checksum(key: str, content: bytes | memoryview) -> bytes:
     digest = hashlib.sha256(key.encode())
     digest.update(content)
     return digest.digest()

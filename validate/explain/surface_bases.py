@@ -25,16 +25,18 @@ _FLAT = 0.01
 class Maps:
     """Smooth maps on every surface; the first of each surface is 1 everywhere on it.
 
-    surface : (k,) index of each map's surface. waves : (k,) the maps. reflectance : (band, k, pixel) DN for a
+    surface : (k,) index of each map's surface, in order. waves : (k,) the maps. reflectance : (band, k, pixel) DN for a
     relative change of the reflectance by the map. light : (band, k, pixel) DN for irradiance over pi, relative to the
-    lamp's radiance. lobe : (band, k, pixel) DN for radiance in the lamp's colour that is only seen.
+    lamp's radiance. seen : (k, pixel) the maps as the camera sees them, without further reflections. dn : (band,) DN
+    per radiance relative to the lamp's.
     """
 
     surface: NDArray[np.int64]
     waves: tuple[WaveMap, ...]
     reflectance: NDArray[np.float32]
     light: NDArray[np.float32]
-    lobe: NDArray[np.float32]
+    seen: NDArray[np.float32]
+    dn: NDArray[np.float64]
 
 
 def surface_maps(excess: Excess) -> Maps:
@@ -58,12 +60,11 @@ def surface_maps(excess: Excess) -> Maps:
     bands = len(excess.bands)
     shape = bands, len(surfaces), height * width
     reflectance, light = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    lobe = np.empty(shape, np.float32)
     seen = _pixels(t, fragments, height * width)
     some, nearest = _every_fourth(t, width)
+    dn = np.array([lamp_dn(excess, b) for b in range(bands)])
     for b in range(bands):
         rho, patch_rho = t.reflectance[t.material, b], t.reflectance[t.patch_material, b]
-        dn = lamp_dn(excess, b)
         factors = lu_factor(
             np.eye(len(patch_rho), dtype=np.float32) - patch_rho.astype(np.float32)[:, None] * t.form_factors
         )
@@ -73,9 +74,8 @@ def surface_maps(excess: Excess) -> Maps:
         ):
             onward = lu_solve(factors, (patches * (patch_rho * there)[:, None]).astype(np.float32))
             values = rho[:, None] * (fragments * here[:, None] + (t.gather[some] @ onward)[nearest])
-            target[b] = dn * _pixels(t, values, height * width)
-        lobe[b] = dn * seen
-    return Maps(np.array(surfaces), tuple(waves), reflectance, light, lobe)
+            target[b] = dn[b] * _pixels(t, values, height * width)
+    return Maps(np.array(surfaces), tuple(waves), reflectance, light, seen, dn)
 
 
 def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

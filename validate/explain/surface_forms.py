@@ -26,19 +26,17 @@ _ROUNDS = 3
 def surface_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
     """All forms that act on surfaces."""
     maps = surface_maps(excess)
-    first = np.array([np.flatnonzero(maps.surface == s)[0] for s in np.unique(maps.surface)])
-    yield from _paints(
-        excess, maps.surface[first], maps.reflectance[:, first], [maps.waves[i] for i in first]
-    )
-    for index in np.unique(maps.surface):
-        own = np.flatnonzero(maps.surface == index)
+    surfaces, first, counts = np.unique(maps.surface, return_index=True, return_counts=True)
+    yield from _paints(excess, surfaces, maps.reflectance[:, first], [maps.waves[i] for i in first])
+    for index, start, count in zip(surfaces, first, counts, strict=True):
+        own = slice(start, start + count)
         name = excess.names[index]
         made = _taken(maps.reflectance[:, own])
         n = equations(excess, made)
-        several, waves = len(first), tuple(maps.waves[i] for i in own)
+        several, waves = len(first), maps.waves[own]
         fit = free_spectrum(n)
         yield Form("reflectance-map", "a smooth map", fit, made, "reflectance", waves, name, choices=several)
-        made = _taken(maps.lobe[:, own])
+        made = _alike(maps.seen[own], maps.dn)
         n = equations(excess, made)
         fit = fixed_spectrum(n, np.ones(len(excess.bands)))
         yield Form("reflection-lobe", "a sheen", fit, made, "radiance", waves, name, choices=several)
@@ -52,6 +50,10 @@ def surface_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
 
 def _taken(columns: NDArray[Any]) -> Columns:
     return lambda band: columns[band]
+
+
+def _alike(columns: NDArray[Any], factors: NDArray[Any]) -> Columns:
+    return lambda band: columns * np.float32(factors[band])
 
 
 def _paints(

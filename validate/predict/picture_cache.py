@@ -161,7 +161,7 @@ def _keep(path: Path, key: str, image: RenderedImage) -> None:
     stream = BytesIO()
     np.savez(stream, coefficients=image.coefficients, coverage=image.coverage)
     try:
-        keep(path, key, stream.getvalue())
+        keep(path, key, stream.getbuffer())
         there = sorted(path.parent.glob("*.picture"), key=lambda one: one.stat().st_mtime, reverse=True)
         size = np.cumsum([one.stat().st_size for one in there])
         for old in np.array(there)[size > _ALL]:
