@@ -49,6 +49,7 @@ COMMANDS = {
     "calibrate": ("calibrate", "../../input/capture", "--out", "out"),
     "validate": ("validate", "../../input/capture", "--out", "out"),
     "diagnose": ("diagnose", "../../input/capture", "--out", "out", "--json", "out/found.json"),
+    "batch": ("batch", "../../input", "--out", "out", "--what", "validate"),
 }
 #: Dates and seconds of computation, which any two runs have different.
 TIMES = re.compile(rb"\d{4}-\d\d-\d\d[ T][0-9:.+]+|\b\d+(\.\d+)? s\b|\"seconds[^,}]*")

@@ -139,7 +139,8 @@ def _run_one(name: str, capture: Path, place: Path, what: What, model: Path | No
     row: dict[str, Any] = {"capture": name, "status": "kept", "seconds": 0.0, "message": ""}
     with_model = [] if model is None else ["--model", str(model.resolve())]
     command = [what.value, str(capture.resolve()), "--out", str(place.resolve()), *with_model]
-    if not is_current(place, shlex.join(["cbox", *command])):
+    log = place / _LOG
+    if not (log.exists() and is_current(place, shlex.join(["cbox", *command]))):
         start = time.monotonic()
         place.mkdir(parents=True, exist_ok=True)
         run = subprocess.run(
@@ -149,7 +150,8 @@ def _run_one(name: str, capture: Path, place: Path, what: What, model: Path | No
             errors="replace",
             check=False,
         )
-        (place / _LOG).write_text(run.stdout + run.stderr, encoding="utf-8")
+        with replacing(log) as temporary:
+            temporary.write_text(run.stdout + run.stderr, encoding="utf-8")
         row["seconds"] = round(time.monotonic() - start, 1)
         row["status"] = {0: "done", 2: "refused"}.get(run.returncode, "failed")
         if run.returncode:
