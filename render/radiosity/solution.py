@@ -31,6 +31,9 @@ _ACCURACY = 1e-6
 #: Steps after which ``solve`` stops; boxes that lose next to no light would take more.
 _MOST_STEPS = 200
 
+#: A patch passes on no more than 1 of its light; single precision sums it to a few parts in a million.
+_ENERGY = 1e-3
+
 _SNAPSHOTS = 7
 _MOST_BOUNCES = 12
 
@@ -53,6 +56,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     """Trace ``samples`` cosine-distributed rays and as many lamp samples from every patch.
 
     Points covered by an object see only back sides; they are left out of the means over a patch.
+    Raises ArithmeticError where the result breaks the conservation of energy.
     """
     count = len(patches)
     slopes = build_slopes(tracer, patches)
@@ -87,12 +91,27 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     _, direct, escaped, seen = dr.while_loop(start, lambda i, *_: i < total, body)
     dr.eval(direct, escaped, seen, matrix)
     scale = 1 / np.maximum(np.array(seen), 1)
-    return Exchange(
+    exchange = Exchange(
         direct=np.array(direct) * scale,
         form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
         escape=np.array(escaped) * scale,
         slopes=slopes,
     )
+    _check_energy(exchange, np.array(seen))
+    return exchange
+
+
+def _check_energy(exchange: Exchange, seen: NDArray) -> None:
+    """Raise ArithmeticError where patches pass on more light than they get, less than none, or saw nothing at all."""
+    passed_on = exchange.form_factors.sum(axis=1) + exchange.escape
+    least, most = min(passed_on.min(), exchange.direct.min()), passed_on.max()
+    if not (
+        seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(exchange.direct).all()
+    ):
+        raise ArithmeticError(
+            f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on "
+            f"{least:g} to {most:g} of their light, and the direct light is at most {exchange.direct.max():g}"
+        )
 
 
 def solve(
@@ -159,7 +178,7 @@ def indirect_basis(
     Galerkin method in a reduced basis of the first few bounces at a few wavelengths, which is extended until
     b = rho (e + F b) holds at every wavelength.
     """
-    if not exchange.direct.any():
+    if not (exchange.direct[:, None] * reflectances[material]).any():
         return np.zeros((len(material), 1)), np.zeros((1, reflectances.shape[1]))
     if max_reflections is None:
         shapes, amplitudes = _reduced_solution(exchange, material, reflectances)

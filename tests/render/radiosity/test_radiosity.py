@@ -3,10 +3,14 @@
 False alarms: as stated in test_render_physics.
 """
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.radiosity import solution
 from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
 from cboxlab.render.radiosity.patch_slopes import build_slopes
 from cboxlab.render.radiosity.patches import build_patches, patch_of, patch_points
@@ -243,6 +247,22 @@ def test_white_furnace():
     reflectance = np.broadcast_to([0.1, 0.5, 0.9], (len(patches), 3))
     radiance = solve(exchange, reflectance, source=1.0 / reflectance)
     assert radiance == pytest.approx(1.0 / (1.0 - reflectance), rel=1e-4)
+
+
+def test_black_walls_pass_nothing_on():
+    _, patches, exchange = exchange_of(closed_cube(), 500.0, 64, seed=3)
+    lit = replace(exchange, direct=np.ones_like(exchange.direct))
+    coefficients, spectra = indirect_basis(lit, patches.material, np.zeros((1, 5)))
+    assert np.all(coefficients @ spectra == 0.0)
+
+
+def test_light_that_multiplies_is_refused():
+    """Rays that find more than all of a hemisphere are no exchange of light."""
+    tracer, patches, _ = exchange_of(closed_cube(), 500.0, 64, seed=3)
+    doubled = SimpleNamespace(weights=lambda target, *_: [(target, mi.Float(2.0))])
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(ArithmeticError, match="2 of their light"):
+        patch.setattr(solution, "build_slopes", lambda *_: doubled)
+        trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
 
 
 def test_each_reflection_of_the_furnace():
