@@ -81,5 +81,6 @@ def read_strips(path: Path, rows: int = ROWS) -> Iterator[xr.Dataset]:
     with cube:
         if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
             raise InputError(f"{path}: radiance", "none", "radiance with dimensions y, x, wavelength")
-        for top in range(0, cube.sizes["y"], rows):
-            yield cube.isel(y=slice(top, top + rows)).load()
+        height = cube.sizes["y"]
+        for top in range(0, height, rows):  # netCDF pads what is read beyond an unlimited dimension
+            yield cube.isel(y=slice(top, min(top + rows, height))).load()

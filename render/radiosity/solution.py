@@ -104,13 +104,11 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
 def _check_energy(exchange: Exchange, seen: NDArray) -> None:
     """Raise ArithmeticError where patches pass on more light than they get, less than none, or saw nothing at all."""
     passed_on = exchange.form_factors.sum(axis=1) + exchange.escape
-    least, most = min(passed_on.min(), exchange.direct.min()), passed_on.max()
-    if not (
-        seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(exchange.direct).all()
-    ):
+    least, most, direct = passed_on.min(), passed_on.max(), exchange.direct.max()
+    if not (seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(direct)):
         raise ArithmeticError(
             f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on "
-            f"{least:g} to {most:g} of their light, and the direct light is at most {exchange.direct.max():g}"
+            f"{least:g} to {most:g} of their light, and the direct light is at most {direct:g}"
         )
 
 
