@@ -106,9 +106,11 @@ def _check_energy(exchange: Exchange, seen: NDArray) -> None:
     passed_on = exchange.form_factors.sum(axis=1) + exchange.escape
     least, most, direct = passed_on.min(), passed_on.max(), exchange.direct.max()
     if not (seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(direct)):
+        unknown = ~np.isfinite(exchange.form_factors)
         raise ArithmeticError(
-            f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on "
-            f"{least:g} to {most:g} of their light, and the direct light is at most {direct:g}"
+            f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on {least:g} "
+            f"to {most:g} of their light, direct light up to {direct:g}, {np.count_nonzero(unknown)} form factors are "
+            f"not finite, of {unknown.any(axis=1).sum()} patches towards {unknown.any(axis=0).sum()}"
         )
 
 

@@ -59,6 +59,7 @@ def run(arguments: Sequence[str] | None = None) -> None:
     given = sys.argv[1:] if arguments is None else list(arguments)
     this_run.begin(given)
     try:
+        _require_letters(given)
         app(prog_name="cbox", args=given)
     except InputError as error:
         _fail(str(error))
@@ -79,6 +80,17 @@ def run(arguments: Sequence[str] | None = None) -> None:
             errors.print("interrupted")
             sys.exit(130)
         _report_fault(error)
+
+
+def _require_letters(arguments: Sequence[str]) -> None:
+    """Raises InputError for names that the locale cannot read: libraries for picture files refuse them later."""
+    for name in arguments:
+        if not name.isprintable() and any("\ud800" <= letter <= "\udfff" for letter in name):
+            encoding = sys.getfilesystemencoding()
+            found = f"bytes that are no letters in the locale's encoding, {encoding}"
+            raise InputError(
+                name, found, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file."
+            )
 
 
 def _from_interrupt(error: BaseException | None) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cboxlab.calibration.result import Calibration
 
 from ..compare import Validation, failures
@@ -32,12 +34,17 @@ def print_validation(result: Validation) -> None:
     for name, row in c.by_surface.items():
         table.add_row(
             name,
-            *(f"{100 * row.relative[i]:+.2f}" for i, _ in bands),
-            f"{row.delta_e_ab:.2f}",
+            *(_known(100 * row.relative[i], "+.2f") for i, _ in bands),
+            _known(row.delta_e_ab, ".2f"),
             f"{row.chi2.per_dof:.2f}",
         )
     console.print(table)
     print_failures(result)
+
+
+def _known(value: float, form: str) -> str:
+    """A dash for a surface of which no interior pixel is seen."""
+    return f"{value:{form}}" if math.isfinite(value) else "–"
 
 
 def print_failures(result: Validation) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 import json
 import math
 import os
 import shlex
 import sys
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +47,27 @@ console = _Output(markup=False, emoji=False)
 #: Progress and messages go to standard error, so that standard output contains only results.
 errors = Console(stderr=True, markup=False, emoji=False)
 
+#: For terminals and pipes that cannot hold these signs (an ASCII or Latin-1 locale).
+_SPELLED = {
+    "²": "^2", "³": "^3", "⁻": "^-", "±": "+-", "−": "-", "–": "-", "×": "x", "≥": ">=", "≤": "<=", "•": "*",
+    "°": " deg", "χ": "chi", "σ": "sigma", "Δ": "Delta", "ρ": "rho", "μ": "u", "µ": "u", "Σ": "sum", "·": "*",
+}  # fmt: skip
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """The handler of signs that an encoding lacks: spelled out, without accents, or a question mark."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    plain = (
+        _SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode()
+        for c in lacking
+    )
+    return "".join(text or "?" for text in plain), error.end
+
+
+codecs.register_error("cboxlab-spelled", _spelled)
+
 #: The file name of ``--json`` that stands for standard output.
 STANDARD_OUTPUT = Path("-")
 
@@ -62,6 +86,9 @@ class Run:
 
     def begin(self, arguments: Sequence[str]) -> None:
         """The state before any option is read: results to standard output, neither quiet nor verbose."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="cboxlab-spelled")
         self.command = shlex.join(["cbox", *arguments])
         self.quiet = self.verbose = console.quiet = console.stderr = False
 
@@ -101,8 +128,9 @@ def give_json(path: Path | None, record: Mapping[str, Any]) -> None:
     """
     if path is None:
         return
-    text = json.dumps(_plain(record), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    if path == STANDARD_OUTPUT:
+    printed = path == STANDARD_OUTPUT
+    text = json.dumps(_plain(record), indent=1, allow_nan=False, ensure_ascii=printed) + "\n"
+    if printed:
         print(text, end="")
         return
     with replacing(path) as temporary:
