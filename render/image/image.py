@@ -69,12 +69,14 @@ class RenderedImage:
         The variance is estimated from the scatter of the batches; NaN with a single batch.
         """
         mixed = self.spectra @ weights
-        values = np.empty((*self.coefficients.shape[:-1], mixed.shape[1]))
-        for row in range(values.shape[1]):  # all rows at once would need the coefficients in double precision
-            values[:, row] = self.coefficients[:, row] @ mixed
-        count = len(values)
-        mean = values.mean(axis=0)
-        variance = values.var(axis=0, ddof=1) / count if count > 1 else np.full_like(mean, np.nan)
+        count, *shape = self.coefficients.shape[:-1]
+        mean = np.empty((*shape, mixed.shape[1]))
+        variance = np.full_like(mean, np.nan)
+        for row in range(shape[0]):  # all rows at once would need every batch in double precision
+            values = self.coefficients[:, row] @ mixed
+            mean[row] = values.mean(axis=0)
+            if count > 1:
+                variance[row] = values.var(axis=0, ddof=1) / count
         return mean, variance
 
     def cube(self) -> xr.Dataset:
