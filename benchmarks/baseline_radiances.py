@@ -18,6 +18,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.colour.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.render.chain.bands import render_bands
+from cboxlab.render.integrators.passes import Job
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
@@ -41,7 +42,7 @@ def main() -> None:
     )  # fmt: skip
     assert capture.manifest.lamp is not None and calibration.responses is not None
     scene = photographed_scene(Model()).with_lamp(capture.light(capture.manifest.lamp.radiance))
-    image = render_to_precision(scene, camera, WAVELENGTH_NM, arguments.error, seed=1)
+    image = render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=1), arguments.error)
     rendered = render_bands(image, calibration.responses)["signal"].values
     measured = calibration.images["signal"].values
     cmfs = LUMINOUS_EFFICACY * colour_matching_functions() * INTEGRAL_GRID.weights

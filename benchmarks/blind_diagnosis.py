@@ -30,6 +30,7 @@ from blind_places import BOXES, INSTRUMENTS, scene_of
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.chain.stages import PHOTOGRAPHED, stages_between
 from cboxlab.render.image.image import RenderedImage
+from cboxlab.render.integrators.passes import Job
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.camera import Camera
@@ -166,14 +167,8 @@ def laboratory(seed: int, box: str, instrument: str) -> Laboratory:
 def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
     place = laboratory(seed, box, instrument)
-    return render_to_precision(
-        settled(place.scene, seed),
-        place.camera,
-        WAVELENGTH_NM,
-        _PICTURE_ERROR,
-        max_bounces=max_bounces,
-        seed=seed,
-    )
+    pilot = Job(settled(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces)
+    return render_to_precision(pilot, _PICTURE_ERROR)
 
 
 def run(case: Case) -> dict[str, Any] | None:

@@ -265,6 +265,7 @@ def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
         f"-seed={seed}",
         f"-max_len={longest}",
         "-rss_limit_mb=0",
+        f"-artifact_prefix={work}/",
         "-print_final_stats=0",
     ]
     atheris.Setup([sys.argv[0], *options, str(corpus)], judged, custom_mutator=change)

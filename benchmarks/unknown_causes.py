@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import render_to_precision
+from cboxlab.render.integrators import Job, render_to_precision
 from cboxlab.render.laboratory import CaptureSettings, write_photographs
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
@@ -46,7 +46,7 @@ def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
 
 
 def _image(scene: Scene, camera: Camera, seed: int) -> RenderedImage:
-    return render_to_precision(scene, camera, WAVELENGTH_NM, _PICTURE_ERROR, max_bounces=None, seed=seed)
+    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=seed), _PICTURE_ERROR)
 
 
 @cache

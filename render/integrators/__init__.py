@@ -1,14 +1,26 @@
 """The integrators, the choice among them, and rendering to a stated error."""
 
 from .choice import render
-from .precision import BATCHES, fireflies, relative_error, render_to_precision
+from .passes import PILOT_SAMPLES, Job
+from .precision import (
+    BATCHES,
+    MOST_PASSES,
+    fireflies,
+    relative_error,
+    render_passes,
+    render_to_precision,
+)
 from .stock import render_stock
 
 __all__ = [
     "BATCHES",
+    "MOST_PASSES",
+    "PILOT_SAMPLES",
+    "Job",
     "fireflies",
     "relative_error",
     "render",
+    "render_passes",
     "render_stock",
     "render_to_precision",
 ]

@@ -21,8 +21,10 @@ from ..image import RenderedImage
 from ..radiosity import LightField, gather, solve_light
 from .choice import render
 
-__all__ = ["Job", "combined", "distributed", "render_pass"]
+__all__ = ["PILOT_SAMPLES", "Job", "combined", "distributed", "render_pass"]
 
+#: Samples of a pass of the pilot that tells how many are needed.
+PILOT_SAMPLES = 64
 _RENDER_LOCK = threading.Lock()
 #: Time allowed for a scheduler to answer.
 TIMEOUT_S = 10.0
@@ -38,7 +40,7 @@ class Job:
     scene: Scene
     camera: Camera
     wavelength_nm: NDArray[np.float64]
-    samples: int
+    samples: int = PILOT_SAMPLES
     seed: int = 0
     max_bounces: int | None = None
     number: int = 0

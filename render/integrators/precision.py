@@ -10,21 +10,18 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import keep, kept
 from cboxlab.scenes.progress import QUIET, Progress, share
-from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ..image import RenderedImage
 from .passes import Job, combined, distributed, render_pass
 
-__all__ = ["BATCHES", "fireflies", "relative_error", "render_to_precision"]
+__all__ = ["BATCHES", "MOST_PASSES", "fireflies", "relative_error", "render_passes", "render_to_precision"]
 
 #: Number of passes of a picture, whose scatter gives its error.
 BATCHES = 8
-PILOT_SAMPLES = 64
 #: The error of scrambled Sobol' points decreases as samples^-0.7 in these scenes (measured: docs/measurements.md).
 CONVERGENCE = 0.7
 #: The most samples of a pass, and the most passes.
@@ -60,13 +57,9 @@ def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
 
 
 def render_to_precision(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: NDArray[np.float64],
+    pilot: Job,
     error: float,
     *,
-    max_bounces: int | None = None,
-    seed: int = 0,
     progress: Progress = QUIET,
     percentile: float = 50.0,
     checkpoint: Path | None = None,
@@ -74,28 +67,28 @@ def render_to_precision(
 ) -> RenderedImage:
     """Render until a percentile (default: the median) of the pixels' relative standard errors is at most ``error``.
 
-    A pilot of PILOT_SAMPLES determines the samples of the BATCHES passes; if they do not suffice, more passes follow,
-    up to MOST_PASSES. checkpoint : a file that keeps finished passes; a later call with the same arguments resumes
-    from it. The caller removes it. scheduler : address of a Dask scheduler, whose workers share the passes.
+    pilot : the picture's first pass with few samples. BATCHES such passes determine the samples of as many proper ones;
+    if they do not suffice, more follow, up to MOST_PASSES. checkpoint : a file that keeps finished passes; a later call
+    with the same arguments resumes from it. The caller removes it. scheduler : address of a Dask scheduler, whose
+    workers share the passes.
     """
-    wavelengths = np.asarray(wavelength_nm, float)
-    few = Job(scene, camera, wavelengths, PILOT_SAMPLES, seed, max_bounces)
     progress.stage("rendering a pilot")
-    unmeasured = share(progress, 0.0, 0.0)
-    pilot = combined([render_pass(few.numbered(number), unmeasured) for number in range(BATCHES)])
-    found = relative_error(pilot, percentile)
+    numbers = range(pilot.number, pilot.number + BATCHES)
+    rough = render_passes([pilot.numbered(number) for number in numbers], share(progress, 0.0, 0.0))
+    found = relative_error(rough, percentile)
     if found <= error:
         progress.part(1.0)
-        return pilot
-    wanted = PILOT_SAMPLES * (found / error) ** (1 / CONVERGENCE)
+        return rough
+    wanted = pilot.samples * (found / error) ** (1 / CONVERGENCE)
     samples = int(min(2 ** np.ceil(np.log2(wanted)), MOST_SAMPLES))
-    job = replace(few, samples=samples)
-    passes = _read(checkpoint, job, pilot)
+    job = replace(pilot, samples=samples)
+    passes = _read(checkpoint, job, rough)
     total = max(BATCHES, len(passes))
     progress.part(len(passes) / total)
     progress.stage("rendering")
     while True:
-        jobs = [job.numbered(number) for number in range(total) if number not in passes]
+        numbers = range(pilot.number, pilot.number + total)
+        jobs = [job.numbered(number) for number in numbers if number not in passes]
         done = _passes(jobs, progress, total) if scheduler is None else distributed(jobs, scheduler)
         for one, image in done:
             passes[one.number] = image
@@ -106,6 +99,11 @@ def render_to_precision(
         if reached <= error or total >= MOST_PASSES:
             return result
         total = int(min(max(total + 1, np.ceil(total * (reached / error) ** 2)), MOST_PASSES))
+
+
+def render_passes(jobs: list[Job], progress: Progress = QUIET) -> RenderedImage:
+    """The picture that the passes make up."""
+    return combined([image for _, image in _passes(jobs, progress, len(jobs))])
 
 
 def _passes(jobs: list[Job], progress: Progress, total: int) -> Iterator[tuple[Job, RenderedImage]]:

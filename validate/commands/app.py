@@ -85,7 +85,7 @@ def run(arguments: Sequence[str] | None = None) -> None:
 def _require_letters(arguments: Sequence[str]) -> None:
     """Raises InputError for names that the locale cannot read: libraries for picture files refuse them later."""
     for name in arguments:
-        if not name.isprintable() and any("\ud800" <= letter <= "\udfff" for letter in name):
+        if any("\ud800" <= letter <= "\udfff" for letter in name):
             encoding = sys.getfilesystemencoding()
             found = f"bytes that are no letters in the locale's encoding, {encoding}"
             raise InputError(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,16 @@ import xarray as xr
 from cboxlab.calibration.capture import Capture
 from cboxlab.render.chain import stages_between
 from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_strips
-from cboxlab.render.integrators import BATCHES, fireflies, relative_error, render_to_precision
-from cboxlab.render.integrators import render as integrate
+from cboxlab.render.integrators import (
+    BATCHES,
+    MOST_PASSES,
+    PILOT_SAMPLES,
+    Job,
+    fireflies,
+    relative_error,
+    render_passes,
+    render_to_precision,
+)
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
@@ -28,8 +36,9 @@ from .result import Result
 
 __all__ = ["CubeResult", "CubeSettings", "render", "render_file"]
 
-#: Bytes of all passes of a cube from which on it is rendered and written by strips of rows.
-LARGEST_IN_MEMORY = 2**32
+#: Bytes of all passes of a cube from which on it is rendered by strips of rows. The final gather keeps up to four times
+#: as many numbers for a pixel as there are wavelengths, and averages need double precision.
+LARGEST_IN_MEMORY = 2**28
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,27 +124,20 @@ class _Job:
     settings: CubeSettings
 
     def picture(self, camera: Camera, index: int, progress: Progress, checkpoint: Path | None) -> CubeResult:
-        """The picture, or its strip number ``index``, which has random numbers of its own."""
+        """The picture, or its strip number ``index``, which has random numbers of its own but the same patches."""
         s = self.settings
-        seed = (self.model.render.seed if s.seed is None else s.seed) + 104729 * index
+        seed = self.model.render.seed if s.seed is None else s.seed
+        job = Job(
+            self.scene, camera, s.wavelength_nm, s.samples or PILOT_SAMPLES, seed, self.max_bounces, MOST_PASSES * index
+        )  # fmt: skip
         if s.samples is None:
             image = render_to_precision(
-                self.scene, camera, s.wavelength_nm, s.noise, max_bounces=self.max_bounces, seed=seed,
-                progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler,
+                job, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
             )  # fmt: skip
         else:
-            image = integrate(
-                self.scene,
-                camera,
-                s.wavelength_nm,
-                s.samples,
-                BATCHES,
-                seed=seed,
-                max_bounces=self.max_bounces,
-                progress=progress,
-            )
+            image = render_passes([job.numbered(job.number + n) for n in range(BATCHES)], progress)
         later = [e.id for e in self.model.effects if e.stage in stages_between("filter", "counts")]
-        own = provenance(self.model, self.camera, seed - 104729 * index, s.command)
+        own = provenance(self.model, self.camera, seed, s.command)
         return CubeResult(
             labelled_cube(image).assign_attrs(own), self.model.name, relative_error(image), relative_error(image, 99.0),
             int(fireflies(image).sum()), tuple(later),
@@ -198,7 +200,7 @@ def render_file(
     settings: CubeSettings,
     progress: Progress = QUIET,
 ) -> tuple[tuple[int, int], Sequence[str]]:
-    """Render a cube into a file, by strips of rows where it is larger than memory.
+    """Render a cube into a file, by strips of rows where it is large.
 
     Interrupted, it goes on from its last finished pass, kept beside the file as PATH.passes, when called again; a
     cube by strips begins again. Returns width and height in pixels, and notes.
@@ -211,13 +213,27 @@ def render_file(
         write_cube(path, result.cube)
         kept.unlink(missing_ok=True)
         return (width, height), result.notes()
-    parts, notes = strip_cameras(job.camera), list[str]()
+    parts, done = strip_cameras(job.camera), list[CubeResult]()
 
-    def strip(index: int) -> xr.Dataset:
-        own = share(progress, index / len(parts), (index + 1) / len(parts))
-        part = job.picture(parts[index], index, own, None)
-        notes.extend(f"strip {index + 1}: {note}" for note in part.notes())
-        return part.cube
+    def strips() -> Iterator[xr.Dataset]:
+        for index, part in enumerate(parts):
+            own = share(progress, index / len(parts), (index + 1) / len(parts))
+            strip = job.picture(part, index, own, None)
+            done.append(replace(strip, cube=strip.cube[[]]))
+            yield strip.cube
 
-    write_strips(path, height, (strip(index) for index in range(len(parts))))
-    return (width, height), notes
+    if path.suffix.lower() == ".nc":
+        write_strips(path, height, strips())
+    else:
+        write_cube(path, xr.concat(strips(), "y", data_vars="minimal", combine_attrs="override"))
+    return (width, height), _of_strips(done).notes()
+
+
+def _of_strips(strips: list[CubeResult]) -> CubeResult:
+    """What the notes say of a cube by strips: the middle strip's median error, the worst strip's 99 of 100 pixels."""
+    return replace(
+        strips[0],
+        standard_error=float(np.median([strip.standard_error for strip in strips])),
+        standard_error_99=max(strip.standard_error_99 for strip in strips),
+        firefly_pixels=sum(strip.firefly_pixels for strip in strips),
+    )

@@ -24,7 +24,7 @@ WHERE = cornell_box(), cornell_camera(12), BANDS
 
 @pytest.mark.parametrize("percentile", [50.0, 90.0])
 def test_the_error_asked_for_is_met(percentile):
-    image = render_to_precision(*WHERE, 0.02, percentile=percentile)
+    image = render_to_precision(Job(*WHERE), 0.02, percentile=percentile)
     assert relative_error(image, percentile) <= 0.02
     assert len(image.coefficients) >= BATCHES
 
@@ -32,11 +32,11 @@ def test_the_error_asked_for_is_met(percentile):
 def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """Stopped after three passes: the rest alone is rendered, and the picture is that of one go, to the bit."""
     kept = tmp_path / "cube.nc.passes"
-    whole = render_to_precision(*WHERE, 0.004)
+    whole = render_to_precision(Job(*WHERE), 0.004)
     rendered = []
 
     def watched(job, report=None):
-        if job.samples > precision.PILOT_SAMPLES:
+        if job.samples > passes.PILOT_SAMPLES:
             if len(rendered) == 3:
                 raise KeyboardInterrupt
             rendered.append(job.number)
@@ -44,22 +44,22 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
     monkeypatch.setattr(precision, "render_pass", watched)
     with pytest.raises(KeyboardInterrupt):
-        render_to_precision(*WHERE, 0.004, checkpoint=kept)
+        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept)
     assert rendered == [0, 1, 2]
     monkeypatch.setattr(precision, "render_pass", render_pass)
     told = []
     teller = Teller(lambda stage, done: told.append((stage, done)))
-    resumed = render_to_precision(*WHERE, 0.004, checkpoint=kept, progress=teller)
+    resumed = render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
     assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
     parts = [done for stage, done in told if stage == "rendering"]
     assert parts == sorted(parts) and parts[-1] == 1
     assert parts[0] == 3 / max(BATCHES, len(whole.coefficients))
     assert np.array_equal(resumed.coefficients, whole.coefficients)
-    other = render_to_precision(*WHERE, 0.004, seed=5, checkpoint=kept)
+    other = render_to_precision(Job(*WHERE, seed=5), 0.004, checkpoint=kept)
     assert not np.array_equal(other.coefficients, whole.coefficients)
     kept.write_bytes(b"broken")
     assert np.array_equal(
-        render_to_precision(*WHERE, 0.004, checkpoint=kept).coefficients, whole.coefficients
+        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients
     )
 
 
@@ -73,16 +73,16 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
     teller = Teller(told)
     with pytest.raises(Cancelled):
-        render_to_precision(*WHERE, 0.004, checkpoint=kept, progress=teller)
+        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
     assert [path.name for path in tmp_path.iterdir()] == [kept.name]
     shown = []
     resumed = Teller(lambda stage, done: shown.append(done) if stage == "rendering" else None)
-    render_to_precision(*WHERE, 0.004, checkpoint=kept, progress=resumed)
+    render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=resumed)
     assert shown[0] == pytest.approx(3 / BATCHES)
     teller = Teller()
     teller.cancel()
     with pytest.raises(Cancelled):
-        render_to_precision(*WHERE, 0.004, progress=teller)
+        render_to_precision(Job(*WHERE), 0.004, progress=teller)
 
 
 def test_passes_are_the_batches_of_one_picture():
@@ -136,7 +136,7 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
     monkeypatch.setattr(passes, "TIMEOUT_S", 0.5)
     pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     with pytest.raises(InputError, match=r"scheduler: found no answer from tcp://127.0.0.1:9"):
-        render_to_precision(*WHERE, 0.004, scheduler="tcp://127.0.0.1:9")
+        render_to_precision(Job(*WHERE), 0.004, scheduler="tcp://127.0.0.1:9")
 
 
 def test_strips_make_up_the_cube(tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.bands import render_bands
 from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.render.integrators.passes import Job
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.scenes import Camera, InputError, cornell_box
@@ -42,7 +43,7 @@ def truth():
     """A render of the published box through a camera a little off, and that camera."""
     camera = perturbed_camera(SIZE, SEED)
     scene = photographed_scene(Model())
-    return render_to_precision(scene, camera, WAVELENGTH_NM, 2.5e-3, seed=SEED), camera, scene
+    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
 
 
 @pytest.fixture(scope="session")
