@@ -86,7 +86,7 @@ def combined(images: list[RenderedImage]) -> RenderedImage:
         same = np.array_equal(image.spectra, first.spectra)
         change = None if same else image.spectra @ np.linalg.pinv(first.spectra)
         parts.append(image.coefficients if change is None else image.coefficients @ change)
-    return replace(first, coefficients=np.concatenate(parts).astype(np.float32))
+    return replace(first, coefficients=np.concatenate(parts, dtype=np.float32))
 
 
 def distributed(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, RenderedImage]]:

@@ -43,7 +43,9 @@ def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
     Tests each batch's radiance, summed over wavelengths, against the mean and scatter of the others (Student's t; in
     one picture of a thousand there is a false alarm). All False with fewer than three batches.
     """
-    values = image.coefficients @ image.spectra.sum(axis=1)
+    summed = image.spectra.sum(axis=1)
+    # batch by batch, since all of them in double precision would need twice the picture's memory
+    values = np.stack([batch @ summed for batch in image.coefficients])
     count = len(values)
     if count < 3:
         return np.zeros(values.shape[1:], bool)
