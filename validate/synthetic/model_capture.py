@@ -24,7 +24,7 @@ from cboxlab.render.chain import (
 )
 from cboxlab.render.device import variant
 from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import render_to_precision
+from cboxlab.render.integrators import Job, render_to_precision
 from cboxlab.render.laboratory import (
     CaptureSettings,
     Frame,
@@ -187,7 +187,7 @@ def write_model_capture(
     altered = after_stage(box(scene), model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
     image = render_to_precision(
-        altered, moved, WAVELENGTH_NM, relative_error, max_bounces=None, seed=seed, progress=progress
+        Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress
     )
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
