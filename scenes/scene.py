@@ -108,6 +108,13 @@ class Scene(OwnMappings):
         return self.medium is None and all(self.materials[name].bsdf is None for name in used)
 
     @property
+    def lambertian(self) -> Scene:
+        """The same scene with Lambert's law for all materials and without a medium."""
+        return replace(
+            self, medium=None, materials={k: replace(m, bsdf=None) for k, m in self.materials.items()}
+        )
+
+    @property
     def corners_mm(self) -> NDArray[np.float64]:
         """(n, 3) vertices of all surfaces except the lamp."""
         return np.concatenate([surface.vertices_mm for surface in self.surfaces])

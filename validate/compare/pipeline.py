@@ -32,14 +32,18 @@ from numpy.typing import NDArray
 from ..effects import AppliedEffect
 from ..model import Model, seen_through, with_further_distortion
 from ..predict import (
+    CONVERGENCE,
     ForeignPicture,
+    Picture,
     Predictor,
     build_predictor,
+    cached_picture,
     foreign_picture,
     render_plainly,
     render_to_noise,
     require_level,
     sensing,
+    traced_picture,
 )
 from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
@@ -55,6 +59,8 @@ __all__ = [
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
 #: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions.
 _DRAFT_NOISE = 0.7
+#: Noise of a picture whose paths are all traced, relative to the sensor's: less would take ten times as long.
+_TRACED_NOISE, _TRACED_CONVERGENCE = 1.0, 0.5
 #: The share of the progress from which to which each draft goes.
 _DRAFTS = ((0.1, 0.2), (0.2, 0.3))
 
@@ -64,8 +70,9 @@ class Prepared:
     """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
 
     camera_fit, responses, weights : of the calibration, which has them all. lamp_sigma : relative standard deviation
-    of the lamp's stated power, None if not stated. picture : another renderer's picture through the calibrated camera,
-    used instead of rendering. cache : folder of rendered pictures, or None.
+    of the lamp's stated power, None if not stated. scene : by Lambert's law, of which changes by effects are predicted.
+    complete : the same with the BSDFs and the medium of the model, which is rendered. picture : another renderer's
+    picture through the calibrated camera, used instead of rendering. cache : folder of rendered pictures, or None.
     """
 
     calibration: Calibration
@@ -74,6 +81,7 @@ class Prepared:
     weights: FilterWeights
     scene: Scene
     lamp_sigma: float | None
+    complete: Scene
     picture: ForeignPicture | None = None
     cache: Path | None = None
 
@@ -87,6 +95,11 @@ class Prepared:
         covariance of the survey.
         """
         return replace(seen_through(self.calibrated_camera, effects), further_distortion=None)
+
+    @property
+    def gathered(self) -> bool:
+        """Whether the picture is gathered from patches, so that its light is known by number of reflections."""
+        return self.picture is None and self.complete.diffuse
 
     @property
     def measured(self) -> NDArray[np.float64]:
@@ -179,14 +192,15 @@ def prepare(folder: Path, model: Model) -> Prepared:
             "A calibration does not need them.",
         )
     scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
-    return Prepared(calibration, camera_fit, responses, weights, scene, lamp.relative_uncertainty)
+    return Prepared(
+        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
+    )
 
 
 def under_model(prepared: Prepared, model: Model) -> Prepared:
     """The same calibrated capture with another model's scene."""
-    return replace(
-        prepared, scene=load_scene(model.scene).with_lamp(prepared.scene.lamp.radiance), picture=None
-    )
+    scene = load_scene(model.scene).with_lamp(prepared.scene.lamp.radiance)
+    return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
 
 
 def solved_light(
@@ -263,7 +277,7 @@ def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> R
     if later := [e.id for e in effects if e.stage == "transport"]:
         expected = "effects that need no compiled variant"
         raise InputError("model", f"the effect {later[0]}", expected, variant.HINT)
-    scene = after_stage(prepared.scene, effects, "scene")
+    scene = after_stage(prepared.complete, effects, "scene")
     settings = after_stage(model.render, effects, "settings")
     there = with_further_distortion(camera, effects)
     image = render_plainly(scene, there, settings.max_bounces, model.render.seed, progress)
@@ -297,9 +311,10 @@ def rendered_from(
         image, included = prepared.picture.through(camera, settings.seed), []
         bands = render_bands(image, responses)
     else:
+        picture, noise, convergence = _own_picture(prepared, light, camera, settings, effects)
         image, bands = render_to_noise(
-            light, camera, responses, calibration.predicted_variance, prepared.usable, noise=settings.noise,
-            seed=settings.seed, progress=progress, cache=prepared.cache,
+            picture, responses, calibration.predicted_variance, prepared.usable,
+            noise=noise, convergence=convergence, progress=progress,
         )  # fmt: skip
         included = [e for e in effects if e.stage in stages_between("scene", "settings")]
     predictor = build_predictor(
@@ -307,6 +322,21 @@ def rendered_from(
     )
     plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
     return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, predictor)
+
+
+def _own_picture(
+    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect]
+) -> tuple[Picture, float, float]:  # fmt: skip
+    """What makes our picture, to which noise, and the power of the samples by which its error falls."""
+    if prepared.gathered:
+
+        def gathered(samples: int, batches: int, report: Progress) -> RenderedImage:
+            return cached_picture(prepared.cache, light, camera, samples, batches, settings.seed, report)
+
+        return gathered, settings.noise, CONVERGENCE
+    scene = after_stage(prepared.complete, effects, "scene")
+    traced = traced_picture(scene, camera, light, after_stage(settings, effects, "settings"))
+    return traced, max(settings.noise, _TRACED_NOISE), _TRACED_CONVERGENCE
 
 
 def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
@@ -362,7 +392,7 @@ def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]
     weights = np.stack([r.response for r in responses], axis=-1)
     centres = band_centres(responses)
     shares = None
-    if isinstance(result.rendered, Predicted) and result.prepared.picture is None:
+    if isinstance(result.rendered, Predicted) and result.prepared.gathered:
         shares = light_shares(result.image, result.rendered.predictor.light.tracer.scene, weights)
     material = {surface.name: surface.material for surface in scene.surfaces}
     known = tuple(parts(c, material, centres, shares))

@@ -1,17 +1,21 @@
 """The model's expected signals for one capture, with any effects."""
 
 from .foreign import ForeignPicture, foreign_picture, require_level
-from .picture_cache import default_cache, digest_of
+from .picture_cache import cached_picture, default_cache, digest_of
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor
-from .rendering import render_to_noise
+from .rendering import CONVERGENCE, Picture, render_to_noise
 from .sensing import sensing
+from .traced_picture import traced_picture
 from .transported import transported
 
 __all__ = [
+    "CONVERGENCE",
     "ForeignPicture",
+    "Picture",
     "Predictor",
     "build_predictor",
+    "cached_picture",
     "default_cache",
     "digest_of",
     "foreign_picture",
@@ -19,5 +23,6 @@ __all__ = [
     "render_to_noise",
     "require_level",
     "sensing",
+    "traced_picture",
     "transported",
 ]

@@ -46,9 +46,12 @@ def _assumptions(result: Validation) -> list[str]:
     rendered = "the render's standard error"
     if foreign is not None and foreign.estimated:
         rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
+    special = [f"{m.name} ({m.bsdf['type']})" for m in prepared.complete.materials.values() if m.bsdf]
+    materials = " but for ".join(["materials are Lambertian", ", ".join(special)][: 1 + bool(special)])
+    air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
-        f"Scene: {prepared.scene.name}. Unless an effect below changes it: materials are Lambertian, the lamp is "
-        f"uniform and Lambertian and {reflects}, the air is clear, the front is open and dark.",
+        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {materials}, the lamp is uniform and "
+        f"Lambertian and {reflects}, {air}, the front is open and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "

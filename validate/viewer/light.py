@@ -39,10 +39,11 @@ def pixel_spectra(
 
 def light_parts(validation: Validation) -> dict[str, NDArray[np.float32]] | None:
     """Shares (y, x) of each pixel's luminance by number of reflections, which sum to 1; NaN without light and at the
-    lamp. None where the render does not separate them (another renderer's picture, no compiled variant).
+    lamp. None where the render does not separate them (another renderer's picture, a scene that is not Lambertian, no
+    compiled variant).
     """
     prepared = validation.prepared
-    if not isinstance(validation.rendered, Predicted) or prepared.picture is not None:
+    if not isinstance(validation.rendered, Predicted) or not prepared.gathered:
         return None
     responses = np.stack([r.response for r in prepared.responses], axis=-1)
     luminance = responses @ prepared.weights.weights[1]

@@ -1,0 +1,103 @@
+"""Base models that are not Lambertian: their pictures against every path traced at every wavelength, and a validation
+whose model has the coat that was photographed.
+
+False alarms: each comparison of means fails by chance with a probability of 1e-6 (Student's t).
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cboxlab.scenes
+import numpy as np
+import pytest
+from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.render.laboratory.capture_writer import tungsten_lamp
+from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.render.radiosity.final_gather import solve_light
+from cboxlab.scenes import Medium, Spectrum, cornell_box, cornell_camera, load_scene
+from cboxlab.scenes.progress import QUIET
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare.pipeline import validate
+from cboxlab.validate.model.model_file import Model
+from cboxlab.validate.predict.traced_picture import traced_picture
+from cboxlab.validate.report.write import write_validation
+from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image
+from scipy.stats import t as student
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+BATCHES = 16
+T_LIMIT = float(student.isf(0.5e-6, 2 * BATCHES - 2))
+SETTINGS = RenderSettings(seed=4)
+COAT = '{ type = "roughplastic", alpha = 0.2, int_ior = 1.5, diffuse_reflectance = "reflectance" }'
+HAZE = Spectrum(np.array([400.0, 700.0]), np.array([4e-4, 1e-4]))
+
+
+def picture_of(scene, camera, samples, batches):
+    light = solve_light(scene.lambertian, WAVELENGTH_NM)
+    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, QUIET)
+
+
+def coated(folder):
+    """The published box under a tungsten lamp, its white paint coated, as a scene file in ``folder``."""
+    data = Path(cboxlab.scenes.__file__).parent / "data"
+    lamp = tungsten_lamp()
+    rows = [f"{nm},{value}" for nm, value in zip(lamp.wavelength_nm, lamp.values, strict=True)]
+    (folder / "lamp.csv").write_text("\n".join(["wavelength_nm,radiance", *rows]))
+    for name in ("cornell-box-emission.csv", "cornell-box-reflectance.csv"):
+        (folder / name).write_bytes((data / name).read_bytes())
+    text = (data / "cornell-box.toml").read_text()
+    text = text.replace('"cornell-box-emission.csv:emission"', '"lamp.csv:radiance"')
+    path = folder / "coated.toml"
+    path.write_text(text.replace("[material.white]", f"[material.white]\nbsdf = {COAT}"))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["coat", "haze"])
+def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
+    """The mean over all surfaces, at wavelengths half-way between the traced ones."""
+    scene = load_scene(coated(tmp_path))
+    if kind == "haze":
+        scene = replace(scene.lambertian, medium=Medium(HAZE, HAZE.scaled(0.3), 0.4))
+    between, camera = np.array([405.0, 475.0, 545.0, 695.0]), cornell_camera(16)
+    image = picture_of(scene, camera, 256, BATCHES // 4)
+    exact = render_general_path_tracer(scene, camera, between, 64, BATCHES, seed=9)
+    used = image.single_surface & (image.surface >= 0)
+    at = np.searchsorted(WAVELENGTH_NM, between)
+    a = (image.coefficients[:, used] @ image.spectra[:, at]).mean(axis=1)
+    b = (exact.coefficients[:, used] @ exact.spectra).mean(axis=1)
+    error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
+    assert np.all(error < 0.02 * b.mean(axis=0))
+    assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < T_LIMIT * error)
+
+
+def test_what_obeys_lambert_keeps_its_picture():
+    """A diffuse BSDF of Mitsuba is Lambert's law: nothing is beyond it, within the traced paths' error."""
+    box = cornell_box()
+    white = replace(box.materials["white"], bsdf={"type": "diffuse", "reflectance": "reflectance"})
+    scene = replace(box, materials={**box.materials, "white": white})
+    image = picture_of(scene, cornell_camera(16), 256, BATCHES // 4)
+    used = image.single_surface & (image.surface >= 0)  # the published lamp is dark at 400 nm
+    beyond = (image.coefficients[:, used, -30:] * image.spectra[-30:].max(axis=1)).mean(axis=1)
+    error = np.sqrt(beyond.var(axis=0, ddof=1) / BATCHES)
+    level = (image.coefficients[:, used] @ image.spectra).mean()
+    assert np.all(error < 0.01 * level)
+    assert np.all(np.abs(beyond.mean(axis=0)) < student.isf(0.5e-6, BATCHES - 1) * error + 3e-4 * level)
+
+
+def test_a_coated_base_model_explains_a_coated_box(tmp_path):
+    """Camera moved and noise added: with the coat noise explains the capture, by Lambert's law alone nothing does."""
+    path, camera = coated(tmp_path), perturbed_camera(32, 5)
+    scene = load_scene(path)
+    image = picture_of(scene, camera, 2048, 4)
+    settings = CaptureSettings(read_noise_e=200.0)
+    photograph_image(tmp_path / "capture", image, (), None, scene, camera, settings=settings, seed=5)
+    result = validate(tmp_path / "capture", Model(str(path)))
+    assert result.comparison.chi2.per_dof < 1.2
+    write_validation(result, tmp_path / "report")
+    assert "white (roughplastic)" in (tmp_path / "report" / "report.html").read_text()
+    plain = path.with_name("plain.toml")
+    plain.write_text(path.read_text().replace(f"bsdf = {COAT}\n", ""))
+    assert validate(tmp_path / "capture", Model(str(plain))).comparison.chi2.per_dof > 3
