@@ -18,6 +18,9 @@ __all__ = ["plot_curve", "plot_dark", "plot_filters", "plot_noise", "plot_respon
 
 _DOTS_PER_INCH = 110
 
+#: A legend with more bands would cover the plot.
+_MOST_NAMED = 16
+
 
 def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
@@ -29,6 +32,7 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
     axes = figure.subplots()
     noise, capture = calibration.noise, calibration.capture
     charge = np.geomspace(0.5, capture.saturation_dn, 200)
+    named = len(capture.manifest.band) <= _MOST_NAMED
     axes.loglog(charge, np.sqrt(noise.variance(charge)), color="black", label="shot, read and rounding noise")
     for index, band in enumerate(capture.manifest.band):
         if len(band.frames) < 2:
@@ -42,8 +46,9 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
         size = np.maximum(np.bincount(which, minlength=12), 1)
         mean, spread = (np.bincount(which, values, 12) / size for values in (level, variance))
         lit = (mean > 0) & (spread > 0)
-        axes.plot(mean[lit], np.sqrt(spread[lit]), ".", label=f"{band.id}, repeats")
-    axes.set(xlabel="count above bias (DN)", ylabel="standard deviation of one count (DN)", title="Noise")
+        axes.plot(mean[lit], np.sqrt(spread[lit]), ".", label=f"{band.id}, repeats" if named else None)
+    title = "Noise" if named else "Noise, and the repeats of every band"
+    axes.set(xlabel="count above bias (DN)", ylabel="standard deviation of one count (DN)", title=title)
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
     _save(figure, path)
@@ -78,7 +83,8 @@ def plot_filters(calibration: Calibration, path: Path) -> None:
     for response in responses:
         top.plot(WAVELENGTH_NM, response.response / largest, label=response.band)
     top.set(ylabel="response F Q T_lens T_i (largest = 1)", title="Bands")
-    top.legend(fontsize="small", ncols=4)
+    if len(responses) <= _MOST_NAMED:
+        top.legend(fontsize="small", ncols=4)
     shown = {method: colour_study.weights[method] for method in ("least squares", weights.method)}
     for index, (name, colour) in enumerate(zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True)):
         bottom.plot(WAVELENGTH_NM, weights.target[index], color=colour, label=f"CIE 1931 {name}")
