@@ -1,7 +1,7 @@
 """The integrators, the choice among them, and rendering to a stated error."""
 
 from .choice import render
-from .passes import PILOT_SAMPLES, Job
+from .passes import Job
 from .precision import (
     BATCHES,
     MOST_PASSES,
@@ -15,7 +15,6 @@ from .stock import render_stock
 __all__ = [
     "BATCHES",
     "MOST_PASSES",
-    "PILOT_SAMPLES",
     "Job",
     "fireflies",
     "relative_error",

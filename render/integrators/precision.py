@@ -75,8 +75,7 @@ def render_to_precision(
     workers share the passes.
     """
     progress.stage("rendering a pilot")
-    numbers = range(pilot.number, pilot.number + BATCHES)
-    rough = render_passes([pilot.numbered(number) for number in numbers], share(progress, 0.0, 0.0))
+    rough = render_passes(pilot, BATCHES, share(progress, 0.0, 0.0))
     found = relative_error(rough, percentile)
     if found <= error:
         progress.part(1.0)
@@ -103,9 +102,10 @@ def render_to_precision(
         total = int(min(max(total + 1, np.ceil(total * (reached / error) ** 2)), MOST_PASSES))
 
 
-def render_passes(jobs: list[Job], progress: Progress = QUIET) -> RenderedImage:
-    """The picture that the passes make up."""
-    return combined([image for _, image in _passes(jobs, progress, len(jobs))])
+def render_passes(first: Job, count: int, progress: Progress = QUIET) -> RenderedImage:
+    """The picture that ``count`` passes make up, from the first on."""
+    jobs = [first.numbered(first.number + number) for number in range(count)]
+    return combined([image for _, image in _passes(jobs, progress, count)])
 
 
 def _passes(jobs: list[Job], progress: Progress, total: int) -> Iterator[tuple[Job, RenderedImage]]:

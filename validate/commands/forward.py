@@ -100,7 +100,8 @@ def render(
 ) -> None:
     """Render a spectral cube of a model: the light before filters and sensor.
 
-    If interrupted, the same command resumes after the last finished pass (kept beside the cube as CUBE.passes).
+    If interrupted, the same command resumes after the last finished pass (kept beside the cube as CUBE.passes),
+    or, where it is large, strip (CUBE.strips).
     """
     choose_device(device)
     from cboxlab.render.files import WRITABLE

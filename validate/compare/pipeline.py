@@ -59,7 +59,8 @@ __all__ = [
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
 #: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions.
 _DRAFT_NOISE = 0.7
-#: Noise of a picture whose paths are all traced, relative to the sensor's: less would take ten times as long.
+#: Noise of a picture whose paths are all traced, relative to the sensor's (a third of it takes ten
+#: times as long), and the power of the samples by which it falls.
 _TRACED_NOISE, _TRACED_CONVERGENCE = 1.0, 0.5
 #: The share of the progress from which to which each draft goes.
 _DRAFTS = ((0.1, 0.2), (0.2, 0.3))

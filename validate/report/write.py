@@ -47,7 +47,7 @@ def _assumptions(result: Validation) -> list[str]:
     if foreign is not None and foreign.estimated:
         rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
     special = [f"{m.name} ({m.bsdf['type']})" for m in prepared.complete.materials.values() if m.bsdf]
-    materials = " but for ".join(["materials are Lambertian", ", ".join(special)][: 1 + bool(special)])
+    materials = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
     air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
         f"Scene: {prepared.scene.name}. Unless an effect below changes it: {materials}, the lamp is uniform and "

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +18,6 @@ from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_stri
 from cboxlab.render.integrators import (
     BATCHES,
     MOST_PASSES,
-    PILOT_SAMPLES,
     Job,
     fireflies,
     relative_error,
@@ -31,6 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..model import Model, labelled_cube, model_cube_inputs, view_of
 from .inputs import ModelLike, as_model
+from .kept_strips import keep_strip, kept_strip
 from .provenance import provenance
 from .result import Result
 
@@ -39,6 +42,9 @@ __all__ = ["CubeResult", "CubeSettings", "render", "render_file"]
 #: Bytes of all passes of a cube from which on it is rendered by strips of rows. The final gather keeps up to four times
 #: as many numbers for a pixel as there are wavelengths, and averages need double precision.
 LARGEST_IN_MEMORY = 2**28
+
+#: What is told of a cube, and kept with a finished strip.
+_TOLD = ("standard_error", "standard_error_99", "firefly_pixels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,25 +129,47 @@ class _Job:
     max_bounces: int | None
     settings: CubeSettings
 
-    def picture(self, camera: Camera, index: int, progress: Progress, checkpoint: Path | None) -> CubeResult:
-        """The picture, or its strip number ``index``, which has random numbers of its own but the same patches."""
-        s = self.settings
-        seed = self.model.render.seed if s.seed is None else s.seed
-        job = Job(
-            self.scene, camera, s.wavelength_nm, s.samples or PILOT_SAMPLES, seed, self.max_bounces, MOST_PASSES * index
+    def first_pass(self, camera: Camera, index: int = 0) -> Job:
+        """Of the picture, or of its strip number ``index``: with random numbers of its own, but the same patches."""
+        seed = self.model.render.seed if self.settings.seed is None else self.settings.seed
+        return Job(
+            self.scene, camera, self.settings.wavelength_nm, seed=seed, max_bounces=self.max_bounces,
+            number=MOST_PASSES * index,
         )  # fmt: skip
+
+    def picture(self, first: Job, progress: Progress, checkpoint: Path | None) -> CubeResult:
+        """The picture, or the strip, that begins with a pass."""
+        s = self.settings
         if s.samples is None:
             image = render_to_precision(
-                job, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
+                first, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
             )  # fmt: skip
         else:
-            image = render_passes([job.numbered(job.number + n) for n in range(BATCHES)], progress)
-        later = [e.id for e in self.model.effects if e.stage in stages_between("filter", "counts")]
-        own = provenance(self.model, self.camera, seed, s.command)
-        return CubeResult(
-            labelled_cube(image).assign_attrs(own), self.model.name, relative_error(image), relative_error(image, 99.0),
-            int(fireflies(image).sum()), tuple(later),
-        )  # fmt: skip
+            image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
+        own = provenance(self.model, self.camera, first.seed, s.command)
+        told = relative_error(image), relative_error(image, 99.0), int(fireflies(image).sum())
+        return self.result(labelled_cube(image).assign_attrs(own), *told)
+
+    def strip(self, camera: Camera, index: int, progress: Progress, folder: Path) -> CubeResult:
+        """Strip number ``index``, from ``folder`` if it was finished there before, else rendered and kept there."""
+        first, s = self.first_pass(camera, index), self.settings
+        key = hashlib.sha256(pickle.dumps((first, s.samples, s.noise, s.percentile))).hexdigest()
+        place = folder / f"{index}"
+        cube = kept_strip(place, key)
+        if cube is not None:
+            progress.part(1.0)
+            error, error_99, pixels = (cube.attrs.pop(name) for name in _TOLD)
+            return self.result(cube, float(error), float(error_99), int(pixels))
+        found = self.picture(first, progress, None)
+        keep_strip(place, key, found.cube.assign_attrs({name: getattr(found, name) for name in _TOLD}))
+        return found
+
+    def result(
+        self, cube: xr.Dataset, standard_error: float, standard_error_99: float, firefly_pixels: int
+    ) -> CubeResult:
+        """A cube of this model, and what is told of it."""
+        later = tuple(e.id for e in self.model.effects if e.stage in stages_between("filter", "counts"))
+        return CubeResult(cube, self.model.name, standard_error, standard_error_99, firefly_pixels, later)
 
 
 def _job(model: ModelLike, camera: Camera | Capture | str | Path, settings: CubeSettings) -> _Job:
@@ -177,7 +205,7 @@ def render(
     grid = _grid(np.arange(400.0, 701.0, 10.0) if wavelengths is None else wavelengths)
     settings = CubeSettings(grid, noise, percentile, samples, seed, scheduler)
     job = _job(model, cornell_camera(size) if camera is None else camera, settings)
-    return job.picture(job.camera, 0, progress, None)
+    return job.picture(job.first_pass(job.camera), progress, None)
 
 
 def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
@@ -202,23 +230,24 @@ def render_file(
 ) -> tuple[tuple[int, int], Sequence[str]]:
     """Render a cube into a file, by strips of rows where it is large.
 
-    Interrupted, it goes on from its last finished pass, kept beside the file as PATH.passes, when called again; a
-    cube by strips begins again. Returns width and height in pixels, and notes.
+    Interrupted, it goes on when called again: from its last finished pass, kept beside the file as PATH.passes, or its
+    last finished strip, kept in the folder PATH.strips. Returns width and height in pixels, and notes.
     """
     job = _job(model, camera, settings)
     width, height = job.camera.width_px, job.camera.height_px
     if BATCHES * 4 * width * height * settings.wavelength_nm.size <= LARGEST_IN_MEMORY:
         kept = path.with_name(f"{path.name}.passes")
-        result = job.picture(job.camera, 0, progress, kept)
+        result = job.picture(job.first_pass(job.camera), progress, kept)
         write_cube(path, result.cube)
         kept.unlink(missing_ok=True)
         return (width, height), result.notes()
+    folder = path.with_name(f"{path.name}.strips")
     parts, done = strip_cameras(job.camera), list[CubeResult]()
 
     def strips() -> Iterator[xr.Dataset]:
         for index, part in enumerate(parts):
             own = share(progress, index / len(parts), (index + 1) / len(parts))
-            strip = job.picture(part, index, own, None)
+            strip = job.strip(part, index, own, folder)
             done.append(replace(strip, cube=strip.cube[[]]))
             yield strip.cube
 
@@ -226,6 +255,7 @@ def render_file(
         write_strips(path, height, strips())
     else:
         write_cube(path, xr.concat(strips(), "y", data_vars="minimal", combine_attrs="override"))
+    shutil.rmtree(folder)
     return (width, height), _of_strips(done).notes()
 
 

@@ -73,6 +73,15 @@ def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
     assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < T_LIMIT * error)
 
 
+def test_at_the_traced_wavelengths_it_is_what_was_traced(tmp_path):
+    scene, camera, nm = load_scene(coated(tmp_path)), cornell_camera(16), np.arange(400.0, 701.0, 10.0)
+    image = picture_of(scene, camera, 64, 2)
+    traced = render_general_path_tracer(scene, camera, nm, 16, 8, seed=SETTINGS.seed)
+    here = image.coefficients @ image.spectra[:, np.searchsorted(WAVELENGTH_NM, nm)]
+    expected = traced.coefficients @ traced.spectra
+    assert np.abs(here - expected).max() < 1e-5 * expected.max()
+
+
 def test_what_obeys_lambert_keeps_its_picture():
     """A diffuse BSDF of Mitsuba is Lambert's law: nothing is beyond it, within the traced paths' error."""
     box = cornell_box()

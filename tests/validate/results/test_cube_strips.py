@@ -1,10 +1,16 @@
 """A cube rendered by strips of rows is the cube rendered at once, within noise, in every format and at the seams."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.files import read_cube
-from cboxlab.render.files.cube_strips import ROWS
+from cboxlab.render.files.cube_strips import ROWS, strip_cameras
+from cboxlab.render.integrators import passes, precision
+from cboxlab.render.integrators.passes import render_pass
+from cboxlab.render.integrators.precision import BATCHES
 from cboxlab.scenes import cornell_camera
 from cboxlab.validate.results import CubeSettings, cube, render, render_file
 from helpers.boxes import BANDS
@@ -27,19 +33,62 @@ def test_strips_agree_with_the_whole_picture(by_strips):
     picture's to the rounding of its camera; below it differences are as large as the errors say (a variance of
     8 batches each: F(1, 14), of mean 14/12)."""
     strips, notes = by_strips
-    result = render(None, wavelengths=BANDS, camera=cornell_camera(SIZE), samples=32, seed=3)
-    whole = result.cube
+    whole = render(None, wavelengths=BANDS, camera=cornell_camera(SIZE), samples=32, seed=3).cube
     difference = (strips["radiance"] - whole["radiance"]).values
     variance = (strips["standard_error"] ** 2 + whole["standard_error"] ** 2).values
-    lit = variance > 0
     assert np.abs(difference[:ROWS]).max() < 1e-3 * float(whole["radiance"].max())
-    below = lit.copy()
+    below = variance > 0
     below[:ROWS] = False
     assert np.any(difference[below] != 0)
     assert np.mean(difference[below] ** 2 / variance[below]) == pytest.approx(14 / 12, rel=0.15)
     across = difference[ROWS].sum(axis=0) / np.sqrt(variance[ROWS].sum(axis=0))
     assert np.abs(across).max() < 4
-    assert notes[0].startswith("standard error")
+    alone = [
+        render(None, wavelengths=BANDS, camera=part, samples=32, seed=3)
+        for part in strip_cameras(cornell_camera(SIZE))
+    ]
+    expected = np.median([a.standard_error for a in alone]), max(a.standard_error_99 for a in alone)
+    assert [float(n) / 100 for n in re.findall(r"([\d.]+)%", notes[0])] == pytest.approx(expected, rel=0.1)
+
+
+def test_an_interrupted_cube_goes_on_after_its_last_strip(by_strips, tmp_path, monkeypatch):
+    """Stopped in the second strip: the first is rendered again only if damaged; the cube is the same to the bit."""
+    rendered = []
+
+    def watched(job, report=None):
+        rendered.append(job.camera.height_px)
+        if stop and job.camera.height_px < ROWS:
+            raise KeyboardInterrupt
+        return render_pass(job, report)
+
+    monkeypatch.setattr(precision, "render_pass", watched)
+    out, stop = tmp_path / "b.nc", True
+    strips = tmp_path / "b.nc.strips"
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            render_file(out, None, cornell_camera(SIZE), SETTINGS)
+        assert rendered.count(ROWS) == BATCHES and not out.exists()
+    (strips / "0").write_bytes(b"broken" + (strips / "0").read_bytes())
+    stop = False
+    _, notes = render_file(out, None, cornell_camera(SIZE), SETTINGS)
+    assert rendered.count(ROWS) == 2 * BATCHES
+    assert read_cube(out).identical(by_strips[0]) and notes == by_strips[1]
+    assert not strips.exists()
+
+
+def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, monkeypatch):
+    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
+    solved, numbers = [], []
+    solve = passes.solve_light
+    monkeypatch.setattr(
+        passes, "solve_light", lambda *given, **more: solved.append(1) or solve(*given, **more)
+    )
+    monkeypatch.setattr(
+        precision, "render_pass", lambda job, report: numbers.append(job.number) or render_pass(job, report)
+    )
+    render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), replace(SETTINGS, seed=8))
+    assert len(solved) == 1
+    assert len(set(numbers)) == len(numbers) == 2 * BATCHES
 
 
 def test_other_formats_hold_the_same_strips(by_strips, tmp_path):
