@@ -27,7 +27,7 @@ from cboxlab.render.integrators import (
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.scenes.progress import QUIET, Progress, Teller, share
 from cboxlab.scenes.scene import Scene
 from numpy.typing import ArrayLike, NDArray
 
@@ -243,10 +243,12 @@ def render_file(
         return (width, height), result.notes()
     folder = path.with_name(f"{path.name}.strips")
     parts, done = strip_cameras(job.camera), list[CubeResult]()
+    progress.stage("rendering")
+    unnamed = Teller(lambda _, part: progress.part(part))  # not every strip's own stages
 
     def strips() -> Iterator[xr.Dataset]:
         for index, part in enumerate(parts):
-            own = share(progress, index / len(parts), (index + 1) / len(parts))
+            own = share(unnamed, index / len(parts), (index + 1) / len(parts))
             strip = job.strip(part, index, own, folder)
             done.append(replace(strip, cube=strip.cube[[]]))
             yield strip.cube
