@@ -7,6 +7,7 @@ covered by j (Goral et al. 1984). Rows of F sum to 1 minus the fraction that lea
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -55,9 +56,18 @@ class Exchange:
 def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
     """Trace ``samples`` cosine-distributed rays and as many lamp samples from every patch.
 
-    Points covered by an object see only back sides; they are left out of the means over a patch.
-    Raises ArithmeticError where the result breaks the conservation of energy.
+    Points covered by an object see only back sides; they are left out of the means over a patch. A result that breaks
+    the conservation of energy is traced once more, with a RuntimeWarning: a disturbed machine has made such ones, one
+    in some hundreds of processes, which the same command then did not repeat. Raises ArithmeticError the second time.
     """
+    try:
+        return _traced(tracer, lamp, patches, samples, seed)
+    except ArithmeticError as error:
+        warnings.warn(f"{error}; traced once more", RuntimeWarning, stacklevel=2)
+        return _traced(tracer, lamp, patches, samples, seed)
+
+
+def _traced(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
     count = len(patches)
     slopes = build_slopes(tracer, patches)
     lane = dr.arange(mi.UInt32, count)
@@ -78,7 +88,8 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
         on_patch = hit.reflecting
         target = patch_of(patches, hit.triangle, hit.uv, on_patch)
         for patch, weight in slopes.weights(target, hit.position, on_patch):
-            dr.scatter_add(matrix, weight, lane * count + patch, on_patch)
+            # other modes leave out weights that are not numbers, which hides a disturbed exchange
+            dr.scatter_add(matrix, weight, lane * count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (
             i + 1,
             direct + dr.select(exposed, light, 0),

@@ -262,7 +262,19 @@ def test_light_that_multiplies_is_refused():
     doubled = SimpleNamespace(weights=lambda target, *_: [(target, mi.Float(2.0))])
     with pytest.MonkeyPatch.context() as patch, pytest.raises(ArithmeticError, match="2 of their light"):
         patch.setattr(solution, "build_slopes", lambda *_: doubled)
-        trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+        with pytest.warns(RuntimeWarning, match="traced once more"):
+            trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+
+
+def test_a_disturbed_exchange_is_traced_once_more():
+    tracer, patches, sound = exchange_of(closed_cube(), 500.0, 64, seed=3)
+    lost = SimpleNamespace(weights=lambda target, *_: [(target, mi.Float(np.nan))])
+    given = iter([lost, sound.slopes])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solution, "build_slopes", lambda *_: next(given))
+        with pytest.warns(RuntimeWarning, match="not finite"):
+            again = trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+    assert np.array_equal(again.form_factors, sound.form_factors)
 
 
 def test_each_reflection_of_the_furnace():
