@@ -59,7 +59,8 @@ def _temporary_prefix(path: Path) -> str:
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` to write to; it becomes ``path`` only if the block succeeds.
 
-    What a killed process has left beside ``path`` is removed.
+    What a killed process has left beside ``path`` is removed. An OSError of the block names ``path``, not the temporary
+    file or no file at all.
     """
     path = Path(path)
     handle, name = tempfile.mkstemp(prefix=_temporary_prefix(path), suffix=path.suffix, dir=path.parent)
@@ -69,6 +70,10 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         _public(temporary, 0o666)
         temporary.replace(path)
+    except OSError as error:
+        if error.filename in (None, name):
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

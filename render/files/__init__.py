@@ -7,6 +7,7 @@ from .cube_files import READABLE, WRITABLE, open_cube, read_cube, read_picture, 
 from .cube_strips import strip_cameras, write_strips
 from .declared import AS_STATED, DECLARABLE, NOTES, Declared, declared_for, require_used
 from .dng import write_dng
+from .exr_channels import write_channels
 from .previews import raw_to_srgb, scene_white, xyz_weights
 from .raw_files import write_raw
 
@@ -29,6 +30,7 @@ __all__ = [
     "require_used",
     "scene_white",
     "strip_cameras",
+    "write_channels",
     "write_cube",
     "write_dng",
     "write_raw",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import numpy as np
 import OpenEXR
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import replacing
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 
-__all__ = ["ExrChannels", "read_channels"]
+__all__ = ["ExrChannels", "read_channels", "write_channels"]
 
 #: Bytes of pixels that one byte of an OpenEXR file can hold: its compressions use deflate or pack less.
 _DENSEST = 1100
@@ -53,3 +55,13 @@ def _require_size(path: Path) -> None:
     pixels = float(np.prod(high - low + 1))
     if pixels * 2 > max(_DENSEST * path.stat().st_size, 2**26):
         raise InputError(path, f"{path.stat().st_size} bytes for {pixels:.0f} pixels", "a complete picture")
+
+
+def write_channels(path: Path, header: Mapping[str, Any], planes: Mapping[str, NDArray[np.float32]]) -> None:
+    """Write scanlines of 32-bit floats, deflated. Raises InputError where the disk does not take all of it."""
+    kind = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    try:
+        with replacing(path) as temporary, OpenEXR.File(kind | dict(header), dict(planes)) as file:
+            file.write(str(temporary))
+    except RuntimeError as error:  # the library's error for a full disk, which names the temporary file
+        raise InputError(path, str(error).rpartition('". ')[2], "a file that can be written") from None

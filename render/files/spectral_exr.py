@@ -7,13 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import xarray as xr
-from cboxlab.scenes.files import replacing
 
 from .cube_checks import PROVENANCE, RADIANCE_UNIT, as_cube, float32_samples
 from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, told
-from .exr_channels import ExrChannels
+from .exr_channels import ExrChannels, write_channels
 from .previews import cube_to_linear_srgb
 
 __all__ = ["cube_of_spectral_channels", "spectral_channels", "write_exr"]
@@ -33,17 +31,11 @@ def write_exr(path: Path, cube: xr.Dataset) -> None:
         # A decimal comma, since the dot separates layers in OpenEXR.
         name = f"S0.{wavelength:.6f}nm".replace(".", ",").replace("S0,", "S0.")
         channels[name] = np.ascontiguousarray(samples[..., index])
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "spectralLayoutVersion": "1.0",
-        "emissiveUnits": _UNIT,
-    }
+    header = {"spectralLayoutVersion": "1.0", "emissiveUnits": _UNIT}
     if "missing" in cube.attrs:
         header["missing"] = cube.attrs["missing"]
     header |= {name: str(cube.attrs[name]) for name in PROVENANCE if name in cube.attrs}
-    with replacing(path) as temporary, OpenEXR.File(header, channels) as file:
-        file.write(str(temporary))
+    write_channels(path, header, channels)
 
 
 def spectral_channels(names: Iterable[str]) -> dict[str, float]:

@@ -57,17 +57,27 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
     """Trace ``samples`` cosine-distributed rays and as many lamp samples from every patch.
 
     Points covered by an object see only back sides; they are left out of the means over a patch. A result that breaks
-    the conservation of energy is traced once more, with a RuntimeWarning: a disturbed machine has made such ones, one
-    in some hundreds of processes, which the same command then did not repeat. Raises ArithmeticError the second time.
+    the conservation of energy is traced once more, with a RuntimeWarning that tells what differs: a disturbed machine
+    has made such ones, one in some hundreds of processes, which the same command then did not repeat. Raises
+    ArithmeticError the second time.
     """
-    try:
-        return _traced(tracer, lamp, patches, samples, seed)
-    except ArithmeticError as error:
-        warnings.warn(f"{error}; traced once more", RuntimeWarning, stacklevel=2)
-        return _traced(tracer, lamp, patches, samples, seed)
+    exchange, seen = _traced(tracer, lamp, patches, samples, seed)
+    fault = _energy_fault(exchange, seen)
+    if fault is None:
+        return exchange
+    again, seen_again = _traced(tracer, lamp, patches, samples, seed)
+    differences = _differences((exchange, seen), (again, seen_again))
+    warnings.warn(f"{fault}; traced once more, it differs in {differences}", RuntimeWarning, stacklevel=2)
+    fault = _energy_fault(again, seen_again)
+    if fault is not None:
+        raise ArithmeticError(fault)
+    return again
 
 
-def _traced(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
+def _traced(
+    tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int
+) -> tuple[Exchange, NDArray[np.float32]]:
+    """The exchange, and (p,) how many points of each patch are not covered."""
     count = len(patches)
     slopes = build_slopes(tracer, patches)
     lane = dr.arange(mi.UInt32, count)
@@ -101,28 +111,54 @@ def _traced(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, s
     start = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(3)))
     _, direct, escaped, seen = dr.while_loop(start, lambda i, *_: i < total, body)
     dr.eval(direct, escaped, seen, matrix)
-    scale = 1 / np.maximum(np.array(seen), 1)
+    points_seen = np.array(seen)
+    scale = 1 / np.maximum(points_seen, 1)
     exchange = Exchange(
         direct=np.array(direct) * scale,
         form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
         escape=np.array(escaped) * scale,
         slopes=slopes,
     )
-    _check_energy(exchange, np.array(seen))
-    return exchange
+    return exchange, points_seen
 
 
-def _check_energy(exchange: Exchange, seen: NDArray) -> None:
-    """Raise ArithmeticError where patches pass on more light than they get, less than none, or saw nothing at all."""
+def _energy_fault(exchange: Exchange, seen: NDArray) -> str | None:
+    """A sentence where patches pass on more light than they get, less than none, or saw nothing at all, else None."""
     passed_on = exchange.form_factors.sum(axis=1) + exchange.escape
     least, most, direct = passed_on.min(), passed_on.max(), exchange.direct.max()
-    if not (seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(direct)):
-        unknown = ~np.isfinite(exchange.form_factors)
-        raise ArithmeticError(
-            f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on {least:g} "
-            f"to {most:g} of their light, direct light up to {direct:g}, {np.count_nonzero(unknown)} form factors are "
-            f"not finite, of {unknown.any(axis=1).sum()} patches towards {unknown.any(axis=0).sum()}"
-        )
+    if seen.max() > 0 and least > -_ENERGY and most < 1 + _ENERGY and np.isfinite(direct):
+        return None
+    unknown = ~np.isfinite(exchange.form_factors)
+    return (
+        f"the light exchange between {len(seen)} patches breaks the conservation of energy: they pass on {least:g} "
+        f"to {most:g} of their light, direct light up to {direct:g}, {np.count_nonzero(unknown)} form factors are "
+        f"not finite, of {unknown.any(axis=1).sum()} patches towards {unknown.any(axis=0).sum()}"
+    )
+
+
+def _differences(first: tuple[Exchange, NDArray], again: tuple[Exchange, NDArray]) -> str:
+    """What of two exchanges, which should be the same to the bit, is not: how many numbers, where, a sample's bits.
+
+    Whole rows come from one lane or one thread's share of lanes, single columns from a patch's slopes, neighbours in
+    memory from elsewhere. A NaN of arithmetic has the bits ffc00000, others were never a number.
+    """
+    told = []
+    for name, of in {
+        "form factors": lambda e, _: e.form_factors,
+        "direct light": lambda e, _: e.direct,
+        "escape": lambda e, _: e.escape,
+        "points seen": lambda _, seen: seen,
+        "slopes": lambda e, _: e.slopes.across.astype(np.float32),
+        "centres": lambda e, _: e.slopes.centre.astype(np.float32),
+        "neighbours": lambda e, _: e.slopes.neighbour.astype(np.uint32),
+    }.items():
+        one, other = (np.ascontiguousarray(of(*each)).view(np.uint32) for each in (first, again))
+        places = np.argwhere(one != other)
+        if len(places):
+            low, high = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+            bits = one[tuple(places[0])]
+            told.append(f"{len(places)} {name} between {low} and {high} (first bits {bits:08x})")
+    return "; ".join(told) or "nothing"
 
 
 def solve(

@@ -60,6 +60,7 @@ def add(
     if model.suffix != ".toml":
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
     given = dict(_pair(text) for text in values or ())
+    found = _content(model)
     current = load_model(model) if model.exists() else Model(name=model.stem)
     if current.scene == str(model.resolve()):
         hint = f'write a model file with format = "model/1" and scene = "{model.name}", and add to that'
@@ -73,6 +74,13 @@ def add(
     if current.scene.endswith(".toml"):
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     grown = current.with_effect(applied)
+    if _content(model) != found:
+        raise InputError(
+            model,
+            "another content than when the command began",
+            "a model that nothing else changes",
+            "Run it again.",
+        )
     write_model(model, grown)
     shown = ", ".join(
         f"{key} = {value if isinstance(value, str) else format(value, '.5g')}"
@@ -82,6 +90,10 @@ def add(
     own = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
     give_json(json, {"model": model, "added": own, "effects": [e.id for e in grown.effects], **before_after})
     say(f"{model}: added {applied.id} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
+
+
+def _content(path: Path) -> bytes | None:
+    return path.read_bytes() if path.exists() else None
 
 
 def _fitted(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import xarray as xr
+from cboxlab.render.files import write_channels
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +30,7 @@ def write_map(path: Path, channels: xr.DataArray, units: Mapping[str, str]) -> N
     OpenEXR sorts by name, stands there as ``cbox.channels``, attributes of the array as ``cbox.<name>``.
     """
     names = [str(name) for name in channels["channel"].values]
-    header: dict[str, object] = {
-        "type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION,
+    header = {
         PREFIX + "channels": "\n".join(names),
         **{PREFIX + "unit." + name: units[name] for name in names},
         **{PREFIX + str(key): str(value) for key, value in channels.attrs.items()},
@@ -38,8 +38,7 @@ def write_map(path: Path, channels: xr.DataArray, units: Mapping[str, str]) -> N
     pixels = {
         name: np.ascontiguousarray(channels.values[index], np.float32) for index, name in enumerate(names)
     }
-    with replacing(path) as temporary, OpenEXR.File(header, pixels) as file:
-        file.write(str(temporary))
+    write_channels(path, header, pixels)
 
 
 def read_map(path: Path) -> tuple[xr.DataArray, dict[str, str]]:

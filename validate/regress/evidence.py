@@ -110,7 +110,7 @@ def build_evidence(found: Comparison) -> Evidence:
     variance = np.stack(
         [np.bincount(cell[inside], variances[..., g][inside], cells) for g in range(groups)], axis=-1
     )
-    safe = np.maximum(sums, 1e-6 * max(float(sums.max()), 1e-300))
+    safe = np.maximum(sums, 1e-6 * max(float(sums.max(initial=0.0)), 1e-300))
     deviation = np.sqrt(variance * inflation) / safe
     correlation = _grouped(noise.correlation, noise.variance, rows)
     covariance = deviation[:, :, None] * deviation[:, None, :] * correlation

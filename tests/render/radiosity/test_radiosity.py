@@ -4,15 +4,14 @@ False alarms: as stated in test_render_physics.
 """
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, mi
+from cboxlab.render.device import device_array, dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.radiosity import solution
 from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
-from cboxlab.render.radiosity.patch_slopes import build_slopes
+from cboxlab.render.radiosity.patch_slopes import PatchSlopes, build_slopes
 from cboxlab.render.radiosity.patches import build_patches, patch_of, patch_points
 from cboxlab.render.radiosity.solution import indirect_basis, solve, trace_exchange
 from cboxlab.render.visibility.tracer import build_tracer
@@ -256,24 +255,34 @@ def test_black_walls_pass_nothing_on():
     assert np.all(coefficients @ spectra == 0.0)
 
 
+class Doubled(PatchSlopes):
+    def weights(self, patch, position, active):
+        return [(patch, mi.Float(2.0))]
+
+
 def test_light_that_multiplies_is_refused():
     """Rays that find more than all of a hemisphere are no exchange of light."""
-    tracer, patches, _ = exchange_of(closed_cube(), 500.0, 64, seed=3)
-    doubled = SimpleNamespace(weights=lambda target, *_: [(target, mi.Float(2.0))])
+    tracer, patches, sound = exchange_of(closed_cube(), 500.0, 64, seed=3)
     with pytest.MonkeyPatch.context() as patch, pytest.raises(ArithmeticError, match="2 of their light"):
-        patch.setattr(solution, "build_slopes", lambda *_: doubled)
-        with pytest.warns(RuntimeWarning, match="traced once more"):
+        patch.setattr(solution, "build_slopes", lambda *_: Doubled(**vars(sound.slopes)))
+        with pytest.warns(RuntimeWarning, match="differs in nothing"):
             trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
 
 
 def test_a_disturbed_exchange_is_traced_once_more():
+    """Which numbers were disturbed is told: here the slopes of one patch, and with them the form factors to it."""
     tracer, patches, sound = exchange_of(closed_cube(), 500.0, 64, seed=3)
-    lost = SimpleNamespace(weights=lambda target, *_: [(target, mi.Float(np.nan))])
+    across = sound.slopes.across.copy()
+    across[17] = np.nan
+    lost = replace(sound.slopes, across=across, packed_across=device_array(mi.Float, across))
     given = iter([lost, sound.slopes])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solution, "build_slopes", lambda *_: next(given))
-        with pytest.warns(RuntimeWarning, match="not finite"):
+        with pytest.warns(RuntimeWarning, match="not finite") as told:
             again = trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+    message = str(told[0].message)
+    assert "9 slopes between [17, 0, 0] and [17, 2, 2] (first bits 7fc00000)" in message
+    assert "form factors between" in message and "escape" not in message
     assert np.array_equal(again.form_factors, sound.form_factors)
 
 

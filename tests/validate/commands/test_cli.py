@@ -18,6 +18,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.scenes import InputError
 from cboxlab.validate.commands import console
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
+from cboxlab.validate.model import named_effect
 from cboxlab.validate.model.model_file import load_model
 from cboxlab.validate.synthetic.blind import open_seal
 from helpers.command_line import assert_one_line_of_help
@@ -209,6 +210,21 @@ def test_a_model_grows_and_reads_back(tmp_path, cbox):
         ("veiling-glare", {"fraction": 0.02}),
         ("wall-reflectance", {"material": "red", "scale": 1.1}),
     ]
+
+
+def test_a_model_that_changed_meanwhile_is_not_overwritten(tmp_path, cbox, monkeypatch):
+    """As if another command had added an effect while this one was fitted."""
+    path = tmp_path / "model.toml"
+    assert cbox("add", path, "veiling-glare", "fraction=0.02")[0] == 0
+    other = path.read_bytes().replace(b"0.02", b"0.03")
+
+    def slow(*arguments):
+        path.write_bytes(other)
+        return named_effect(*arguments)
+
+    monkeypatch.setattr("cboxlab.validate.model.named_effect", slow)
+    assert_one_line_of_help(cbox("add", path, "ghost", "fraction=0.01"), "another content")
+    assert path.read_bytes() == other
 
 
 def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):

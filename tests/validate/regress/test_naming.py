@@ -10,7 +10,7 @@ from cboxlab.render.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.effects import apply_checked, names_in
 from cboxlab.validate.model import labelled_cube
-from cboxlab.validate.regress import regress_pictures, regress_sides, side_of
+from cboxlab.validate.regress import SurfaceMap, regress_pictures, regress_sides, side_of
 from cboxlab.validate.regress.evidence import build_evidence
 from cboxlab.validate.regress.explanations import from_pictures
 from cboxlab.validate.regress.naming import named_changes
@@ -171,6 +171,21 @@ def test_a_right_explanation_leaves_noise():
     best = min(from_pictures(evidence, noisy(1)), key=lambda e: e.chi2)
     assert best.change.startswith("lamp")
     assert 0.3 < best.chi2 / evidence.numbers < 1.2
+
+
+def test_a_picture_without_the_inside_of_a_surface_is_still_explained():
+    """6 x 6 pixels: none is smooth, and the explanation rests on edges and borders alone."""
+
+    def corner(side):
+        index = side.surfaces.index[:6, :6]
+        small = SurfaceMap(index, side.surfaces.names, np.zeros(index.shape, bool))
+        return replace(side, radiance=side.radiance[:6, :6], variance=side.variance[:6, :6], surfaces=small)
+
+    sides = corner(noisy(1, noise=0.02)), corner(noisy(2, 1.3 * rendered()[0], noise=0.02))
+    _, found = regress_sides(*sides)
+    assert (build_evidence(found).cell < 0).all()
+    first = named_changes(found, None)[0]
+    assert first.change == "lamp-scale" and first.parameters["factor"] == pytest.approx(1.3, abs=0.03)
 
 
 def test_the_published_box_is_recognised_and_another_is_not():
