@@ -1,12 +1,14 @@
-"""Do the tests find faults nobody thought of? Changes one place of the physics at a time and runs its package's tests.
+"""Do the tests find faults nobody thought of? Changes one place of the physics at a time and runs its module's tests.
 
     python benchmarks/mutate_physics.py --out mutants.jsonl --count 200 --seed 1
     python benchmarks/mutate_physics.py --out mutants.jsonl --count 40 --only calibration
 
-A mutant changes one sign, factor, power, axis, transpose, unit, quadrature sum, wavelength or degree of freedom.
-Modules take turns, so that each has its share. Its tests, those of ``tests/ROOM/PACKAGE``, have a minute; a mutant
-whose tests take longer counts as escaped. Every result is a line of the file, from which a stopped run goes on; a new
-file looks again. Prints what escapes; exit code 1 if more than one in twenty does.
+A mutant changes one sign, factor, power, axis, transpose, unit, half pixel, quadrature sum, wavelength, dark frame,
+degree of freedom, or takes energy for quanta. Modules take turns, so that each has its share. A module's tests are
+its own file of tests, then those of its package, others that name it or what it defines, and those of packages that
+use it. They have a minute of processor time (``--limit``); a mutant whose tests take longer counts as escaped. A test
+that fails without the mutant, too, finds nothing. Every result is a line of the file, from which a stopped run goes
+on; a line taken out is looked at again. Prints what escapes; exit code 1 if more than one in twenty does.
 """
 
 from __future__ import annotations
@@ -15,14 +17,15 @@ import argparse
 import ast
 import json
 import random
-import subprocess
+import re
 import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
-from planted_faults import ROOT, copy_tree, run_tests
+from planted_faults import ROOMS, ROOT, OutOfTime, copy_tree, run_tests
 
 PHYSICS = (
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
@@ -32,8 +35,12 @@ PHYSICS = (
     ),
     *(f"validate/{name}" for name in ("compare", "diagnose", "effects")),
 )
-LIMIT_S = 60.0
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
+_DARKS = {"dark_scene": "dark_flat", "dark_flat": "dark_reference", "dark_reference": "dark_scene"}
+_AXES = {"0": "1", "1": "0", "2": "1", "-1": "-2", "-2": "-1"}
+#: Names of files, and of the clock.
+_NOT_PHYSICS = re.compile(r"\b(folder|path|directory|perf_counter)\b")
+_NOT_NUMBERS = (ast.JoinedStr, ast.List, ast.ListComp, ast.Tuple, ast.Dict)
 
 
 @dataclass(frozen=True)
@@ -52,46 +59,80 @@ class Mutant:
         return f"{self.file}:{self.start}:{self.mutated}"
 
 
+def _number(node: ast.AST) -> bool:
+    """Whether an operand may be a number: no text, no list."""
+    text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+    return not (text or isinstance(node, _NOT_NUMBERS))
+
+
+def _of_operator(node: ast.BinOp) -> Iterator[tuple[str, str]]:
+    left, right = ast.unparse(node.left), ast.unparse(node.right)
+    numbers = _number(node.left) and _number(node.right) and not _NOT_PHYSICS.search(ast.unparse(node))
+    if type(node.op) in _SIGNS and numbers and not isinstance(node.left, ast.Constant):
+        kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
+        yield kind, f"(({left}) {_SIGNS[type(node.op)]} ({right}))"
+    if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant):
+        yield "power", f"(({left}) ** {node.right.value - 1})"
+    if isinstance(node.op, ast.Add | ast.Sub) and right == "0.5":
+        yield "half pixel", f"({left})"
+
+
+def _of_call(node: ast.Call) -> Iterator[tuple[str, str]]:
+    name = ast.unparse(node.func)
+    function, text = name.rpartition(".")[2], ast.unparse(node)
+    arguments = [ast.unparse(argument) for argument in node.args]
+    if function in ("radians", "degrees", "deg2rad", "rad2deg"):
+        yield "unit", f"({arguments[0]})"
+    if function in ("sqrt", "square"):
+        yield "power", f"({arguments[0]})"
+    if function == "hypot" and len(arguments) == 2:
+        yield "share left out", f"abs({arguments[0]})"
+    if name == "np.interp":
+        yield "wavelength shift", f"np.interp(({arguments[0]}) + 2.0, {', '.join(arguments[1:])})"
+    if function == "at" and re.search("nm|wavelength|grid", ", ".join(arguments), re.IGNORECASE):
+        yield "wavelength shift", f"{name}(({arguments[0]}) + 2.0)"
+    if name == "dark.at":
+        yield "dark frame", "dark.bias"
+    if function == "quanta_per_joule":
+        yield "energy for quanta", f"{name}(0 * ({arguments[0]}) + 555.0)"
+    for key in node.keywords:
+        value = ast.unparse(key.value)
+        if key.arg == "ddof":
+            yield "degrees of freedom", text.replace(f"ddof={value}", "ddof=0")
+        if key.arg == "axis" and value in _AXES:
+            yield "axis", text.replace(f"axis={value}", f"axis={_AXES[value]}")
+
+
 def _changes(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """(kind, new text) of the changes of one expression."""
+    """(kind, new text) of the changes of one expression or one statement like ``a += b``."""
     if isinstance(node, ast.BinOp):
-        left, right = ast.unparse(node.left), ast.unparse(node.right)
-        if type(node.op) in _SIGNS and not isinstance(node.left, ast.Constant | ast.JoinedStr):
-            kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
-            yield kind, f"(({left}) {_SIGNS[type(node.op)]} ({right}))"
-        if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant):
-            yield "power", f"(({left}) ** {node.right.value - 1})"
-        if isinstance(node.op, ast.Add | ast.Sub) and right == "0.5":
-            yield "half pixel", f"({left})"
-    elif isinstance(node, ast.Attribute) and node.attr == "T":
-        yield "transpose", f"({ast.unparse(node.value)})"
+        yield from _of_operator(node)
     elif isinstance(node, ast.Call):
-        name = ast.unparse(node.func)
-        arguments = [ast.unparse(argument) for argument in node.args]
-        if name in ("np.radians", "np.degrees"):
-            yield "unit", f"({arguments[0]})"
-        if name in ("np.sqrt", "math.sqrt"):
-            yield "power", f"({arguments[0]})"
-        if name in ("np.hypot", "math.hypot") and len(arguments) == 2:
-            yield "share left out", f"abs({arguments[0]})"
-        if name == "np.interp":
-            yield "wavelength shift", f"np.interp(({arguments[0]}) + 2.0, {', '.join(arguments[1:])})"
-        for key in node.keywords:
-            if key.arg == "ddof" and isinstance(key.value, ast.Constant):
-                yield "degrees of freedom", ast.unparse(node).replace(f"ddof={key.value.value}", "ddof=0")
-            if key.arg == "axis" and isinstance(key.value, ast.Constant) and key.value.value in (0, 1):
-                swapped = 1 - key.value.value
-                yield "axis", ast.unparse(node).replace(f"axis={key.value.value}", f"axis={swapped}")
+        yield from _of_call(node)
+    elif isinstance(node, ast.AugAssign):
+        if type(node.op) in _SIGNS and _number(node.value):
+            kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
+            target, value = ast.unparse(node.target), ast.unparse(node.value)
+            yield kind, f"{target} {_SIGNS[type(node.op)]}= {value}"
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        whole = isinstance(node.operand, ast.Constant) and isinstance(node.operand.value, int)
+        if not whole:  # places in arrays and numbers of axes
+            yield "sign", f"({ast.unparse(node.operand)})"
+    elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+        if node.attr == "T":
+            yield "transpose", f"({ast.unparse(node.value)})"
+        if node.attr in _DARKS:
+            yield "dark frame", f"{ast.unparse(node.value)}.{_DARKS[node.attr]}"
 
 
-def _arithmetic(node: ast.AST) -> Iterator[ast.AST]:
-    """The expressions of functions, without annotations, text and what is raised."""
+def _arithmetic(node: ast.AST) -> Iterator[ast.expr | ast.AugAssign]:
+    """The expressions of functions, and ``a += b``, without annotations, text and what is raised."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.JoinedStr | ast.Raise | ast.arg):
             continue
         if isinstance(node, ast.FunctionDef) and child is node.returns:
             continue
-        if isinstance(child, ast.expr):
+        if isinstance(child, ast.expr | ast.AugAssign):
             yield child
         yield from _arithmetic(child)
 
@@ -99,67 +140,119 @@ def _arithmetic(node: ast.AST) -> Iterator[ast.AST]:
 def mutants_of(file: str) -> list[Mutant]:
     """All mutants of a source file, named from the repository's root."""
     source = (ROOT / file).read_text(encoding="utf-8")
-    starts = [0]
-    for line in source.splitlines(keepends=True):
+    lines, starts = source.splitlines(keepends=True), [0]
+    for line in lines:
         starts.append(starts[-1] + len(line))
+
+    def place(number: int, column: int) -> int:
+        """Of a character; columns are counted in bytes."""
+        return starts[number - 1] + len(lines[number - 1].encode()[:column].decode())
+
     found = []
     functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
-    for function in functions:
-        for node in _arithmetic(function):
-            text = ast.get_source_segment(source, node)
-            line = source.splitlines()[node.lineno - 1]  # type: ignore[attr-defined]
-            # columns are counted in bytes
-            column = len(line.encode()[: node.col_offset].decode())  # type: ignore[attr-defined]
-            for kind, mutated in _changes(node):
-                start = starts[node.lineno - 1] + column  # type: ignore[attr-defined]
-                found.append(Mutant(file, node.lineno, kind, text or "", mutated, start))  # type: ignore[attr-defined]
+    for node in (node for function in functions for node in _arithmetic(function)):
+        start = place(node.lineno, node.col_offset)
+        text = source[start : place(node.end_lineno or 0, node.end_col_offset or 0)]
+        found += [Mutant(file, node.lineno, kind, text, mutated, start) for kind, mutated in _changes(node)]
     return list({mutant.name: mutant for mutant in found}.values())
 
 
 def sample(count: int, seed: int, only: str) -> list[Mutant]:
-    """At most ``count`` mutants, the modules in turn, kinds of a module in turn; the same for the same seed."""
-    draw = random.Random(seed)
+    """At most ``count`` mutants, the modules in turn, kinds of a module in turn; the same for the same seed.
+
+    A module's mutants do not depend on other modules' sources.
+    """
+    files = [
+        path.relative_to(ROOT).as_posix()
+        for package in PHYSICS
+        for path in sorted((ROOT / package).glob("*.py"))
+    ]
+    random.Random(seed).shuffle(files)
     queues = []
-    for package in PHYSICS:
-        for path in sorted((ROOT / package).glob("*.py")):
-            file = path.relative_to(ROOT).as_posix()
-            left = mutants_of(file)
-            draw.shuffle(left)
-            turn: dict[str, int] = {}
-            rounds = []
-            for mutant in left:
-                turn[mutant.kind] = turn.get(mutant.kind, -1) + 1
-                rounds.append((turn[mutant.kind], mutant))
-            rounds.sort(key=lambda entry: entry[0])
-            if rounds and file.startswith(only):
-                queues.append([mutant for _, mutant in rounds])
-    draw.shuffle(queues)
+    for file in files:
+        left = mutants_of(file) if file.startswith(only) else []
+        random.Random(f"{seed} {file}").shuffle(left)
+        turn: dict[str, int] = {}
+        rounds = []
+        for mutant in left:
+            turn[mutant.kind] = turn.get(mutant.kind, -1) + 1
+            rounds.append((turn[mutant.kind], mutant))
+        rounds.sort(key=lambda entry: entry[0])
+        queues.append([mutant for _, mutant in rounds])
     taken: list[Mutant] = []
-    while queues and len(taken) < count:
+    while len(taken) < count and any(queues):
         queues = [queue for queue in queues if queue]
         taken += [queue.pop(0) for queue in queues]
     return taken[:count]
 
 
-def verdict_of(mutant: Mutant, folder: Path) -> str:
-    """``found by TEST``, ``ESCAPED`` or ``no answer within a minute``, of a copy of the sources; mends the copy."""
+@cache
+def tests_of(file: str, folder: Path) -> tuple[tuple[str, ...], ...]:
+    """Files of tests of a copy in the order they run.
+
+    The module's own; those of its package, first the ones that name it or what it defines; others that do; those of
+    packages that use it.
+    """
+    tree = ast.parse((folder / file).read_text(encoding="utf-8"))
+    defined = [
+        n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"
+    ]
+    stem, package = Path(file).stem.lstrip("_"), "tests" / Path(file).parent
+    words = re.compile(rf"\b({'|'.join((stem, stem.replace('_', '-'), *defined))})\b")
+
+    def mentions(path: Path) -> int:
+        return len(words.findall((folder / path).read_text(encoding="utf-8")))
+
+    tests = [path.relative_to(folder) for path in sorted((folder / "tests").glob("*/*/**/test_*.py"))]
+    tests.sort(key=mentions, reverse=True)
+    sources = [path.relative_to(folder) for room in ROOMS for path in (folder / room).glob("*/*.py")]
+    users = {"tests" / path.parent for path in sources if mentions(path)}
+    left = dict.fromkeys(tests)
+    stages = []
+    for belongs in (
+        lambda path: path == package / f"test_{stem}.py",
+        lambda path: path.parent == package and mentions(path) > 0,
+        lambda path: path.parent == package,
+        lambda path: mentions(path) > 0,
+        lambda path: path.parent in users,
+    ):
+        stages.append(tuple(path.as_posix() for path in left if belongs(path)))
+        left = {path: None for path in left if not belongs(path)}
+    return tuple(stage for stage in stages if stage)
+
+
+def verdict_of(mutant: Mutant, folder: Path, limit_s: float, unsound: dict[str, bool]) -> str:
+    """``found by TEST``, ``ESCAPED`` or ``no answer in time``, of a copy of the sources; mends the copy.
+
+    limit_s : of processor time. unsound : of tests that failed before, whether they fail without a mutant, too; grows.
+    """
     path = folder / mutant.file
     source = path.read_text(encoding="utf-8")
     end = mutant.start + len(mutant.text)
     if source[mutant.start : end] != mutant.text:
         raise ValueError(f"{mutant.file} line {mutant.line} is not {mutant.text}")
-    path.write_text(source[: mutant.start] + mutant.mutated + source[end:], encoding="utf-8")
-    package = "tests" / Path(mutant.file).parent
-    own = folder / package / f"test_{Path(mutant.file).stem.lstrip('_')}.py"
-    # the module's own tests first
-    paths = [own.relative_to(folder).as_posix()] if own.exists() else []
+    mutated = source[: mutant.start] + mutant.mutated + source[end:]
+    left = limit_s
     try:
-        failure = run_tests(folder, [*paths, package.as_posix()], LIMIT_S)
-    except subprocess.TimeoutExpired:
-        return "no answer within a minute"
+        for stage in tests_of(mutant.file, folder):
+            path.write_text(mutated, encoding="utf-8")
+            while True:
+                skipped = [test for test, fails in unsound.items() if fails]
+                failure, spent = run_tests(folder, stage, left, skipped)
+                left -= spent
+                if failure is None:
+                    break
+                path.write_text(source, encoding="utf-8")
+                if failure not in unsound:
+                    unsound[failure] = run_tests(folder, [failure])[0] is not None
+                if not unsound[failure]:
+                    return f"found by {failure}"
+                path.write_text(mutated, encoding="utf-8")
+    except OutOfTime:
+        return "no answer in time"
     finally:
         path.write_text(source, encoding="utf-8")
-    return "ESCAPED" if failure is None else f"found by {failure}"
+    return "ESCAPED"
 
 
 def main() -> int:
@@ -170,6 +263,7 @@ def main() -> int:
     options.add_argument("--count", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--only", default="", help="start of the files' paths")
+    options.add_argument("--limit", type=float, default=60.0, help="processor time of a mutant's tests in s")
     asked = options.parse_args()
     lines = asked.out.read_text(encoding="utf-8").splitlines() if asked.out.exists() else []
     results = {entry["name"]: entry["verdict"] for entry in map(json.loads, lines)}
@@ -177,9 +271,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / ROOT.name
         copy_tree(folder)
+        unsound: dict[str, bool] = {}
         for mutant in chosen:
             if mutant.name not in results:
-                results[mutant.name] = verdict_of(mutant, folder)
+                results[mutant.name] = verdict_of(mutant, folder, asked.limit, unsound)
                 entry = {"name": mutant.name, "verdict": results[mutant.name], **asdict(mutant)}
                 with asked.out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(entry) + "\n")

@@ -38,6 +38,20 @@ def test_sigmas_cover_the_truth():
     assert np.mean([f.rate_sigma**2 for f in fits]) == pytest.approx(spread, rel=0.08)
 
 
+def test_scatter_beyond_the_noise_is_not_counted_twice():
+    """Of levels that scatter by 1 DN, noise of 0.2 DN is a part: the sigmas are those of the whole scatter alone."""
+    time = np.arange(1.0, 9.0)
+    level = 50 + 0.3 * time + np.array([1.0, -1, 1, -1, 1, -1, 1, -1])
+    plain, noisy = fit_dark(time, level), fit_dark(time, level, noise_dn=0.2)
+    assert noisy.bias_sigma == pytest.approx(plain.bias_sigma, rel=1e-12)
+    assert noisy.rate_sigma == pytest.approx(plain.rate_sigma, rel=1e-12)
+    # and noise that explains the scatter is all there is
+    covered = fit_dark(time, level, noise_dn=1.0)
+    spread = np.sum((time - time.mean()) ** 2)
+    assert covered.rate_sigma == pytest.approx(1 / np.sqrt(spread), rel=1e-12)
+    assert covered.bias_sigma == pytest.approx(np.sqrt(1 / 8 + time.mean() ** 2 / spread), rel=1e-12)
+
+
 def test_the_papers_camera():
     """Table II: the shortest exposure falls 2 counts out of line, and from 1/60 s on the level goes down."""
     found = fit_dark(list(TABLE_2), list(TABLE_2.values()), noise_dn=0.02)

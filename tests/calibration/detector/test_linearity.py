@@ -10,10 +10,12 @@ from cboxlab.calibration.detector.linearity import measure_linearity
 from helpers.fake_capture import GAIN
 
 
-def test_brackets_show_black_level_and_exposure_offset(tmp_path):
+@pytest.mark.parametrize(("bias", "rate"), [(0.0, 0.0), (60.0, 2.0)])
+def test_brackets_show_black_level_and_exposure_offset(tmp_path, bias, rate):
     """Counts lose 0.7 DN below the dark's level and every exposure is 5% of the shortest longer: both found.
 
-    The frames are written by this test, since darks, cut off at 0, cannot show it.
+    The frames are written by this test, since darks, cut off at 0, cannot show it. Dark frames, bias + rate t, are
+    told apart from the light.
     """
     rng = np.random.default_rng(8)
     folder = tmp_path / "c"
@@ -21,10 +23,14 @@ def test_brackets_show_black_level_and_exposure_offset(tmp_path):
     light = 40.0 * (0.3 + 0.7 * np.indices((64, 64))[1] / 64)
     tables = ""
     for index, seconds in enumerate((1.0, 2.0, 4.0, 8.0)):
-        counts = rng.poisson(light * (seconds + 0.05) * GAIN) / GAIN - 0.7
+        counts = rng.poisson(light * (seconds + 0.05) * GAIN) / GAIN - 0.7 + bias + rate * seconds
         tifffile.imwrite(folder / f"frames/{index}.tif", np.clip(np.rint(counts), 0, 4095).astype(np.uint16))
         head = '[[band]]\nid = "a"' if index == 0 else '[[bracket]]\nband = "a"'
         tables += f'{head}\nexposure_s = {seconds}\nframes = ["frames/{index}.tif"]\n'
+        if bias:
+            dark = np.full((64, 64), bias + rate * seconds, np.uint16)
+            tifffile.imwrite(folder / f"frames/dark-{index}.tif", dark)
+            tables += f'[[dark]]\nexposure_s = {seconds}\nframes = ["frames/dark-{index}.tif"]\n'
     camera = "[camera]\nwidth_px = 64\nheight_px = 64\nbit_depth = 12\ngain_e_per_dn = 12.0\n"
     (folder / "capture.toml").write_text('format = "capture/1"\n' + camera + tables)
     capture = load_capture(folder)

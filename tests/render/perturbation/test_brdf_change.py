@@ -109,6 +109,12 @@ def coat_albedo(coat, cosine):
     return np.sum(value * cos * solid)
 
 
+def test_the_albedo_by_samples_is_that_by_quadrature():
+    coat, cosines = Coat(0.8, 0.25), [0.2, 0.6, 0.95]
+    expected = [coat_albedo(coat, cosine) for cosine in cosines]
+    assert coat.albedo(np.array(cosines)) == pytest.approx(expected, rel=0.005)
+
+
 @pytest.mark.parametrize("alpha", [0.05, 0.1, 0.25, 0.5, 0.8])
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_base_and_coat_reflect_no_more_than_arrives(alpha, scale):

@@ -56,3 +56,23 @@ def test_a_shape_that_only_fits_every_other_block_fails_in_the_rest(model, shape
 def test_one_band_alone_cannot_be_predicted_from_the_others(model, shape):
     shape[: 3 * COUNT // 4] = 0
     assert np.isnan(heldout_bands(model, 0.3 * shape, shape))
+
+
+def test_the_ratios_of_a_cause_that_is_weaker_in_one_part(model):
+    """Shape 1 everywhere, residual 1, but k in every other block, or in the last band: gains by hand.
+
+    An amplitude a gains 2 a r - a^2 in a sample of residual r.
+    """
+
+    def gain(amplitude, residual):
+        return 2 * amplitude * residual - amplitude**2
+
+    k, even = 0.5, np.append(np.ones(COUNT), np.zeros(11))
+    rows, columns = np.indices((64, 64)) // 16
+    blocks = np.append(np.tile(np.where((rows + columns) % 2, 1.0, k).ravel(), 4), np.zeros(11))
+    expected = (gain(1, k) + gain(k, 1)) / (gain(1, 1) + gain(k, k))
+    assert heldout_pixels(model, blocks, even) == pytest.approx(expected, rel=1e-9)
+    last = np.append(np.repeat([1.0, 1.0, 1.0, k], COUNT // 4), np.zeros(11))
+    everywhere, without = (3 + k) / 4, (2 + k) / 3
+    expected = (3 * gain(without, 1) + gain(1, k)) / (3 * gain(everywhere, 1) + gain(everywhere, k))
+    assert heldout_bands(model, last, even) == pytest.approx(expected, rel=1e-9)

@@ -13,6 +13,8 @@ from cboxlab.scenes.shapes import vector_area
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.effects import catalogue
+from helpers.fake_patch_light import NM as FAKE_NM
+from helpers.fake_patch_light import fake_patch_light
 from helpers.fake_stages import NM, apply, counts, curves, light
 from scipy.special import ndtr
 
@@ -302,3 +304,79 @@ def test_counts_effects_follow_their_formulas():
     gain = apply("band-gain", c, band="f550", scale=1.1)
     np.testing.assert_allclose(ratio(gain), [1, 1.1, 1])
     assert gain.flat is c.flat and gain.reference is c.reference
+
+
+@pytest.mark.parametrize(
+    ("surface", "axis", "low", "extent"),
+    [("floor", "z", 0.0, 559.2), ("left", "y", 0.0, 548.8), ("left", "x", 549.6, 6.4)],
+)
+def test_reflectance_gradient_darkens_along_one_axis(surface, axis, low, extent):
+    """Patches and fragments of the surface by 1 - 0.4 s, s = 0 at its low end and 1 at its high end; others stay."""
+    before = fake_patch_light()
+    after = apply("reflectance-gradient", before, surface=surface, axis=axis, amplitude=0.4)
+    transport, column = before.transport, "xyz".index(axis)
+    patches = transport.light.patches
+    index = [s.name for s in before.scene.surfaces].index(surface)
+    for own, position, old, new in (
+        (patches.surface, patches.centre, before.patch_reflectance, after.patch_reflectance),
+        (transport.surface, transport.position, before.fragment_reflectance, after.fragment_reflectance),
+    ):  # fmt: skip
+        s = (position[:, column] - low) / extent
+        assert np.all((s > 0) & (s < 1) | (own != index)) and np.any(own == index)
+        np.testing.assert_allclose(new, old * np.where(own == index, 1 - 0.4 * s, 1.0)[:, None], rtol=1e-12)
+
+
+def test_fluorescence_emits_the_quanta_it_absorbs():
+    """White absorbs what arrives below 455 nm, by 5 nm, and emits its quanta in a bell about 520 nm of sigma 24 nm.
+
+    The lamp is a slope, so that its place on the scale of wavelengths counts; light is reflected without end.
+    """
+    before = fake_patch_light()
+    after = apply("fluorescence", before, **{"material": "white", "yield": 0.3, "peak_nm": 520.0})
+    transport, scene = before.transport, before.scene
+    exchange, patches = transport.light.exchange, transport.light.patches
+    white = list(scene.materials).index("white")
+    arriving_patch, arriving_fragment = np.zeros(3), np.zeros(5)
+    wavelengths = np.arange(400.0, 456.0, 5.0)
+    for nm in wavelengths:
+        table = scene.reflectances(np.array([nm]))[:, 0]
+        rho = table[patches.material]
+        factors = exchange.form_factors.astype(float)
+        b = np.linalg.solve(np.eye(3) - rho[:, None] * factors, rho * exchange.direct)
+        width = 2.5 if nm in wavelengths[[0, -1]] else 5.0
+        quanta = (1 - table[white]) * (0.2 + 1.8 * (nm - 300) / 600) * nm * width
+        arriving_patch += (exchange.direct + factors @ b) * quanta
+        arriving_fragment += (transport.direct + transport.gather.toarray() @ b) * quanta
+    lamp = 0.2 + 1.8 * (FAKE_NM - 300) / 600
+    bell = np.exp(-((FAKE_NM - 520.0) ** 2) / (2 * 24.0**2)) / (24.0 * np.sqrt(2 * np.pi))
+    spectrum = 0.3 * bell / FAKE_NM / lamp
+    own = patches.material == white
+    np.testing.assert_allclose(after.patch_emission, np.outer(own * arriving_patch, spectrum), rtol=1e-5)
+    own = transport.material == white
+    np.testing.assert_allclose(
+        after.fragment_emission, np.outer(own * arriving_fragment, spectrum), rtol=1e-5
+    )
+
+
+def test_ambient_spectra_are_1_at_550_nm():
+    """Planck's ratio to 550 nm, and the lines as defined, by formulas of their own."""
+    light, lamp = fake_patch_light(), 0.2 + 1.8 * (FAKE_NM - 300) / 600
+    c2 = 0.014387769
+
+    def planck(nm, kelvin):
+        return nm**-5 / np.expm1(c2 / (nm * 1e-9 * kelvin))
+
+    for spectrum, kelvin in (("daylight", 6500.0), ("tungsten", 2900.0)):
+        values = {"radiance": 0.01, "spectrum": spectrum}
+        surround = apply("ambient-light", light, **values).surround
+        assert surround == pytest.approx(
+            0.01 * planck(FAKE_NM, kelvin) / planck(550.0, kelvin) / lamp, rel=1e-6
+        )
+    values = {"radiance": 0.01, "spectrum": "fluorescent"}
+    surround = apply("ambient-light", light, **values).surround
+    lines = [(436, 1.0, 5), (488, 0.6, 7), (545, 2.2, 6), (611, 1.6, 7)]
+    shape = [
+        0.35 + sum(h * np.exp(-((nm - c) ** 2) / (2 * s * s)) for c, h, s in lines)
+        for nm in (550.0, *FAKE_NM)
+    ]
+    assert surround == pytest.approx(0.01 * np.array(shape[1:]) / shape[0] / lamp, rel=1e-9)

@@ -119,25 +119,6 @@ def test_ambient_light(published):
     assert np.allclose(truth[:, beyond], 0.005)
 
 
-def test_ambient_spectra_are_1_at_550_nm(published):
-    """Planck's ratio to 550 nm, and the lines as defined, by formulas of their own."""
-    light = published[3]
-    c2 = 0.014387769
-
-    def planck(nm, kelvin):
-        return nm**-5 / np.expm1(c2 / (nm * 1e-9 * kelvin))
-
-    for spectrum, kelvin in (("daylight", 6500.0), ("tungsten", 2900.0)):
-        values = {"radiance": 0.01, "spectrum": spectrum}
-        surround = apply_checked("ambient-light", values, "test").apply(light).surround
-        assert surround == pytest.approx(0.01 * planck(NM, kelvin) / planck(550.0, kelvin), rel=1e-6)
-    values = {"radiance": 0.01, "spectrum": "fluorescent"}
-    surround = apply_checked("ambient-light", values, "test").apply(light).surround
-    lines = [(436, 1.0, 5), (488, 0.6, 7), (545, 2.2, 6), (611, 1.6, 7)]
-    shape = [0.35 + sum(h * np.exp(-((nm - c) ** 2) / (2 * s * s)) for c, h, s in lines) for nm in NM]
-    assert surround == pytest.approx(0.01 * np.array(shape) / shape[1], rel=1e-9)
-
-
 def test_direct_light_of_an_uneven_and_directional_lamp():
     """Irradiance from a lamp summed on a grid in NumPy, where nothing stands between."""
     from dataclasses import replace
