@@ -227,6 +227,7 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     linearised = linearised_fit(outcome[0].prepared, outcome[0].rendered, ())
     there = replace(linearised, predictor=replace(predictor, included=(effect,)))
     excess = excess_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
+    np.testing.assert_allclose(excess.moved, there.scale * there.derivative[7:9], rtol=1e-5)
     assert (
         len(excess.transport.reflectance) == len(predictor.scene.materials) + 2
     )  # the new paint and the lamp

@@ -123,3 +123,11 @@ def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
     noise_only = smooth_excess(quiet, quiet.residual)
     assert abs(left[1] - noise_only) < 0.1 * (left[0] - noise_only)
     assert left[0] > noise_only + 0.05
+
+
+def test_the_patches_of_residuals_are_eighths_of_the_picture(parts):
+    """Numbered by rows, alike in all bands: 48 pixels make eight patches of six."""
+    _, base, derivative, camera = parts
+    patch = model_of(base, base, derivative, camera).patch.reshape(SHAPE)
+    rows, columns = np.indices(SHAPE[1:])
+    np.testing.assert_array_equal(patch, np.broadcast_to(8 * (rows // 6) + columns // 6, SHAPE))

@@ -1,14 +1,17 @@
 """Several captures of one box: what they share is fitted to all, what belongs to one capture to each by itself."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cboxlab
 import numpy as np
 import pytest
+from cboxlab.validate.diagnose.alternatives import SelectedEffect
+from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.search import Candidate, fit
-from cboxlab.validate.diagnose.several_captures import JointProblem, same_camera
+from cboxlab.validate.diagnose.several_captures import FurtherFit, JointProblem, same_camera, settled
 from cboxlab.validate.effects import AppliedEffect, Effect, Parameter, catalogue
 from helpers.places import ROOT
 
@@ -96,3 +99,40 @@ def test_the_same_camera_has_the_same_sensor_lens_and_filters():
     assert not same_camera(capture, other(band=bands[1:]))
     assert not same_camera(capture, other(camera=m.camera.model_copy(update={"bit_depth": 14})))
     assert not same_camera(capture, other(lens=m.lens.model_copy(update={"focal_length_mm": 50.0})))
+
+
+def photographed(shape, residual, f_number):
+    """A prepared capture of that aperture, and its linearised fit."""
+    capture = SimpleNamespace(manifest=SimpleNamespace(band=[SimpleNamespace(f_number=f_number)]))
+    problem = OneShape(shape, residual)
+    fitted = SimpleNamespace(model=problem.model, problem=lambda others: problem)
+    return SimpleNamespace(calibration=SimpleNamespace(capture=capture)), fitted
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_what_is_settled_by_all_captures_counts_in_all(shared):
+    """A blur of 2 px at f/8 is 1 px at f/16, one number where the camera is the same, two where it is another.
+
+    Least squares by hand; a capture with a number of its own pays for it.
+    """
+    rng = np.random.default_rng(5)
+    shapes = rng.standard_normal((2, COUNT))
+    residuals = [2.0 * shapes[0] + rng.standard_normal(COUNT), 1.0 * shapes[1] + rng.standard_normal(COUNT)]
+    (first, here), (second, there) = (
+        photographed(shape, residual, f_number)
+        for shape, residual, f_number in zip(shapes, residuals, (8.0, 16.0), strict=True)
+    )
+    known = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, COUNT)
+    (found,) = settled(first, here, [known], [FurtherFit(second, there, shared)])
+    whole = sum(float(r @ r) for r in residuals)
+    assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(whole)
+    if shared:
+        along, size = shapes[0] @ residuals[0] + 0.5 * shapes[1] @ residuals[1], shapes[0] @ shapes[0]
+        size += 0.25 * shapes[1] @ shapes[1]
+        expected = whole - along**2 / size
+    else:
+        along, size = shapes[0] @ residuals[0], shapes[0] @ shapes[0]
+        expected = whole - along**2 / size - (shapes[1] @ residuals[1]) ** 2 / (shapes[1] @ shapes[1])
+        expected += INDISTINGUISHABLE
+    assert found.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
+    assert found.candidate.chi2 == pytest.approx(expected, rel=1e-9)

@@ -1,0 +1,42 @@
+"""The film without distortion that stands in for a camera's image, and the way back to the camera's pixels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.render.visibility.pinhole import film_for, resampling
+from cboxlab.scenes import cornell_camera
+
+WIDTH, HEIGHT = 40, 28
+
+
+def camera(k1):
+    principal = np.array([21.3, 11.9])
+    return replace(cornell_camera(WIDTH), height_px=HEIGHT, principal_point_px=principal, k1=k1)
+
+
+@pytest.mark.parametrize("k1", [-0.15, 0.2])
+@pytest.mark.parametrize("oversampling", [1, 3])
+def test_the_film_is_the_smallest_that_covers_the_image(k1, oversampling):
+    """Corners of all pixels lie on it, and it ends less than a pixel of its own beyond the outermost of them."""
+    seen = camera(k1)
+    film = film_for(seen, oversampling)
+    assert film.scale == oversampling * seen.focal_length_px
+    u, v = np.meshgrid(np.arange(WIDTH + 1) - 0.5, np.arange(HEIGHT + 1) - 0.5)
+    right, down, forward = seen.rotation @ seen.directions(u.ravel(), v.ravel()).T
+    for axis, slope in enumerate((right / forward, down / forward)):
+        place = (slope - film.low[axis]) * film.scale
+        assert place.min() == pytest.approx(0, abs=1e-9)
+        assert film.size[axis] - 1 < place.max() <= film.size[axis]
+
+
+def test_without_distortion_its_pixels_are_parts_of_the_cameras():
+    film = film_for(camera(0.0), 2)
+    assert tuple(film.size) == (2 * WIDTH, 2 * HEIGHT)
+    first = film.centres()[0] * camera(0.0).focal_length_px + camera(0.0).principal_point_px
+    assert first == pytest.approx([-0.25, -0.25])
+    weights = resampling(film, camera(0.0)).toarray()
+    row, column = np.divmod(np.arange(film.pixels), 2 * WIDTH)
+    own = np.zeros_like(weights)
+    own[row // 2 * WIDTH + column // 2, np.arange(film.pixels)] = 0.25
+    np.testing.assert_allclose(weights, own, atol=1e-9)

@@ -1,0 +1,115 @@
+"""Chi2 between two effects' predictions, by least squares written out, camera and lamp bound by what is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.scenes import cornell_camera
+from cboxlab.validate.diagnose.further_captures import distance
+from cboxlab.validate.diagnose.hypotheses import Hypothesis
+from cboxlab.validate.diagnose.linear_model import model_variance
+from cboxlab.validate.diagnose.search import Candidate
+from cboxlab.validate.effects import Effect, Parameter, catalogue
+from cboxlab.validate.model import displacement
+
+SHAPE = (2, 12, 12)
+SCALE, READ_VARIANCE = 0.8, 25.0
+#: One standard deviation each: of the camera's ten parameters, and of the lamp's power.
+PRIORS = np.diag(1 / np.array([0.4, 0.4, 0.8, 0.03, 0.03, 0.01, 0.2, 0.3, 0.3, 0.002, 0.02]))
+AMOUNT = Parameter("amount", null=0.0, low=-10.0, high=10.0, step=0.1)
+
+
+class Pictures:
+    """1000 DN, patterns by the effects' amounts, and what the camera's motion does."""
+
+    camera = cornell_camera(12)
+
+    def __init__(self):
+        random = np.random.default_rng(6)
+        self.patterns = {
+            "cause": 20 * random.standard_normal(SHAPE),
+            "faint": 1e-6 * random.standard_normal(SHAPE),
+        }
+        self.derivative = 10 * random.standard_normal((10, *SHAPE))
+
+    def signal(self, effects):
+        picture = np.full(SHAPE, 1000.0)
+        for effect in effects:
+            if effect.stage == "camera":
+                picture += np.tensordot(displacement(self.camera, (), (effect,)), self.derivative, 1)
+            else:
+                picture += effect.values["amount"] * self.patterns[effect.id]
+        return picture
+
+
+def between(one, other, used):
+    """``distance`` of two candidates in the capture itself."""
+    predictor = Pictures()
+    linearised = SimpleNamespace(
+        scale=SCALE, given=(), predictor=predictor, base=predictor.signal(()), derivative=predictor.derivative,
+        model=SimpleNamespace(used=used, priors=PRIORS),
+    )  # fmt: skip
+    variance = SimpleNamespace(predicted_variance=lambda signal: np.full(SHAPE, READ_VARIANCE))
+    return distance(SimpleNamespace(calibration=variance), linearised, None, (), one, other)
+
+
+def candidate(name, amount):
+    effect = Effect(name, "filter", name, (AMOUNT,), lambda value, amount: value, "")
+    return Candidate(Hypothesis(effect, (AMOUNT,), {}), {"amount": amount}, {}, 0.0, np.zeros(0))
+
+
+def pose(shift_mm):
+    effect = catalogue()["camera-pose"]
+    free = tuple(p for p in effect.numbers if p.name == "tx_mm")
+    fixed = {p.name: 0.0 for p in effect.numbers if p.name != "tx_mm"}
+    return Candidate(Hypothesis(effect, free, fixed), {"tx_mm": shift_mm}, {}, 0.0, np.zeros(0))
+
+
+def least_squares(other, used, free):
+    """The same by hand: the cause's picture over sigma, less any motion of camera and lamp within their priors, and
+    any multiple of ``free`` (DN, prior rows)."""
+    pictures = Pictures()
+    here = SCALE * pictures.signal([other.applied])
+    sigma = np.sqrt(READ_VARIANCE + model_variance(here))[used]
+    difference = SCALE * (
+        pictures.signal([candidate("cause", 1.0).applied]) - pictures.signal([other.applied])
+    )
+    moved = (
+        displacement(pictures.camera, (), (other.applied,))
+        if other.applied.stage == "camera"
+        else np.zeros(10)
+    )
+    wanted = np.concatenate([difference[used] / sigma, PRIORS @ np.append(moved, 0.0)])
+    nuisances = [*SCALE * pictures.derivative, pictures.signal(())]
+    pixels = np.array([n[used] / sigma for n in nuisances]).T
+    design = np.hstack([np.vstack([pixels, PRIORS]), np.append(free[0][used] / sigma, free[1])[:, None]])
+    size = np.linalg.norm(design, axis=0)
+    left = wanted - (design / size) @ np.linalg.lstsq(design / size, wanted)[0]
+    return float(left @ left)
+
+
+@pytest.fixture
+def used():
+    return np.random.default_rng(1).random(SHAPE) < 0.8
+
+
+@pytest.mark.parametrize("amount", [0.0, 2.0])
+def test_the_other_effects_amount_is_at_its_best_however_little_a_step_changes(used, amount):
+    """Patterns of 20 DN and of a millionth of a DN: both numbers are free, whatever their unit."""
+    for name in ("cause", "faint"):
+        other = candidate(name, amount)
+        expected = least_squares(other, used, (Pictures().patterns[name], np.zeros(11)))
+        found = between(candidate("cause", 1.0), other, used)
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert (found < 1e-6) == (name == "cause")
+
+
+@pytest.mark.parametrize("shift_mm", [0.5, -3.0])
+def test_a_camera_that_moved_after_the_survey_pays_no_prior_for_that_motion(used, shift_mm):
+    """The alternative moves the camera: its motion is free, and what the survey says counts from there."""
+    other = pose(shift_mm)
+    step = displacement(Pictures.camera, (), (pose(1.0).applied,))
+    free = np.tensordot(step, Pictures().derivative, 1), -PRIORS @ np.append(step, 0.0)
+    expected = least_squares(other, used, free)
+    assert between(candidate("cause", 1.0), other, used) == pytest.approx(expected, rel=1e-6)
+    assert expected > 100
