@@ -178,7 +178,10 @@ def test_a_number_and_its_coordinate():
     assert index.coordinate_bounds == (0.0, 0.64)
     assert index.null_coordinate == 0.0 and index.from_coordinate(0.0) == np.inf
     assert index.from_coordinate(index.to_coordinate(1.6)) == pytest.approx(1.6)
+    ends = [index.from_coordinate(1.6**-2 + sign * 1e-6) for sign in (-1, 1)]
+    assert index.deviation(1.6, 1e-6) == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)
     ratio = Parameter("ratio", null=1.0, low=0.0, high=1.0, step=0.1)
     assert ratio.coordinate_step == -0.1 and ratio.from_coordinate(1.3) == 1.0
+    assert ratio.deviation(0.7, 0.02) == 0.02
     assert Parameter("peak", low=400.0, high=600.0).starting_values == (500.0,)
     assert Parameter("part", low=0.0, high=1.0, default=0.0).starting_values == (0.0,)

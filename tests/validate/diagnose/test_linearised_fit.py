@@ -1,0 +1,42 @@
+"""What is left of a residual with effects in place, and what a further effect is fitted to then."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
+from cboxlab.validate.diagnose.search import Candidate
+from helpers.patterns import COUNT, laboratory, waves
+
+PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.5 * waves(1, 0)}
+
+
+def candidate(known, name, amount):
+    return Candidate(known[name].hypothesis, {"amount": amount}, {}, 0.0, np.zeros(COUNT + 11))
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.8])
+def test_what_effects_add_is_taken_off_at_the_lamps_power(scale):
+    linearised, known = laboratory(PATTERNS, {"one": 0.8}, scale=scale)
+    before = residual_with(linearised, [])
+    np.testing.assert_array_equal(before, linearised.model.residual)
+    chosen = [candidate(known, "one", 0.5), candidate(known, "two", -0.2)]
+    taken = scale * (0.5 * PATTERNS["one"] - 0.2 * PATTERNS["two"]).ravel()
+    np.testing.assert_allclose(
+        residual_with(linearised, chosen), before - np.append(taken, np.zeros(11)), rtol=1e-9, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.8])
+def test_effects_fitted_in_turn_end_where_they_fit_together(scale):
+    """The amounts of least squares over both patterns; what either can do is free when the other is judged."""
+    linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": 0.3}, scale=scale)
+    chosen = [candidate(known, name, 0.1) for name in PATTERNS]
+    found = refitted_together(linearised, chosen, 12)
+    design = scale * np.array([PATTERNS[name].ravel() for name in PATTERNS]).T
+    wanted = np.linalg.lstsq(design, linearised.model.residual[:COUNT])[0]
+    assert [c.numbers["amount"] for c in found] == pytest.approx(list(wanted), abs=1e-4)
+    rest = linearised.problem([candidate(known, "one", 0.5)])
+    alone = np.append(PATTERNS["one"].ravel(), np.zeros(11))
+    assert np.abs(rest.model.project(alone)).max() < 1e-9
+    own = rest.change(known["two"].hypothesis.at({"amount": 1.0}))
+    size = float(np.sum(waves(0, 2) ** 2))
+    assert float(own @ own) == pytest.approx(scale**2 * size, rel=1e-6)  # less what is like the first
