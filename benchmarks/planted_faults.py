@@ -303,7 +303,7 @@ def run_tests(
             return None, spent
         output.seek(0)
         printed = output.read()
-    named = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
+    named = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", printed, re.MULTILINE)
     if named is None and code != 1:
         raise RuntimeError(f"pytest {' '.join(paths)}: exit code {code}: {printed[-4000:]}")
     return (named.group(1) if named else "(a failure without a name)"), spent
