@@ -17,7 +17,7 @@ from .scene import Lamp, Material, Medium, Scene, Surface
 from .scene_entries import MediumEntry, SceneFile, SpectrumTable, lamp_mesh, lamp_pattern, surface_mesh
 from .spectra import Outside, Spectrum, read_spectrum
 
-__all__ = ["load_scene", "packaged_scenes"]
+__all__ = ["load_scene", "packaged_scenes", "scene_files"]
 
 PACKAGED = Path(__file__).parent / "data"
 
@@ -37,6 +37,18 @@ def load_scene(path_or_name: str | Path) -> Scene:
     else:
         path = Path(path_or_name)
     return _built(path, _read(path))
+
+
+def scene_files(path: Path) -> tuple[Path, ...]:
+    """A scene file, and the tables and meshes that it names. Raises InputError for a faulty file."""
+    file = _read(path)
+    spectra = [material.reflectance for material in file.material.values()]
+    spectra += [file.lamp.radiance, file.lamp.reflectance]
+    if file.medium is not None:
+        spectra += [file.medium.scattering_per_mm, file.medium.absorption_per_mm]
+    named = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
+    named += [surface.mesh for surface in file.surface if surface.mesh is not None]
+    return path, *(path.parent / name for name in dict.fromkeys(named))
 
 
 def _read(path: Path) -> SceneFile:

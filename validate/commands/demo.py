@@ -18,7 +18,7 @@ from ..report import (
     write_diagnosis,
     write_validation,
 )
-from ..results import RawFrame, simulate
+from ..results import RawFrame, simulate, write_manifest
 from .console import bar, say
 from .summary import print_diagnosis, print_validation
 
@@ -35,7 +35,7 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
     """Validate the bundled capture, diagnose the missing effects, simulate another camera on the rendered light.
 
     model : default the published box. Writes report.html, metrics.json, diagnosis.json, the final
-    model.toml, maps/, raw.tif and raw.png into ``out``. Returns what was found; no diagnosis
+    model.toml, maps/, raw.tif, raw.png and manifest.json into ``out``. Returns what was found; no diagnosis
     without a compiled variant.
     """
     say(f"1. A capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
@@ -43,10 +43,14 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
         result = validate(DEMO_CAPTURE, model or Model(), report)
     _tell(result)
     print_validation(result)
-    diagnosis = _diagnosed(result, out)
+    diagnosis = _diagnosed(result)
     shot = _other_camera(result)
-    write_validation(result, out, diagnosis, (_raw_section(shot),))
-    shot.write(out)
+    written = [*write_validation(result, out, diagnosis, (_raw_section(shot),)), *shot.write(out)]
+    if diagnosis is not None:
+        written += [out / "diagnosis.json", out / "model.toml"]
+        write_diagnosis(written[-2], diagnosis)
+        write_model(written[-1], diagnosis.model)
+    write_manifest(out, written, [DEMO_CAPTURE], seed=result.model.render.seed)
     say(
         f"6. Simulated {shot.camera.name}, exposure {shot.exposure_s:.3g} s, on the rendered light at "
         f"{1 + 300 // CUBE_STEP_NM} wavelengths: raw mosaic raw.tif "
@@ -56,8 +60,8 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
     return result, diagnosis
 
 
-def _diagnosed(result: Validation, out: Path) -> Diagnosis | None:
-    """Print and write the diagnosis; None without a compiled variant."""
+def _diagnosed(result: Validation) -> Diagnosis | None:
+    """Print and return the diagnosis; None without a compiled variant."""
     if not isinstance(result.rendered, Predicted):
         say(f"5. No diagnosis without LLVM: {variant.HINT}")
         return None
@@ -65,8 +69,6 @@ def _diagnosed(result: Validation, out: Path) -> Diagnosis | None:
     with bar("diagnosing") as report:
         diagnosis = diagnose(result, report)
     print_diagnosis(diagnosis)
-    write_diagnosis(out / "diagnosis.json", diagnosis)
-    write_model(out / "model.toml", diagnosis.model)
     return diagnosis
 
 

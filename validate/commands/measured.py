@@ -221,6 +221,7 @@ def compare(
     from cboxlab.render.files import require_used
 
     from ..compare import compare_stacks, comparison_record, read_stack, write_comparison
+    from ..results import write_manifest
 
     if out is not None:
         require_folder(out)
@@ -230,7 +231,7 @@ def compare(
         require_used(declared, [*first.declared, *second.declared])
         comparison = compare_stacks(first, second)
     if out is not None:
-        write_comparison(out, comparison)
+        write_manifest(out, write_comparison(out, comparison), [a, b])
     _print_comparison(comparison)
     give_json(json, comparison_record(comparison))
     if out is not None:
@@ -287,7 +288,10 @@ def _print_comparison(comparison: StackComparison) -> None:
 
 def verify(
     folder: Annotated[
-        Path, typer.Argument(help="Results of validate, diagnose or calibrate.", show_default=False)
+        Path,
+        typer.Argument(
+            help="Results of validate, diagnose, calibrate, demo, compare or renderers.", show_default=False
+        ),
     ],
     *,
     json: JsonOption = None,

@@ -122,17 +122,20 @@ def renderers(
 
     from ..model import load_model
     from ..renderers import compare_renderers, exported_model
+    from ..results import MANIFEST, write_manifest
 
     names = _names(chosen)
     for path in (out, json):
         if path is not None:
             require_folder(path.parent)
     require_compiled()
-    settings = ExportSettings(wavelengths(at), samples)
+    settings, box = ExportSettings(wavelengths(at), samples), load_model(model)
     with options(renderer="--with"), bar("rendering") as report:
-        compared = compare_renderers(
-            exported_model(load_model(model), camera, size, settings), names, out, report
-        )
+        compared = compare_renderers(exported_model(box, camera, size, settings), names, out, report)
+        if out is not None:
+            inputs = [*box.files, Path(model), *([] if camera is None else [camera])]
+            written = [path for path in out.iterdir() if path.name != MANIFEST]
+            write_manifest(out, written, inputs, seed=box.render.seed)
     give_json(json, compared.to_dict())
     for line in compared.left_out:
         say(f"• {line}")

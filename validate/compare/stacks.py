@@ -349,8 +349,11 @@ def _worst(a: Stack, b: Stack, sizes: NDArray[np.float64]) -> tuple[WorstPixel, 
     return tuple(found)
 
 
-def write_comparison(folder: Path, comparison: StackComparison) -> None:
-    """Write comparison.json and, as EXR, difference, relative_difference and (if known) residual_over_sigma."""
+def write_comparison(folder: Path, comparison: StackComparison) -> list[Path]:
+    """Write comparison.json and, as EXR, difference, relative_difference and (if known) residual_over_sigma.
+
+    Returns the files written.
+    """
     a, b = comparison.first, comparison.second
     maps: dict[str, tuple[NDArray[np.float64], str]] = {
         "difference": (a.values - b.values, a.unit), "relative_difference": (comparison.relative, "1"),
@@ -358,13 +361,15 @@ def write_comparison(folder: Path, comparison: StackComparison) -> None:
     if comparison.residual_over_sigma is not None:
         maps["residual_over_sigma"] = (comparison.residual_over_sigma, "1")
     made = origin(a=str(a.source), b=str(b.source))
+    written = [folder / "comparison.json", *(folder / f"{name}.exr" for name in maps)]
     for name, (values, unit) in maps.items():
         array = xr.DataArray(
             values, dims=("channel", "y", "x"), coords={"channel": list(a.names)}, attrs=made
         )
         write_map(folder / f"{name}.exr", array, dict.fromkeys(a.names, unit))
-    with replacing(folder / "comparison.json") as temporary:
+    with replacing(written[0]) as temporary:
         temporary.write_text(json.dumps(comparison_record(comparison), indent=1) + "\n", encoding="utf-8")
+    return written
 
 
 def comparison_record(comparison: StackComparison) -> dict[str, Any]:

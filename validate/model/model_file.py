@@ -12,7 +12,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import combined, faults_of_validation
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.input_files import read_toml
-from cboxlab.scenes.scene_file import load_scene, packaged_scenes
+from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..effects import AppliedEffect, Effect, apply_checked, names_in
@@ -32,8 +32,8 @@ class Model:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The scene file and the effect files that it names; what comes with the program is none of them."""
-        scene = () if self.scene in packaged_scenes() else (Path(self.scene),)
+        """The scene file, its tables and meshes, and the effect files; none of what comes with the program."""
+        scene = () if self.scene in packaged_scenes() else scene_files(Path(self.scene))
         return *scene, *(e.effect.file for e in self.effects if e.effect.file is not None)
 
     def with_effect(self, effect: AppliedEffect) -> Model:

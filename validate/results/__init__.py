@@ -6,11 +6,12 @@ from .diagnosis import DiagnosisResult, diagnose
 from .inputs import ModelLike, as_model
 from .raw_frame import RawFrame, simulate
 from .result import Result
-from .result_manifest import Verification, is_current, verify, write_manifest
+from .result_manifest import MANIFEST, Verification, is_current, verify, write_manifest
 from .study import Study
 from .validation import ValidationResult, validate
 
 __all__ = [
+    "MANIFEST",
     "CalibrationResult",
     "CubeResult",
     "CubeSettings",

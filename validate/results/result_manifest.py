@@ -25,7 +25,7 @@ _FORMAT = "result-manifest/1"
 #: What the figures depend on beside the program itself.
 _PACKAGES = ("cboxlab", "drjit", "mitsuba", "numpy", "opencv-contrib-python-headless", "scipy")
 
-_EXPECTED = "the manifest.json of a folder of results, written by cbox validate, diagnose or calibrate"
+_EXPECTED = "the manifest.json that cbox validate, diagnose, calibrate, demo, compare or renderers writes"
 
 
 @dataclass(frozen=True)

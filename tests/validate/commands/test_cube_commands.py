@@ -90,6 +90,7 @@ def test_a_known_difference_is_measured(cubes, tmp_path, cbox):
     assert worst["size"] == pytest.approx(50, rel=1e-5)
     relative = read_map(tmp_path / "maps" / "relative_difference.exr")[0]
     assert float(relative.sel(channel="450 nm")[20, 10]) == pytest.approx(0.5, rel=1e-5)
+    assert "3 results and 2 inputs are unchanged" in cbox("verify", tmp_path / "maps")[1]
 
 
 def test_what_cannot_be_compared_is_said(cubes, cbox):

@@ -32,6 +32,7 @@ from cboxlab.validate.report.diagnosis import (
 )
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import story
+from cboxlab.validate.results import verify
 from helpers.raw_frames import read_raw
 from PIL import Image
 from scipy import stats
@@ -56,6 +57,7 @@ def outcome(demo):
 
 def test_the_demo_leaves_a_report_and_a_raw_frame(demo):
     _, folder, _ = demo
+    assert verify(folder).sound
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["chi2_per_dof"] > 2  # the hidden glare
     assert metrics["camera"]["reprojection_rms_px"] < 1.15 * 0.15

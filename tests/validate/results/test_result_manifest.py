@@ -1,9 +1,11 @@
 """manifest.json: what was made of what, and whether either has changed since."""
 
 import json
+import shutil
 
 import pytest
 from cboxlab.scenes import InputError
+from cboxlab.validate.model import Model
 from cboxlab.validate.results import verify, write_manifest
 from helpers.places import ROOT
 
@@ -46,6 +48,22 @@ def test_each_kind_of_change_is_named(made):
     assert [p.split("/")[-1] for p in found.changed_inputs] == ["f.tif"]
     assert [p.split("/")[-1] for p in found.missing_inputs] == ["m.toml"]
     assert len(found.lines()) == 4 and not found.sound
+
+
+def test_what_a_scene_file_names_is_an_input(tmp_path):
+    """A paint's table and a block's mesh beside the scene file: what is changed in them is told."""
+    shutil.copytree(ROOT / "scenes" / "data", tmp_path / "box")
+    scene = tmp_path / "box" / "cornell-box.toml"
+    (tmp_path / "box" / "ball.ply").write_text("a mesh")
+    block = '[[surface]]\nname = "ball"\nmaterial = "white"\nmesh = "ball.ply"\n'
+    scene.write_text(f"{scene.read_text()}\n{block}")
+    write_manifest(tmp_path, [], Model(scene=str(scene)).files)
+    tables = [path.name for path in (tmp_path / "box").glob("*.csv")]
+    for name in ("ball.ply", *tables):
+        path = tmp_path / "box" / name
+        path.write_text(path.read_text() + " ")
+    found = {path.split("/")[-1] for path in verify(tmp_path).changed_inputs}
+    assert tables and found == {"ball.ply", *tables}
 
 
 @pytest.mark.parametrize(
