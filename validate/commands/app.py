@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import tempfile
-import threading
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Sequence
 
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import Cancelled
@@ -55,53 +51,32 @@ app = command_line(
 )
 
 
-def run(arguments: Sequence[str] | None = None) -> None:
-    """Run one command. arguments : default those of sys.argv.
+def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> None:
+    """Run one command. arguments : default those of sys.argv. pressed : Ctrl-C, as often as until now (``cli.main``).
 
     Exit codes: 0 done, 1 a check failed, 2 bad input, 3 an error of the program (with a trace file), 130 interrupted.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
     this_run.begin(given)
-    with _interrupts_noted() as pressed:
-        try:
-            _require_letters(given)
-            app(prog_name="cbox", args=given)
-        except InputError as error:
-            _fail(str(error))
-        except Cancelled:
-            errors.print("stopped; no unfinished file is left")
-            sys.exit(130)
-        except BrokenPipeError:  # the reader of the output has gone; results are in their files
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        except OSError as error:
-            _fail(f"{error.filename or 'a file'}: {error.strerror or error}")
-        except MemoryError:
-            _fail("the input needs more memory than there is: a smaller picture or fewer wavelengths")
-        except (KeyboardInterrupt, Exception) as error:
-            if isinstance(error, KeyboardInterrupt) or pressed:
-                errors.print("interrupted")
-                sys.exit(130)
-            _report_fault(error)
-
-
-@contextmanager
-def _interrupts_noted() -> Iterator[list[int]]:
-    """The Ctrl-C pressed so far. Libraries that one meets while they are imported end in errors of their own."""
-    pressed: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        pressed.append(number)
-        signal.default_int_handler(number, frame)
-
-    here = threading.current_thread() is threading.main_thread()
-    noted = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if noted:
-        signal.signal(signal.SIGINT, note)
     try:
-        yield pressed
-    finally:
-        if noted:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        _require_letters(given)
+        app(prog_name="cbox", args=given)
+    except InputError as error:
+        _fail(str(error))
+    except Cancelled:
+        errors.print("stopped; no unfinished file is left")
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of the output has gone; results are in their files
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        _fail(f"{error.filename or 'a file'}: {error.strerror or error}")
+    except MemoryError:
+        _fail("the input needs more memory than there is: a smaller picture or fewer wavelengths")
+    except (KeyboardInterrupt, Exception) as error:
+        if isinstance(error, KeyboardInterrupt) or pressed:
+            errors.print("interrupted")
+            sys.exit(130)
+        _report_fault(error)
 
 
 def _require_letters(arguments: Sequence[str]) -> None:

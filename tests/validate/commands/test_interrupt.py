@@ -105,3 +105,23 @@ def test_an_error_that_ctrl_c_became_is_no_fault_of_the_program(monkeypatch, cap
     assert ended.value.code == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+PRESSED_AT_THE_START = """
+import importlib.abc, signal, sys
+class Pressing(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "scipy.ndimage._morphology":
+            signal.raise_signal(signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Pressing())
+from cboxlab.validate.commands.cli import main
+main(["effects"])
+"""
+
+
+def test_ctrl_c_while_the_program_is_imported_ends_it():
+    """trimesh catches it there; the command ran on, or met a half imported SciPy."""
+    program = [sys.executable, "-c", PRESSED_AT_THE_START]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
