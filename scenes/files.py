@@ -19,7 +19,16 @@ from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["keep", "kept", "origin", "replacing", "replacing_folder", "this_command", "writing_hdf5"]
+__all__ = [
+    "beside",
+    "keep",
+    "kept",
+    "origin",
+    "replacing",
+    "replacing_folder",
+    "this_command",
+    "writing_hdf5",
+]
 
 
 def _public(path: Path, mode: int) -> None:
@@ -56,6 +65,21 @@ def _temporary_prefix(path: Path) -> str:
 
 
 @contextmanager
+def beside(path: Path, suffix: str) -> Iterator[Path]:
+    """A temporary file beside ``path``, removed after the block; of a killed process, by the next such block."""
+    handle, name = tempfile.mkstemp(prefix=_temporary_prefix(path), suffix=suffix, dir=path.parent)
+    os.close(handle)
+    try:
+        yield Path(name)
+    except OSError as error:
+        if error.filename in (None, name):
+            error.filename = str(path)
+        raise
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` to write to; it becomes ``path`` only if the block succeeds.
 
@@ -63,19 +87,10 @@ def replacing(path: Path) -> Iterator[Path]:
     file or no file at all.
     """
     path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=_temporary_prefix(path), suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
+    with beside(path, path.suffix) as temporary:
         yield temporary
         _public(temporary, 0o666)
         temporary.replace(path)
-    except OSError as error:
-        if error.filename in (None, name):
-            error.filename = str(path)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

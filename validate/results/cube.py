@@ -257,7 +257,7 @@ def render_file(
         write_strips(path, height, strips())
     else:
         write_cube(path, xr.concat(strips(), "y", data_vars="minimal", combine_attrs="override"))
-    shutil.rmtree(folder)
+    shutil.rmtree(folder, ignore_errors=True)  # the same command beside this one may remove it, too
     return (width, height), _of_strips(done).notes()
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import xarray as xr
 from cboxlab.render.files import read_cube, write_cube
-from cboxlab.scenes.files import keep, kept
+from cboxlab.scenes.files import beside, keep, kept
 
 __all__ = ["keep_strip", "kept_strip"]
 
@@ -15,8 +14,7 @@ __all__ = ["keep_strip", "kept_strip"]
 def keep_strip(place: Path, key: str, cube: xr.Dataset) -> None:
     """Keep a strip in a file, whose folder is made. key : what it was made from."""
     place.parent.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "strip.nc"
+    with beside(place, ".nc") as written:
         write_cube(written, cube)
         keep(place, key, written.read_bytes())
 
@@ -26,7 +24,6 @@ def kept_strip(place: Path, key: str) -> xr.Dataset | None:
     stored = kept(place, key)
     if stored is None:
         return None
-    with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "strip.nc"
+    with beside(place, ".nc") as written:
         written.write_bytes(stored)
         return read_cube(written)

@@ -1,18 +1,21 @@
 """A cube rendered by strips of rows is the cube rendered at once, within noise, in every format and at the seams."""
 
 import re
+import tempfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from cboxlab.render.device.variant import compiled
-from cboxlab.render.files import read_cube
+from cboxlab.render.files import RADIANCE_UNIT, read_cube
 from cboxlab.render.files.cube_strips import ROWS, strip_cameras
 from cboxlab.render.integrators import passes, precision
 from cboxlab.render.integrators.passes import render_pass
 from cboxlab.render.integrators.precision import BATCHES
 from cboxlab.scenes import cornell_camera
 from cboxlab.validate.results import CubeSettings, cube, render, render_file
+from cboxlab.validate.results.kept_strips import keep_strip, kept_strip
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -101,3 +104,17 @@ def test_other_formats_hold_the_same_strips(by_strips, tmp_path):
     render_file(tmp_path / "a.exr", None, cornell_camera(SIZE), SETTINGS)
     exr, strips = read_cube(tmp_path / "a.exr"), by_strips[0]
     assert exr["radiance"].values == pytest.approx(strips["radiance"].values, rel=1e-6)
+
+
+def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
+    """The folder for temporary files may be small, and what a killed process leaves there is never removed."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    strip = xr.Dataset(
+        {"radiance": (("y", "x", "wavelength"), np.ones((2, 3, 1), np.float32), {"units": RADIANCE_UNIT})},
+        {"wavelength": ("wavelength", [500.0], {"units": "nm"})},
+    )
+    place = tmp_path / "cube.nc.strips" / "0"
+    keep_strip(place, "made from this", strip)
+    back = kept_strip(place, "made from this")
+    assert back is not None and np.array_equal(back["radiance"], strip["radiance"])
+    assert [path.name for path in place.parent.iterdir()] == ["0"]
