@@ -187,7 +187,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
     """By renderer: (batch, y, x, w) independent pictures of the box with a black lamp, and a side to fill."""
     camera = cornell_camera(POOL_SIZE)
     settings = ExportSettings(WAVELENGTHS, POOL_SAMPLES, POOL, subpixels=2)
-    exported = exported_scene(cornell_box(), camera, settings).with_black_lamp
+    exported = exported_scene(cornell_box(), camera, settings).with_black_lamps
     image = render(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL, integrator="path")
     blank = side_of([labelled_cube(image)], ["ours"])
     found = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}

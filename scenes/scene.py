@@ -1,8 +1,8 @@
-"""The scene: surfaces, materials, the lamp, the medium. Immutable; effects return changed copies."""
+"""The scene: surfaces, materials, the lamps, the medium. Immutable; effects return changed copies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -92,7 +92,10 @@ class Medium:
 
 @dataclass(frozen=True, eq=False)
 class Scene(OwnMappings):
-    """One scene. Lengths in mm. ``surfaces`` does not contain the lamp's surface; ``materials`` is by name."""
+    """One scene. Lengths in mm. ``surfaces`` does not contain the lamps' surfaces; ``materials`` is by name.
+
+    lamp : the first of the lamps, whose radiance a capture states. further_lamps : the others.
+    """
 
     name: str
     surfaces: tuple[Surface, ...]
@@ -100,6 +103,17 @@ class Scene(OwnMappings):
     lamp: Lamp
     source: str = field(default="")
     medium: Medium | None = None
+    further_lamps: tuple[Lamp, ...] = ()
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """All lamps, the first one first."""
+        return (self.lamp, *self.further_lamps)
+
+    @property
+    def all_surfaces(self) -> tuple[Surface, ...]:
+        """All surfaces, those of the lamps last."""
+        return (*self.surfaces, *(lamp.surface for lamp in self.lamps))
 
     @property
     def diffuse(self) -> bool:
@@ -116,7 +130,7 @@ class Scene(OwnMappings):
 
     @property
     def corners_mm(self) -> NDArray[np.float64]:
-        """(n, 3) vertices of all surfaces except the lamp."""
+        """(n, 3) vertices of all surfaces except the lamps."""
         return np.concatenate([surface.vertices_mm for surface in self.surfaces])
 
     def surface(self, name: str) -> Surface:
@@ -127,10 +141,34 @@ class Scene(OwnMappings):
         raise KeyError(f"no surface '{name}'; there are {', '.join(s.name for s in self.surfaces)}")
 
     def reflectances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-        """(m + 1, w) reflectances of the materials in their order, then that of the lamp."""
-        rows = [*(material.reflectance for material in self.materials.values()), self.lamp.reflectance]
+        """(m + lamps, w) reflectances of the materials in their order, then those of the lamps."""
+        rows = [material.reflectance for material in self.materials.values()]
+        rows += [lamp.reflectance for lamp in self.lamps]
         return np.array([row.at(wavelength_nm) for row in rows])
 
+    @property
+    def lamp_areas(self) -> NDArray[np.float64]:
+        """(lamps,) part of the lamps' area that each has; they sum to 1."""
+        areas = np.array([lamp.surface.areas_mm2.sum() for lamp in self.lamps])
+        return areas / areas.sum()
+
+    def lamp_radiance(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """(w,) mean radiance of the lamps over their area, W m^-2 sr^-1 nm^-1."""
+        return self.lamp_areas @ self._radiances(wavelength_nm)
+
+    def lamp_shares(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """(lamps, w) each lamp's radiance over ``lamp_radiance``; 1 where all are dark."""
+        radiances = self._radiances(wavelength_nm)
+        mean = self.lamp_areas @ radiances
+        return np.divide(radiances, mean, out=np.ones_like(radiances), where=mean > 0)
+
+    def _radiances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        return np.array([lamp.radiance.at(wavelength_nm) for lamp in self.lamps])
+
     def with_lamp(self, radiance: Spectrum) -> Scene:
-        """The same scene with another spectrum of the lamp."""
+        """The same scene with another spectrum of the first lamp."""
         return replace(self, lamp=replace(self.lamp, radiance=radiance))
+
+    def with_lamps(self, change: Callable[[Lamp], Lamp]) -> Scene:
+        """The same scene with every lamp changed."""
+        return replace(self, lamp=change(self.lamp), further_lamps=tuple(map(change, self.further_lamps)))

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from .errors import InputError
 from .faults import path_inside, referred
@@ -60,7 +60,7 @@ class SurfaceEntry(_Table):
     sphere: SphereEntry | None = None
     mesh: str | None = None
     unit_mm: Positive = 1.0
-    hole: str | None = None
+    hole: str | list[str] | None = None
 
 
 class MaterialEntry(_Table):
@@ -88,8 +88,14 @@ class SceneFile(_Table):
     source: str = ""
     surface: Annotated[list[SurfaceEntry], Field(min_length=1)]
     material: dict[str, MaterialEntry]
-    lamp: LampEntry
+    lamp: Annotated[list[LampEntry], Field(min_length=1)]
     medium: MediumEntry | None = None
+
+    @field_validator("lamp", mode="before")
+    @classmethod
+    def _several(cls, given: Any) -> Any:
+        """``[lamp]``, one table, as a list of it."""
+        return given if isinstance(given, list) else [given]
 
 
 def lamp_mesh(entry: LampEntry, where: str) -> Mesh:
@@ -112,7 +118,7 @@ def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
     return values / values.mean()
 
 
-def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str) -> Mesh:
+def surface_mesh(entry: SurfaceEntry, lamps: list[LampEntry], folder: Path, where: str) -> Mesh:
     """The triangles of a surface. Raises InputError (at ``where``) for a shape that cannot be built."""
     given = [key for key in ("quads_mm", "box", "sphere", "mesh") if getattr(entry, key) is not None]
     if len(given) != 1:
@@ -133,15 +139,22 @@ def surface_mesh(entry: SurfaceEntry, lamp: LampEntry, folder: Path, where: str)
         except InputError as error:
             raise referred(error, f"{where}.mesh") from None
     quads = entry.quads_mm or []
-    if entry.hole is None:
+    holes = [entry.hole] if isinstance(entry.hole, str) else entry.hole or []
+    known = {lamp.name: lamp for lamp in lamps}
+    for name in holes:
+        if name not in known:
+            names = ", ".join(f"'{one}'" for one in known)
+            expected = f"the lamp's name, {names}" if len(lamps) == 1 else f"one of the lamps' names, {names}"
+            raise InputError(f"{where}.hole", f"'{name}'", expected)
+    for lamp in lamps:
         for quad, light in product(quads, lamp.quads_mm):
-            if _ring_or_none(quad, light):
-                hint = f'add hole = "{lamp.name}"'
+            if lamp.name not in holes and _ring_or_none(quad, light):
+                named = [*holes, lamp.name]
+                hint = f'add hole = "{lamp.name}"' if len(named) == 1 else f"hole = {named}".replace("'", '"')
                 raise InputError(where, "the lamp in this surface's plane", "a hole for the lamp", hint)
+    if not holes:
         return _quads(quads, where)
-    if entry.hole != lamp.name:
-        raise InputError(f"{where}.hole", f"'{entry.hole}'", f"the lamp's name, '{lamp.name}'")
-    return _with_holes(quads, lamp.quads_mm, where)
+    return _with_holes(quads, [quad for name in holes for quad in known[name].quads_mm], where)
 
 
 def _quads(quads: list[Quad], where: str) -> Mesh:

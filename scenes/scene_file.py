@@ -14,7 +14,15 @@ from .errors import InputError
 from .faults import combined, faults_of_validation, referred, suggestion
 from .input_files import read_toml
 from .scene import Lamp, Material, Medium, Scene, Surface
-from .scene_entries import MediumEntry, SceneFile, SpectrumTable, lamp_mesh, lamp_pattern, surface_mesh
+from .scene_entries import (
+    LampEntry,
+    MediumEntry,
+    SceneFile,
+    SpectrumTable,
+    lamp_mesh,
+    lamp_pattern,
+    surface_mesh,
+)
 from .spectra import Outside, Spectrum, read_spectrum
 
 __all__ = ["load_scene", "packaged_scenes", "scene_files"]
@@ -58,7 +66,13 @@ def _read(path: Path) -> SceneFile:
     try:
         return SceneFile.model_validate(content)
     except ValidationError as error:
-        raise combined(faults_of_validation(path, error, SceneFile)) from None
+        faults = faults_of_validation(path, error, SceneFile)
+        if not isinstance(content.get("lamp"), list):  # the keys of one [lamp] have no number
+            faults = [
+                InputError(f.where.replace(": lamp[0]", ": lamp", 1), f.found, f.expected, f.hint)
+                for f in faults
+            ]
+        raise combined(faults) from None
 
 
 @contextmanager
@@ -74,7 +88,7 @@ def _built(path: Path, file: SceneFile) -> Scene:
     faults: list[InputError] = []
     materials: dict[str, Material] = {}
     surfaces: list[Surface] = []
-    lamp: Lamp | None = None
+    lamps: list[Lamp] = []
     for name, material in file.material.items():
         where = f"{path}: material.{name}.reflectance"
         with _gathered(faults):
@@ -86,35 +100,46 @@ def _built(path: Path, file: SceneFile) -> Scene:
                 raise InputError(
                     f"{path}: material.{name}.bsdf", "no type", "the name of a Mitsuba BSDF", hint
                 )
-    with _gathered(faults):
-        where = f"{path}: lamp"
-        radiance = _spectrum(path, file.lamp.radiance, f"{where}.radiance", "zero")
-        shape = lamp_mesh(file.lamp, where)
-        surface = Surface(file.lamp.name, file.lamp.name, *shape)
-        reflectance = _spectrum(path, file.lamp.reflectance, f"{where}.reflectance", "hold")
-        lamp = Lamp(surface, radiance, pattern=lamp_pattern(file.lamp, where), reflectance=reflectance)
-        faults += reflectance_faults(reflectance, f"{where}.reflectance")
-        faults += radiance_faults(radiance, f"{where}.radiance")
-        faults += surface_faults(lamp.surface, f"{where}.quads_mm")
+    names: list[str] = []
+    for index, light in enumerate(file.lamp):
+        where = f"{path}: lamp" if len(file.lamp) == 1 else f"{path}: lamp[{index}]"
+        with _gathered(faults):
+            names.append(_unused(light.name, names, where))
+            lamps.append(_lamp(path, light, where, faults))
     medium = None
     with _gathered(faults):
         medium = None if file.medium is None else _medium(path, file.medium)
-    names = [file.lamp.name]
     for index, entry in enumerate(file.surface):
         where = f"{path}: surface[{index}] ({entry.name})"
         with _gathered(faults):
-            if entry.name in names:
-                raise InputError(where, "a name used before", "a unique name for each surface and the lamp")
-            names.append(entry.name)
+            names.append(_unused(entry.name, names, where))
             if entry.material not in file.material:
                 faults.append(_missing_material(entry.material, list(file.material), f"{where}.material"))
             mesh = surface_mesh(entry, file.lamp, path.parent, where)
             surface = Surface(entry.name, entry.material, *mesh)
             faults += surface_faults(surface, where)
             surfaces.append(surface)
-    if faults or lamp is None:
+    if faults:
         raise combined(faults)
-    return Scene(file.name, tuple(surfaces), materials, lamp, file.source, medium)
+    return Scene(file.name, tuple(surfaces), materials, lamps[0], file.source, medium, tuple(lamps[1:]))
+
+
+def _unused(name: str, names: list[str], where: str) -> str:
+    """The name. Raises InputError (at ``where``) for one of ``names``."""
+    if name in names:
+        raise InputError(where, "a name used before", "a unique name for each surface and the lamp")
+    return name
+
+
+def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) -> Lamp:
+    """A lamp; faults of its values are appended to ``faults``."""
+    radiance = _spectrum(path, entry.radiance, f"{where}.radiance", "zero")
+    surface = Surface(entry.name, entry.name, *lamp_mesh(entry, where))
+    reflectance = _spectrum(path, entry.reflectance, f"{where}.reflectance", "hold")
+    faults += reflectance_faults(reflectance, f"{where}.reflectance")
+    faults += radiance_faults(radiance, f"{where}.radiance")
+    faults += surface_faults(surface, f"{where}.quads_mm")
+    return Lamp(surface, radiance, pattern=lamp_pattern(entry, where), reflectance=reflectance)
 
 
 def _medium(path: Path, entry: MediumEntry) -> Medium:

@@ -178,11 +178,11 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
     parts = []
     number = 0
     objects = _objects(scene)
-    lamp = Scene("", (), {}, scene.lamp)
+    lamp = replace(scene, surfaces=())
     seen: set[frozenset[tuple[float, ...]]] = set()
     around_lamp = {tuple(np.round(corner, 2)) for corner in wireframe(lamp).reshape(-1, 3)}
     for owner, (_, members) in enumerate(objects):
-        own = Scene("", tuple(scene.surfaces[i] for i in members), {}, scene.lamp)
+        own = replace(scene, surfaces=tuple(scene.surfaces[i] for i in members))
         # Without the edges of the lamp (the last ones) and of its hole, which are too bright.
         for edge in wireframe(own)[: -len(wireframe(lamp))]:
             ends_mm = frozenset(tuple(np.round(end, 2)) for end in edge)

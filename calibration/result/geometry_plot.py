@@ -21,9 +21,9 @@ _FLAT_COSINE = 0.999
 
 
 def wireframe(scene: Scene) -> NDArray[np.float64]:
-    """(n, 2, 3) mm: edges of all surfaces and of the lamp, without diagonals inside flat faces."""
+    """(n, 2, 3) mm: edges of all surfaces and of the lamps, without diagonals inside flat faces."""
     edges = []
-    for surface in (*scene.surfaces, scene.lamp.surface):
+    for surface in scene.all_surfaces:
         vertices = surface.vertices_mm
         normals = np.cross(
             vertices[surface.faces[:, 1]] - vertices[surface.faces[:, 0]],

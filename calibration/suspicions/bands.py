@@ -86,11 +86,21 @@ def view_scene(
     camera: Camera | None,
     channels: Mapping[str, str] | None,
 ) -> SceneView | None:
-    """The scene seen by the camera; None if scene, camera, lamp or a table of the sensor equation is not known."""
+    """The scene seen by the camera; None if scene, camera, lamp or a table of the sensor equation is not known.
+
+    None for several lamps, too: the capture states the spectrum of one.
+    """
     scene = capture.known_scene()
     signals = _lamp_signals(capture, radiometry, channels)
     lamp = capture.manifest.lamp
-    if scene is None or camera is None or signals is None or lamp is None or channels is not None:
+    if (
+        scene is None
+        or scene.further_lamps
+        or camera is None
+        or signals is None
+        or lamp is None
+        or channels is not None
+    ):
         return None
     sight = see(scene, camera)
     light = capture.light(lamp.radiance).at(WAVELENGTH_NM)

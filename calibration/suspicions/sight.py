@@ -69,12 +69,12 @@ def see(scene: Scene, camera: Camera, most_px: int = 128) -> Sight:
     nearest = np.full(len(direction), np.inf)
     surface = np.full(len(direction), -1)
     normal = np.zeros_like(direction)
-    for index, part in enumerate((*scene.surfaces, scene.lamp.surface)):
+    for index, part in enumerate(scene.all_surfaces):
         for face in part.faces:
             triangle = part.vertices_mm[face]
             distance = _hits(origin, direction, triangle)
             closer = distance < nearest
-            nearest[closer], surface[closer] = distance[closer], index
+            nearest[closer], surface[closer] = distance[closer], min(index, len(scene.surfaces))
             across = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
             normal[closer] = across / np.linalg.norm(across)
     place = origin + np.where(np.isfinite(nearest), nearest, 0.0)[:, None] * direction
@@ -110,9 +110,9 @@ def _direct(scene: Scene, place: NDArray[np.float64], normal: NDArray[np.float64
 
 
 def distance_to_surfaces(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) mm from points (n, 3) to the nearest triangle of scene or lamp."""
+    """(n,) mm from points (n, 3) to the nearest triangle of scene or lamps."""
     nearest = np.full(len(points), np.inf)
-    for part in (*scene.surfaces, scene.lamp.surface):
+    for part in scene.all_surfaces:
         for face in part.faces:
             nearest = np.minimum(nearest, _to_triangle(points, part.vertices_mm[face]))
     return nearest
@@ -144,7 +144,7 @@ def radiance_over_lamp(
     """(n, band) radiance of points over the lamp's, to about 2 % in the mean of some hundred points.
 
     place_mm, normal : (n, 3), normal towards the lit side. surface : (n,) index into the scene's surfaces.
-    reflectance : (surface, band). Lambertian surfaces; a lamp that reflects nothing.
+    reflectance : (surface, band). Lambertian surfaces; one lamp, which reflects nothing.
     """
     draw = np.random.default_rng(0)
     parts = [

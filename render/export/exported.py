@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.scene import Scene, Surface
+from cboxlab.scenes.scene import Lamp, Scene, Surface
 from numpy.typing import NDArray
 
 from ..visibility import Film, film_for, resampling
@@ -15,6 +15,7 @@ from ..visibility import Film, film_for, resampling
 __all__ = [
     "ExportSettings",
     "Exported",
+    "ExportedLamp",
     "Layout",
     "exported_scene",
     "groups_of",
@@ -41,7 +42,7 @@ class ExportSettings:
 class Layout:
     """How results are arranged, as the export's ``scene.json`` says.
 
-    film_width_px, film_height_px : of the pinhole film, see ``Exported.film``. lamp_reflects : in the scene.
+    film_width_px, film_height_px : of the pinhole film, see ``Exported.film``. lamp_reflects : whether any does.
     """
 
     width_px: int
@@ -58,13 +59,30 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
+class ExportedLamp:
+    """A lamp at the export's wavelengths. radiance : (w,) W m^-2 sr^-1 nm^-1. reflectance : (w,).
+
+    key : "lamp" for the first, then "lamp-1" and so on, for the names of files and of materials.
+    """
+
+    lamp: Lamp
+    key: str
+    radiance: NDArray[np.float64]
+    reflectance: NDArray[np.float64]
+
+    @property
+    def surface(self) -> Surface:
+        """Its surface."""
+        return self.lamp.surface
+
+
+@dataclass(frozen=True, eq=False)
 class Exported:
     """A scene made ready for other renderers.
 
-    reflectances : (material, w), rows as ``scene.materials``. lamp : (w,) its radiance, W m^-2 sr^-1 nm^-1.
-    lamp_reflectance : (w,). film : pixels of a pinhole without distortion, those of the camera where it has none, else
-    four times finer and wide enough for the camera's image. max_bounces : reflections between lamp and camera, None
-    for no limit.
+    reflectances : (material, w), rows as ``scene.materials``. lamps : at least one. film : pixels of a pinhole without
+    distortion, those of the camera where it has none, else four times finer and wide enough for the camera's image.
+    max_bounces : reflections between lamp and camera, None for no limit.
     """
 
     scene: Scene
@@ -72,28 +90,26 @@ class Exported:
     film: Film
     settings: ExportSettings
     reflectances: NDArray[np.float64]
-    lamp: NDArray[np.float64]
-    lamp_reflectance: NDArray[np.float64]
+    lamps: tuple[ExportedLamp, ...]
     max_bounces: int | None
 
     @property
     def layout(self) -> Layout:
         """The arrangement of the results."""
         width, height = (int(n) for n in self.film.size)
-        reflects = self.scene.lamp.reflects
-        return Layout(self.camera.width_px, self.camera.height_px, width, height, reflects, self.settings)
+        size = self.camera.width_px, self.camera.height_px, width, height
+        return Layout(*size, self.lamp_reflects, self.settings)
 
     @property
-    def surfaces(self) -> tuple[Surface, ...]:
-        """All surfaces, the lamp's last."""
-        return (*self.scene.surfaces, self.scene.lamp.surface)
+    def lamp_reflects(self) -> bool:
+        """Whether any lamp reflects."""
+        return any(one.lamp.reflects for one in self.lamps)
 
     @property
-    def with_black_lamp(self) -> Exported:
-        """The same with a lamp that reflects nothing, for renderers in which none does."""
-        lamp = replace(self.scene.lamp, reflectance=self.scene.lamp.reflectance.scaled(0.0))
-        scene = replace(self.scene, lamp=lamp)
-        return replace(self, scene=scene, lamp_reflectance=np.zeros_like(self.lamp_reflectance))
+    def with_black_lamps(self) -> Exported:
+        """The same with lamps that reflect nothing, for renderers in which none does."""
+        scene = self.scene.with_lamps(lambda lamp: replace(lamp, reflectance=lamp.reflectance.scaled(0.0)))
+        return replace(self, scene=scene, lamps=_lamps(scene, self.settings.wavelength_nm))
 
     @property
     def film_samples(self) -> int:
@@ -123,18 +139,26 @@ def exported_scene(
         raise InputError(
             where, "surfaces that are not Lambertian, or a medium", "a diffuse scene for an export"
         )
-    lamp = scene.lamp
-    if lamp.edge_ratio != 1.0 or lamp.exponent != 0.0 or lamp.pattern is not None:
+    if any(lamp.edge_ratio != 1.0 or lamp.exponent or lamp.pattern is not None for lamp in scene.lamps):
         raise InputError(
             where, "a lamp whose radiance varies over its area or with direction", "a uniform Lambertian lamp"
         )
     if settings.batches < 2:
         raise InputError("batches", str(settings.batches), "at least 2, whose scatter gives the error")
     wavelength = settings.wavelength_nm
-    *reflectances, of_lamp = scene.reflectances(wavelength)
+    reflectances = scene.reflectances(wavelength)[: len(scene.materials)]
     film = film_for(camera, 1 if camera.is_pinhole else _FINE)
-    radiance = lamp.radiance.at(wavelength)
-    return Exported(scene, camera, film, settings, np.array(reflectances), radiance, of_lamp, max_bounces)
+    return Exported(scene, camera, film, settings, reflectances, _lamps(scene, wavelength), max_bounces)
+
+
+def _lamps(scene: Scene, wavelength_nm: NDArray[np.float64]) -> tuple[ExportedLamp, ...]:
+    return tuple(
+        ExportedLamp(
+            lamp, f"lamp-{index}" if index else "lamp", lamp.radiance.at(wavelength_nm),
+            lamp.reflectance.at(wavelength_nm),
+        )
+        for index, lamp in enumerate(scene.lamps)
+    )  # fmt: skip
 
 
 def groups_of(channels: int, most: int) -> list[NDArray[np.int64]]:

@@ -72,9 +72,9 @@ def write_export(folder: Path, exported: Exported) -> None:
 
 
 def as_rendered(exported: Exported, renderer: str) -> Exported:
-    """The export as one of FORMATS renders it: with a black lamp where its lamps reflect nothing."""
-    same = FORMATS[renderer].lamp_reflects or not exported.scene.lamp.reflects
-    return exported if same else exported.with_black_lamp
+    """The export as one of FORMATS renders it: with black lamps where its lamps reflect nothing."""
+    same = FORMATS[renderer].lamp_reflects or not exported.lamp_reflects
+    return exported if same else exported.with_black_lamps
 
 
 def read_rendered(folder: Path, renderer: str) -> xr.Dataset:

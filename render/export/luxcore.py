@@ -118,14 +118,17 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
             f'scene.materials.{name}.type = "matte"',
             f"scene.materials.{name}.kd = {_numbers(values[group])}",
         ]
-    lines += [
-        'scene.materials.lamp--.type = "matte"',
-        f"scene.materials.lamp--.kd = {_numbers(exported.lamp_reflectance[group])}",
-        f"scene.materials.lamp--.emission = {_numbers(exported.lamp[group])}",
-        "scene.materials.lamp--.emission.gain.normalizebycolor = 0",
-    ]
-    for surface in exported.surfaces:
-        material = "lamp--" if surface is scene.lamp.surface else surface.material
+    for one in exported.lamps:
+        own = f"scene.materials.{one.key}--"
+        lines += [
+            f'{own}.type = "matte"',
+            f"{own}.kd = {_numbers(one.reflectance[group])}",
+            f"{own}.emission = {_numbers(one.radiance[group])}",
+            f"{own}.emission.gain.normalizebycolor = 0",
+        ]
+    shapes = [(surface, surface.material) for surface in scene.surfaces]
+    shapes += [(one.surface, f"{one.key}--") for one in exported.lamps]
+    for surface, material in shapes:
         lines += [
             f'scene.objects.{surface.name}.ply = "../{mesh_path(surface)}"',
             f'scene.objects.{surface.name}.material = "{material}"',

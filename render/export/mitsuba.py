@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
 from .exported import Exported, Layout, groups_of
@@ -74,25 +75,26 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         lines += [
             f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"
         ]  # fmt: skip
-    lines += [
-        '  <bsdf type="diffuse" id="lamp--">',
-        _rgb("reflectance", exported.lamp_reflectance[group], 4),
-        "  </bsdf>",
-    ]
-    for surface in exported.surfaces:
-        lamp = surface is exported.scene.lamp.surface
-        emitter = [
-            '    <emitter type="area">', _rgb("radiance", exported.lamp[group], 6), "    </emitter>"
-        ]  # fmt: skip
+    for surface in exported.scene.surfaces:
+        lines += _shape(surface, f"material-{surface.material}", [])
+    for one in exported.lamps:
         lines += [
-            f'  <shape type="ply" id="shape-{surface.name}">',
-            f'    <string name="filename" value="../{mesh_path(surface)}"/>',
-            '    <boolean name="face_normals" value="true"/>',
-            f'    <ref id="{"lamp--" if lamp else f"material-{surface.material}"}"/>',
-            *(emitter if lamp else []),
-            "  </shape>",
-        ]
+            f'  <bsdf type="diffuse" id="{one.key}--">', _rgb("reflectance", one.reflectance[group], 4), "  </bsdf>"
+        ]  # fmt: skip
+        emitter = ['    <emitter type="area">', _rgb("radiance", one.radiance[group], 6), "    </emitter>"]
+        lines += _shape(one.surface, f"{one.key}--", emitter)
     return "\n".join([*lines, "</scene>"]) + "\n"
+
+
+def _shape(surface: Surface, material: str, emitter: list[str]) -> list[str]:
+    return [
+        f'  <shape type="ply" id="shape-{surface.name}">',
+        f'    <string name="filename" value="../{mesh_path(surface)}"/>',
+        '    <boolean name="face_normals" value="true"/>',
+        f'    <ref id="{material}"/>',
+        *emitter,
+        "  </shape>",
+    ]
 
 
 def _rgb(name: str, values: NDArray[np.float64], indent: int) -> str:

@@ -18,7 +18,7 @@ from PIL import Image
 from ..image import LAMP, NOTHING
 from ..visibility import build_tracer, facet_coverage
 from .camera_file import camera_entry
-from .exported import Exported, ExportSettings, Layout, pixel_means, subpixel_rays
+from .exported import Exported, ExportedLamp, ExportSettings, Layout, pixel_means, subpixel_rays
 
 __all__ = ["holds", "mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
 
@@ -59,12 +59,14 @@ def write_neutral(folder: Path, exported: Exported) -> None:
         raise InputError(f"scene {scene.name}", f"{len(scene.surfaces)} surfaces", f"fewer than {_LAMP}")
     for name in ("meshes", "spectra"):
         (folder / name).mkdir()
-    for surface in exported.surfaces:
+    for surface in scene.all_surfaces:
         (folder / mesh_path(surface)).write_text(_ply(surface), encoding="ascii")
     for name, material in scene.materials.items():
         _write_spectrum(folder / "spectra" / f"material-{name}.csv", material.reflectance, "reflectance")
-    _write_spectrum(folder / "spectra" / "lamp.csv", scene.lamp.radiance, "radiance")
-    _write_spectrum(folder / "spectra" / "lamp_reflectance.csv", scene.lamp.reflectance, "reflectance")
+    for one in exported.lamps:
+        radiance, reflectance = (folder / name for name in _lamp_spectra(one))
+        _write_spectrum(radiance, one.lamp.radiance, "radiance")
+        _write_spectrum(reflectance, one.lamp.reflectance, "reflectance")
     _write_channels(folder / "spectra" / "channels.csv", exported)
     for batch in range(settings.batches):
         (folder / rays_path(batch)).write_bytes(subpixel_rays(exported, batch).tobytes())
@@ -93,19 +95,15 @@ def holds(folder: Path, exported: Exported) -> bool:
 
 def _entry(exported: Exported) -> dict[str, Any]:
     scene, settings, film = exported.scene, exported.settings, exported.film
+    first, *further = map(_lamp_entry, exported.lamps)
     return {
         "format": "cboxlab-export/1",
         "name": scene.name,
         "conventions": _CONVENTIONS,
         "surfaces": [{"name": s.name, "material": s.material, "mesh": mesh_path(s)} for s in scene.surfaces],
         "materials": {name: f"spectra/material-{name}.csv" for name in scene.materials},
-        "lamp": {
-            "name": scene.lamp.surface.name,
-            "mesh": mesh_path(scene.lamp.surface),
-            "radiance": "spectra/lamp.csv",
-            "reflectance": "spectra/lamp_reflectance.csv",
-            "reflects": scene.lamp.reflects,
-        },
+        "lamp": first,
+        **({"further_lamps": further} if further else {}),
         "max_bounces": exported.max_bounces,
         "camera": "camera.json",
         "further_distortion": exported.camera.further_distortion is not None,
@@ -126,6 +124,19 @@ def _entry(exported: Exported) -> dict[str, Any]:
         "batches": settings.batches,
         "subpixels": settings.subpixels,
     }
+
+
+def _lamp_spectra(one: ExportedLamp) -> tuple[str, str]:
+    """Files of a lamp's radiance and reflectance, relative to the export."""
+    return f"spectra/{one.key}.csv", f"spectra/{one.key}_reflectance.csv"
+
+
+def _lamp_entry(one: ExportedLamp) -> dict[str, Any]:
+    radiance, reflectance = _lamp_spectra(one)
+    return {
+        "name": one.surface.name, "mesh": mesh_path(one.surface), "radiance": radiance, "reflectance": reflectance,
+        "reflects": one.lamp.reflects,
+    }  # fmt: skip
 
 
 def _ply(surface: Surface) -> str:
@@ -154,8 +165,7 @@ def _write_channels(path: Path, exported: Exported) -> None:
         table.writerow(
             [
                 "wavelength_nm",
-                "lamp",
-                "lamp_reflectance",
+                *(f"{one.key}{kind}" for one in exported.lamps for kind in ("", "_reflectance")),
                 *(f"material-{name}" for name in exported.scene.materials),
             ]
         )
@@ -163,14 +173,9 @@ def _write_channels(path: Path, exported: Exported) -> None:
 
 
 def _channels(exported: Exported) -> NDArray[np.float64]:
-    """(w, 3 + materials) wavelength, lamp's radiance and reflectance, reflectances."""
-    columns = [
-        exported.settings.wavelength_nm,
-        exported.lamp,
-        exported.lamp_reflectance,
-        exported.reflectances,
-    ]
-    return np.vstack(columns).T
+    """(w, n) wavelength, radiance and reflectance of each lamp, reflectances of the materials."""
+    lamps = [values for one in exported.lamps for values in (one.radiance, one.reflectance)]
+    return np.vstack([exported.settings.wavelength_nm, *lamps, exported.reflectances]).T
 
 
 def _surface_map(exported: Exported) -> NDArray[np.uint8]:
@@ -197,7 +202,7 @@ def read_layout(folder: Path) -> Layout:
         film = entry["film"]
         return Layout(
             int(entry["width_px"]), int(entry["height_px"]), int(film["width_px"]), int(film["height_px"]),
-            bool(entry["lamp"]["reflects"]), settings
+            any(lamp["reflects"] for lamp in (entry["lamp"], *entry.get("further_lamps", ()))), settings
         )  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(

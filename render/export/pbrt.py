@@ -124,20 +124,21 @@ def _batch(exported: Exported, batch: int) -> str:
 
 
 def _world(exported: Exported) -> str:
-    """Materials, surfaces and the lamp."""
+    """Materials, surfaces and the lamps."""
     lines = []
     for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
         spectrum = f'"spectrum reflectance" {_steps(values)}'
         lines.append(f'MakeNamedMaterial "{name}" "string type" "diffuse" {spectrum}')
-    own = f'"spectrum reflectance" {_steps(exported.lamp_reflectance)}'
-    lines.append(f'MakeNamedMaterial "lamp--" "string type" "diffuse" {own}')
     for surface in exported.scene.surfaces:
         lines += [f'NamedMaterial "{surface.material}"',
                   f'Shape "plymesh" "string filename" "../{mesh_path(surface)}"']  # fmt: skip
-    lamp = f'AreaLightSource "diffuse" "spectrum L" {_steps(exported.lamp)} "float scale" {_scale(exported.lamp)!r}'
-    lamp_mesh = mesh_path(exported.scene.lamp.surface)
-    lines += ["AttributeBegin", 'NamedMaterial "lamp--"', lamp, f'Shape "plymesh" "string filename" "../{lamp_mesh}"',
-              "AttributeEnd"]  # fmt: skip
+    for one in exported.lamps:
+        lines += [
+            f'MakeNamedMaterial "{one.key}--" "string type" "diffuse" "spectrum reflectance" {_steps(one.reflectance)}',
+            "AttributeBegin", f'NamedMaterial "{one.key}--"',
+            f'AreaLightSource "diffuse" "spectrum L" {_steps(one.radiance)} "float scale" {_scale(one.radiance)!r}',
+            f'Shape "plymesh" "string filename" "../{mesh_path(one.surface)}"', "AttributeEnd",
+        ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

@@ -68,10 +68,12 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
     for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
         blocks += [_spectrum(f"spectrum-{name}", values[group]),
                    f"spectrum-{name} plastic material-{name}\n0\n0\n5 1 1 1 0 0"]  # fmt: skip
-    blocks += [_spectrum("spectrum--lamp", exported.lamp[group]), "spectrum--lamp light lamp\n0\n0\n3 1 1 1"]
     for surface in exported.scene.surfaces:
         blocks += _polygons(surface, f"material-{surface.material}")
-    blocks += _polygons(exported.scene.lamp.surface, "lamp", whole=True)
+    for one in exported.lamps:
+        own = f"spectrum--{one.key}"
+        blocks += [_spectrum(own, one.radiance[group]), f"{own} light {one.key}\n0\n0\n3 1 1 1"]
+        blocks += _polygons(one.surface, one.key, whole=True)
     return "\n\n".join(blocks) + "\n"
 
 

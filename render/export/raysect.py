@@ -39,9 +39,11 @@ ROWS, COLUMNS, SAMPLES, CHANNELS = @NUMBERS@
 MATERIALS = {
 @MATERIALS@
 }
-LAMP, LAMP_REFLECTANCE = @LAMP@, @LAMP_REFLECTANCE@
 SURFACES = [
 @SURFACES@
+]
+LAMPS = [  # mesh, radiance, reflectance
+@LAMPS@
 ]
 RAYS = @RAYS@
 
@@ -68,12 +70,11 @@ def mesh(path, world, material):
 
 WORLD = World()
 for path, name in SURFACES:
-    if name is None:
-        lamp = Add(paint(LAMP_REFLECTANCE), UniformSurfaceEmitter(spectrum(LAMP)), surface_only=True)
-        lamp.importance = 1.0
-        mesh(path, WORLD, lamp)
-    else:
-        mesh(path, WORLD, paint(MATERIALS[name]))
+    mesh(path, WORLD, paint(MATERIALS[name]))
+for path, radiance, reflectance in LAMPS:
+    lamp = Add(paint(reflectance), UniformSurfaceEmitter(spectrum(radiance)), surface_only=True)
+    lamp.importance = 1.0
+    mesh(path, WORLD, lamp)
 
 
 def row(job):
@@ -108,12 +109,15 @@ def write(folder: Path, exported: Exported) -> None:
     """run.py."""
     scene, settings, bounces = exported.scene, exported.settings, exported.max_bounces
     some = bounces != 0
-    reflectances, lamp_reflectance = some * exported.reflectances, some * exported.lamp_reflectance
+    reflectances = some * exported.reflectances
     materials = [
         f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)
     ]
     surfaces = [f"    ({mesh_path(s)!r}, {s.material!r})," for s in scene.surfaces]
-    surfaces.append(f"    ({mesh_path(scene.lamp.surface)!r}, None),")
+    lamps = [
+        f"    ({mesh_path(one.surface)!r}, {one.radiance.tolist()!r}, {(some * one.reflectance).tolist()!r}),"
+        for one in exported.lamps
+    ]
     deepest = _MANY if bounces is None else max(bounces + 1, 2)
     depth = f"extinction_prob=0.2, extinction_min_depth={min(4, deepest)}, max_depth={deepest}"
     s = settings.subpixels
@@ -124,9 +128,8 @@ def write(folder: Path, exported: Exported) -> None:
     filled = {
         "NUMBERS": ", ".join(str(n) for n in numbers),
         "MATERIALS": "\n".join(materials),
-        "LAMP": repr(exported.lamp.tolist()),
-        "LAMP_REFLECTANCE": repr(lamp_reflectance.tolist()),
         "SURFACES": "\n".join(surfaces),
+        "LAMPS": "\n".join(lamps),
         "RAYS": repr([rays_path(batch) for batch in range(settings.batches)]),
         "DEPTH": depth,
     }

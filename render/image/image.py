@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LAMP", "NOTHING", "RenderedImage"]
 
-#: Surface ids of pixels that see the lamp, or no surface.
+#: Surface ids of pixels that see a lamp, or no surface.
 LAMP, NOTHING = -1, -2
 
 
@@ -23,8 +23,8 @@ class RenderedImage:
     """Spectral radiance as coefficients of spectra, in independent batches.
 
     coefficients : (batch, y, x, n). spectra : (n, w), W m^-2 sr^-1 nm^-1. wavelength_nm : (w,).
-    coverage : (y, x, f) share of the pixel that each flat face covers, 0 to 1, the lamp last.
-    facet_surface : (f,) index into surface_names of each face.
+    coverage : (y, x, f) share of the pixel that each flat face covers, 0 to 1, the lamps last.
+    facet_surface : (f,) index into surface_names of each face; len(surface_names) for those of lamps.
     """
 
     coefficients: NDArray[np.float32]
@@ -47,8 +47,18 @@ class RenderedImage:
 
     @property
     def sees_lamp(self) -> NDArray[np.bool_]:
-        """(y, x) whether any part of the pixel sees the lamp."""
-        return self.coverage[..., -1] > 0
+        """(y, x) whether any part of the pixel sees a lamp."""
+        return np.asarray((self.coverage[..., self._faces :] > 0).any(axis=-1))
+
+    @property
+    def sees_surfaces(self) -> NDArray[np.bool_]:
+        """(y, x) whether any part of the pixel sees a surface that is no lamp."""
+        return np.asarray((self.coverage[..., : self._faces] > 0).any(axis=-1))
+
+    @property
+    def _faces(self) -> int:
+        """Number of faces without those of lamps."""
+        return int(np.count_nonzero(self.facet_surface < len(self.surface_names)))
 
     @property
     def single_surface(self) -> NDArray[np.bool_]:

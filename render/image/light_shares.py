@@ -15,10 +15,10 @@ __all__ = ["LightShares", "light_shares"]
 
 @dataclass(frozen=True, eq=False)
 class LightShares:
-    """Shares of each pixel's light, which sum to 1; NaN without light and where the lamp is visible.
+    """Shares of each pixel's light, which sum to 1; NaN without light and where a lamp is visible.
 
     direct : (q, y, x) reflected once, at the surface seen. via_material : (material, q, y, x) reflected once before, by
-    each material. many : (q, y, x) reflected three times or more.
+    each material, and then by each of several lamps that reflect. many : (q, y, x) reflected three times or more.
     """
 
     direct: NDArray[np.float64]
@@ -32,21 +32,24 @@ def light_shares(image: RenderedImage, scene: Scene, weights: NDArray) -> LightS
     Raises ValueError for the image of another integrator, which does not separate reflections.
     """
     mean = image.coefficients.mean(axis=0)
-    # The accumulators of the gather: direct, second and third material, then the patches' basis.
-    materials = len(scene.materials)
-    each = 1 + materials + materials**2
-    per_material, rest = divmod(mean.shape[-1] - 1, materials + int(scene.lamp.reflects))
-    if rest or per_material <= each:
+    # The accumulators of the gather, of each lamp: direct, second and third material, then the patches' basis.
+    lamps = len(scene.lamps)
+    firsts = len(scene.materials) + lamps * any(lamp.reflects for lamp in scene.lamps)
+    seconds = firsts if lamps > 1 else len(scene.materials)
+    per_lamp, rest = divmod(mean.shape[-1], lamps)
+    per_material, left = divmod(per_lamp - 1, firsts)
+    if rest or left or per_material <= 1 + seconds + seconds**2:
         raise ValueError("not an image of the final gather")
     rows = image.spectra @ weights
 
     def signal(columns: list[int]) -> NDArray:
         return np.moveaxis(mean[..., columns] @ rows[columns], -1, 0)
 
-    start = [1 + m * per_material for m in range(materials)]
+    emitted = [lamp * per_lamp for lamp in range(lamps)]
+    start = [e + 1 + m * per_material for e in emitted for m in range(firsts)]
     direct = signal(start)
-    via_material = np.stack([signal([s + 1 + m for s in start]) for m in range(materials)])
-    total = signal(list(range(1, mean.shape[-1])))
+    via_material = np.stack([signal([s + 1 + m for s in start]) for m in range(seconds)])
+    total = signal([column for column in range(mean.shape[-1]) if column not in emitted])
     with np.errstate(divide="ignore", invalid="ignore"):
         whole = np.where((total > 0) & ~image.sees_lamp, total, np.nan)
         first, second = direct / whole, via_material / whole

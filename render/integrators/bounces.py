@@ -48,10 +48,11 @@ def render_bounces(
         split=bounces,
     )
     count = len(wavelengths)
-    parts = sums[..., 1:].reshape(*sums.shape[:3], 1 + bounces, count)
+    lamps = len(scene.lamps)
+    parts = sums[..., lamps:].reshape(*sums.shape[:3], 1 + bounces, count)
     rest = parts[..., :1, :] - parts[..., 1:, :].sum(axis=-2, keepdims=True)
-    lamp = np.broadcast_to(sums[..., :1, None], rest.shape)
-    values = np.concatenate([lamp, parts[..., 1:, :], rest], axis=-2) * scene.lamp.radiance.at(wavelengths)
+    seen = (sums[..., :lamps] @ scene.lamp_shares(wavelengths))[..., None, :]
+    values = np.concatenate([seen, parts[..., 1:, :], rest], axis=-2) * scene.lamp_radiance(wavelengths)
     names = np.array([s.name for s in scene.surfaces] + [scene.lamp.surface.name, ""])
     coverage = facet_coverage(tracer, camera)
     most = np.where(coverage.sum(axis=-1) < 0.5, -1, tracer.facet_surface[coverage.argmax(axis=-1)])

@@ -1,4 +1,4 @@
-"""The picture and its exact derivatives by the materials' reflectances and the lamp, from the same paths."""
+"""The picture and its exact derivatives by the materials' reflectances and the lamps, from the same paths."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ __all__ = ["Derivatives", "render_derivatives"]
 class Derivatives:
     """Derivatives of the radiance at each wavelength, in the batches of the image.
 
-    image : the picture, which equals its derivative by a factor on the lamp's power.
+    image : the picture, which equals its derivative by a factor on the lamps' power.
     reflectance : (batch, material, y, x, w) by each material's reflectance at the same wavelength (it does not depend
-        on the reflectance at others). material_names : (m,). lamp : (batch, y, x, w) by the lamp's radiance.
+        on the reflectance at others). material_names : (m,). lamp : (batch, y, x, w) by the lamps' mean radiance, at
+        fixed shares of it.
     """
 
     image: RenderedImage
@@ -54,7 +55,7 @@ def render_derivatives(
     if not scene.diffuse:
         raise InputError(f"scene {scene.name}", "a surface or medium that is not diffuse", "a diffuse scene")
     wavelengths = np.asarray(wavelength_nm, float)
-    reflectances = scene.reflectances(wavelengths)[:-1]
+    reflectances = scene.reflectances(wavelengths)[: len(scene.materials)]
     for name, row in zip(scene.materials, reflectances, strict=True):
         if row.min() <= 0:
             where = f"{wavelengths[row.argmin()]:g} nm"
@@ -71,19 +72,20 @@ def render_derivatives(
         progress=progress,
         counted=True,
     )
-    lamp, count = scene.lamp.radiance.at(wavelengths), len(wavelengths)
+    lamp, shares, count = scene.lamp_radiance(wavelengths), scene.lamp_shares(wavelengths), len(wavelengths)
+    seen, reflected, counted = np.split(sums, [len(shares), len(shares) + count], axis=-1)
     image = RenderedImage(
-        coefficients=sums[..., : 1 + count],
-        spectra=np.vstack([lamp, np.diag(lamp)]),
+        coefficients=sums[..., : len(shares) + count],
+        spectra=np.vstack([shares * lamp, np.diag(lamp)]),
         wavelength_nm=wavelengths,
         coverage=facet_coverage(tracer, camera),
         facet_surface=tracer.facet_surface,
         surface_names=tuple(s.name for s in scene.surfaces),
     )
-    counted = sums[..., 1 + count :].reshape(*sums.shape[:3], len(reflectances), count)
+    counted = counted.reshape(*sums.shape[:3], len(reflectances), count)
     return Derivatives(
         image,
         tuple(scene.materials),
         reflectance=np.moveaxis(counted * (lamp / reflectances).astype(np.float32), 3, 1),
-        lamp=sums[..., :1] + sums[..., 1 : 1 + count],
+        lamp=seen @ shares.astype(np.float32) + reflected,
     )

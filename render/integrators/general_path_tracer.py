@@ -1,9 +1,9 @@
 """Path tracer for any scene (coatings, glass, metals, media), with all wavelengths along each path.
 
 As in ``path_tracer`` a path is traced once and has one throughput per wavelength; directions, distances and Russian
-roulette use densities common to all wavelengths. The lamp is sampled at every vertex. On surfaces and in media whose
-own directions may also hit the lamp, the two estimates are combined by the balance heuristic (Veach and Guibas 1995).
-Lambertian surfaces use only the samples of the lamp.
+roulette use densities common to all wavelengths. Each lamp is sampled at every vertex. On surfaces and in media whose
+own directions may also hit a lamp, the two estimates are combined by the balance heuristic (Veach and Guibas 1995).
+Lambertian surfaces use only the samples of the lamps.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cboxlab.scenes.scene import Scene
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
 from ..materials import SpectralBsdfs, SpectralMedium
-from ..radiosity import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_radiance
+from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_radiance, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays, visible
 from .path_points import PathPoints
 from .path_tracer import HIGHEST_SURVIVAL, ROULETTE_START, UNLIMITED
@@ -38,27 +38,26 @@ def render_general_path_tracer(
     """Render the scene through the camera by path tracing; arguments and result as ``render_path_tracer``.
 
     Supports any BSDF of Mitsuba without textures, and a medium that fills all space. A scattering counts as a bounce.
-    The coefficients are radiance relative to the lamp's, one for each wavelength.
+    The coefficients are radiance relative to the lamps' mean (``Scene.lamp_radiance``), one for each wavelength.
     Raises InputError for a material that Mitsuba does not support.
     """
     wavelengths = np.asarray(wavelength_nm, float)
     compiled = "cuda_ad_spectral" if mi.variant().startswith("cuda") else "llvm_ad_spectral"
     with mi.scoped_set_variant(compiled):
         tracer = build_tracer(scene)
-        lamp = build_lamp_sampler(tracer)
+        lamps = build_lamp_samplers(tracer)
         bsdfs = SpectralBsdfs(scene, wavelengths)
         medium = None if scene.medium is None else SpectralMedium(scene.medium, wavelengths)
-        reflectances = scene.reflectances(wavelengths)
 
         def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
-            parts = tracer, lamp, bsdfs, medium, reflectances, camera
+            parts = tracer, lamps, bsdfs, medium, wavelengths, camera
             return _strip(*parts, pixels, samples=samples, seed=own_seed, max_bounces=max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)
     return RenderedImage(
         coefficients=coefficients,
-        spectra=np.diag(scene.lamp.radiance.at(wavelengths)),
+        spectra=np.diag(scene.lamp_radiance(wavelengths)),
         wavelength_nm=wavelengths,
         coverage=coverage,
         facet_surface=tracer.facet_surface,
@@ -67,12 +66,12 @@ def render_general_path_tracer(
 
 
 def _strip(
-    tracer: Tracer, lamp: LampSampler, bsdfs: SpectralBsdfs, medium: SpectralMedium | None,
-    reflectances: np.ndarray, camera: Camera, pixels: mi.UInt32, *, samples: int, seed: int,
-    max_bounces: int | None,
+    tracer: Tracer, lamps: tuple[LampSampler, ...], bsdfs: SpectralBsdfs, medium: SpectralMedium | None,
+    wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32, *, samples: int, seed: int, max_bounces: int | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
-    count, bands = dr.width(pixels), reflectances.shape[1]
+    count, bands = dr.width(pixels), len(wavelengths)
+    reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     rays = pixel_rays(camera, pixels)
     points = PathPoints(samples, pixels, seed)
     own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
@@ -81,6 +80,7 @@ def _strip(
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
+    mixed = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
 
     def begin(index: mi.UInt32) -> mi.Ray3f:
         return rays(*points.pixel(index))
@@ -89,7 +89,7 @@ def _strip(
         index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, density: mi.Float,
         throughput: list[mi.Float], sums: list[mi.Float],
     ) -> tuple:  # fmt: skip
-        """density : probability density of the direction, 1/sr; 0 if the lamp has already been sampled there."""
+        """density : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there."""
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         chance = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2)
         lobe = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2 + 1)
@@ -101,11 +101,15 @@ def _strip(
             position = dr.select(scattered, origin + distance * direction, hit.position)
         met, front = hit.valid & ~scattered, hit.front & ~scattered
         position = mi.Point3f(dr.select(met | scattered, position, origin))
-        material, on_lamp = hit.material, hit.on_lamp & ~scattered
-        emitted = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
-        by_lamp = dr.square(hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
-        share = dr.select(dr.isinf(density), one, density / (density + by_lamp))
-        sums = [s + dr.select(on_lamp, emitted * share * t, 0) for s, t in zip(sums, throughput, strict=True)]
+        material = hit.material
+        for lamp, own in zip(lamps, mixed, strict=True):
+            by_lamp = dr.square(hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
+            share = dr.select(dr.isinf(density), one, density / (density + by_lamp))
+            emitted = dr.select(met, lamp_seen(lamp, hit, direction) * share, 0)
+            sums = [
+                s + dr.select(emitted > 0, emitted * m * t, 0)
+                for s, m, t in zip(sums, own, throughput, strict=True)
+            ]
 
         going = (depth < last) & (scattered | (met & (material < tracer.reflectors)))
         plain = going & front & (dr.gather(mi.UInt32, lambertian, material, going & front) == 1)
@@ -116,39 +120,41 @@ def _strip(
 
         # next event estimation
         side = dr.select(dr.dot(direction, hit.normal) < 0, one, -one)
-        way, far, by_lamp, radiance = lamp_radiance(lamp, position, vertex.light_u, vertex.light_v)
-        lifted = position + hit.normal * dr.select(
-            scattered, 0, RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal))
-        )
-        cosine = dr.maximum(dr.dot(way, hit.normal), 0)
-        arriving = [dr.select(plain, r * cosine / dr.pi, 0) for r in rho]
-        by_bsdf = mi.Float(0)
-        if bsdfs.materials:
-            si = bsdfs.interaction(position, hit.normal, direction)
-            bright, by_bsdf = bsdfs.values(si, material, way, special & (by_lamp > 0))
-            arriving = [dr.select(special, new, old) for new, old in zip(bright, arriving, strict=True)]
-        if medium is not None:
-            phase = medium.phase(dr.dot(direction, way))
-            arriving = [dr.select(scattered, phase, old) for old in arriving]
-            by_bsdf = dr.select(scattered, phase, by_bsdf)
-        sampled = going & (scattered | special)
-        if medium is not None:
-            sampled |= plain
-        weight = dr.select(plain, radiance / by_lamp, radiance / (by_lamp + by_bsdf))
-        asked = sampled & (by_lamp > 0)
-        free = visible(tracer, lifted, position + way * far, asked, enclosed=medium is None)
-        weight = dr.select(free, weight, 0)
-        light = [t * a * weight for t, a in zip(throughput, arriving, strict=True)]
-        if medium is not None:
-            light = [x * passed for x, passed in zip(light, medium.transmittance(far), strict=True)]
-        else:
-            analytic = direct_light(
-                tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, plain
+        for lamp, own in zip(lamps, mixed, strict=True):
+            way, far, by_lamp, radiance = lamp_radiance(lamp, position, vertex.light_u, vertex.light_v)
+            lifted = position + hit.normal * dr.select(
+                scattered, 0, RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal))
             )
-            light = [
-                dr.select(plain, t * r * analytic, x) for x, t, r in zip(light, throughput, rho, strict=True)
-            ]
-        sums = [s + x for s, x in zip(sums, light, strict=True)]
+            cosine = dr.maximum(dr.dot(way, hit.normal), 0)
+            arriving = [dr.select(plain, r * cosine / dr.pi, 0) for r in rho]
+            by_bsdf = mi.Float(0)
+            if bsdfs.materials:
+                si = bsdfs.interaction(position, hit.normal, direction)
+                bright, by_bsdf = bsdfs.values(si, material, way, special & (by_lamp > 0))
+                arriving = [dr.select(special, new, old) for new, old in zip(bright, arriving, strict=True)]
+            if medium is not None:
+                phase = medium.phase(dr.dot(direction, way))
+                arriving = [dr.select(scattered, phase, old) for old in arriving]
+                by_bsdf = dr.select(scattered, phase, by_bsdf)
+            sampled = going & (scattered | special)
+            if medium is not None:
+                sampled |= plain
+            weight = dr.select(plain, radiance / by_lamp, radiance / (by_lamp + by_bsdf))
+            asked = sampled & (by_lamp > 0)
+            free = visible(tracer, lifted, position + way * far, asked, enclosed=medium is None)
+            weight = dr.select(free, weight, 0)
+            light = [t * a * weight for t, a in zip(throughput, arriving, strict=True)]
+            if medium is not None:
+                light = [x * passed for x, passed in zip(light, medium.transmittance(far), strict=True)]
+            else:
+                analytic = direct_light(
+                    tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, plain
+                )
+                light = [
+                    dr.select(plain, t * r * analytic, x)
+                    for x, t, r in zip(light, throughput, rho, strict=True)
+                ]
+            sums = [s + m * x for s, m, x in zip(sums, own, light, strict=True)]
 
         # next direction
         u, v = points.direction(index, depth)

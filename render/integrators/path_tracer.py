@@ -1,8 +1,8 @@
 """Path tracer with all wavelengths along each path: the unbiased reference for diffuse scenes.
 
 Each path is traced once. Its geometry and Russian roulette do not depend on the wavelength; it has one throughput
-per wavelength, so reflectances are exact at every wavelength. At every vertex the direct light of the lamp is added
-(next-event estimation); emission is added only where the camera sees the lamp. Wavelengths share their paths, so the
+per wavelength, so reflectances are exact at every wavelength. At every vertex the direct light of each lamp is added
+(next-event estimation); emission is added only where the camera sees a lamp. Wavelengths share their paths, so the
 errors of neighbouring wavelengths are strongly correlated.
 """
 
@@ -15,7 +15,7 @@ from cboxlab.scenes.scene import Scene
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
-from ..radiosity import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
+from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
 from .path_points import PathPoints
 
@@ -46,8 +46,8 @@ def render_path_tracer(
     independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
     between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed : results are repeatable.
 
-    The coefficients are radiance relative to the lamp's radiance: of the visible lamp, then of reflected light at
-    each wavelength.
+    The coefficients are radiance relative to the lamps': of each visible lamp relative to its own, then of reflected
+    light at each wavelength relative to the lamps' mean (``Scene.lamp_radiance``).
     """
     wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
@@ -62,10 +62,10 @@ def render_path_tracer(
         max_bounces=max_bounces,
         progress=progress,
     )
-    lamp_radiance = scene.lamp.radiance.at(wavelengths)
+    lamp_radiance = scene.lamp_radiance(wavelengths)
     return RenderedImage(
         coefficients=sums,
-        spectra=np.vstack([lamp_radiance, np.diag(lamp_radiance)]),
+        spectra=np.vstack([scene.lamp_shares(wavelengths) * lamp_radiance, np.diag(lamp_radiance)]),
         wavelength_nm=wavelengths,
         coverage=coverage,
         facet_surface=tracer.facet_surface,
@@ -86,17 +86,16 @@ def trace_paths(
     counted: bool = False,
     split: int = 0,
 ) -> np.ndarray:
-    """(batch, y, x, n) means over paths: the visible lamp, then light at each wavelength, relative to the lamp's.
+    """(batch, y, x, n) means over paths: each visible lamp, then light at each wavelength, see ``render_path_tracer``.
 
-    counted : also, for each material (not the lamp), light at each wavelength times the number of reflections by it.
+    counted : also, for each material (not the lamps), light at each wavelength times the number of reflections by it.
     split : also light reflected once, twice, ... up to ``split`` times, at each wavelength.
     """
-    lamp = build_lamp_sampler(tracer)
-    reflectances = tracer.scene.reflectances(wavelengths)
+    lamps = build_lamp_samplers(tracer)
 
     def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
         return _strip(
-            tracer, lamp, reflectances, camera, pixels,
+            tracer, lamps, wavelengths, camera, pixels,
             samples=samples, seed=own_seed, max_bounces=max_bounces, counted=counted, split=split,
         )  # fmt: skip
 
@@ -104,7 +103,7 @@ def trace_paths(
 
 
 def _strip(
-    tracer: Tracer, lamp: LampSampler, reflectances: np.ndarray, camera: Camera, pixels: mi.UInt32,
+    tracer: Tracer, lamps: tuple[LampSampler, ...], wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32,
     *, samples: int, seed: int, max_bounces: int | None, counted: bool = False, split: int = 0,
 ) -> list[mi.Float]:  # fmt: skip
     """Sums over the paths of each of some pixels, see ``trace_paths``.
@@ -117,24 +116,30 @@ def _strip(
     count = dr.width(pixels)
     rays = pixel_rays(camera, pixels)
     points = PathPoints(samples, pixels, seed)
+    reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     reflectance_of = _MaterialTable(reflectances)
     survival_of = _MaterialTable(np.column_stack([survival, 1 / survival]))
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     one = mi.Float(1)
+    mixed = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
 
     def carried(
         throughput: list[mi.Float], sums: list[mi.Float], counted_sums: list[list[mi.Float]],
-        begun: mi.Bool, material: mi.UInt32, light: mi.Float, counts: list[mi.Float],
+        begun: mi.Bool, material: mi.UInt32, lights: list[mi.Float], counts: list[mi.Float],
     ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:  # fmt: skip
-        """Throughputs and sums of all wavelengths after a vertex with its material and direct light."""
+        """Throughputs and sums of all wavelengths after a vertex with its material and direct light of each lamp."""
         throughput = [
             dr.select(begun, one, t) * r for t, r in zip(throughput, reflectance_of(material), strict=True)
         ]
-        sums = [dr.fma(t, light, s) for t, s in zip(throughput, sums, strict=True)]
+        if len(lights) == 1:  # of share 1 at every wavelength
+            light = lights * len(sums)
+        else:
+            light = [sum(m * x for m, x in zip(own, lights, strict=True)) for own in zip(*mixed, strict=True)]
+        sums = [dr.fma(t, x, s) for t, x, s in zip(throughput, light, sums, strict=True)]
         counted_sums = [
-            [dr.fma(c * light, t, s) for t, s in zip(throughput, row, strict=True)]
+            [dr.fma(c * x, t, s) for t, x, s in zip(throughput, light, row, strict=True)]
             for c, row in zip(counts, counted_sums, strict=True)
         ]
         return throughput, sums, counted_sums
@@ -144,13 +149,13 @@ def _strip(
         index, depth, origin, direction, seen, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         material, shaded = hit.material, hit.reflecting & (depth < last)
-        emitted = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
         vertex = points.at_vertex(index, depth)
         begun = depth == 0
         weight = dr.select(begun, one, weight)
-        light = weight * direct_light(
-            tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, shaded
-        )
+        u, v = vertex.light_u, vertex.light_v
+        lights = [
+            weight * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded) for lamp in lamps
+        ]
         reflected = [
             dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
             for m, c in enumerate(counts[:followed])
@@ -160,12 +165,15 @@ def _strip(
         ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
         u, v = points.onward(index, depth, ended)
         turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
-        return (*carried_on, begun, material, light, reflected + reached), (
+        return (*carried_on, begun, material, lights, reflected + reached), (
             index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            seen + dr.select(hit.on_lamp & begun, emitted, 0),
+            [
+                s + dr.select(begun, lamp_seen(lamp, hit, direction), 0)
+                for s, lamp in zip(seen, lamps, strict=True)
+            ],
             weight * raised,
         )
 
@@ -174,23 +182,23 @@ def _strip(
 
     zero = dr.zeros(mi.UInt32, count)
     first = rays(*points.pixel(zero))
-    wavelengths = reflectances.shape[1]
+    bands = len(wavelengths)
     followed = len(tracer.material_names) if counted else 0
     spectral = (
-        zeros(wavelengths), zeros(wavelengths), [zeros(wavelengths) for _ in range(followed + split)],
-        dr.full(mi.Bool, True, count), mi.UInt32(zero), dr.zeros(mi.Float, count), zeros(followed + split),
+        zeros(bands), zeros(bands), [zeros(bands) for _ in range(followed + split)],
+        dr.full(mi.Bool, True, count), mi.UInt32(zero), zeros(len(lamps)), zeros(followed + split),
     )  # fmt: skip
     path = (
         mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d),
-        dr.zeros(mi.Float, count), dr.zeros(mi.Float, count),
+        zeros(len(lamps)), dr.zeros(mi.Float, count),
     )  # fmt: skip
     spectral, (*_, seen, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
     _, sums, counted_sums = carried(*spectral)
-    return [seen, *sums, *(s for row in counted_sums for s in row)]
+    return [*seen, *sums, *(s for row in counted_sums for s in row)]
 
 
 class _MaterialTable:
-    """A table (material, w), the lamp's row last, of which each lane reads the row of its material."""
+    """A table (material, w), the lamps' rows last, of which each lane reads the row of its material."""
 
     #: Up to this number of materials, a chain of selections is faster than gathering from memory.
     MOST_SELECTED = 4

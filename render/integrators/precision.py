@@ -33,7 +33,7 @@ def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
     """Percentile of the relative standard error, over pixels that see surfaces and about 30 wavelengths."""
     every = max(1, image.wavelength_nm.size // 30)
     mean, variance = image.project(np.eye(image.wavelength_nm.size)[:, ::every])
-    lit = (mean > 0) & (image.coverage[..., :-1].sum(axis=-1) > 0)[..., None]
+    lit = (mean > 0) & image.sees_surfaces[..., None]
     return float(np.percentile(np.sqrt(variance[lit]) / mean[lit], percentile)) if lit.any() else 0.0
 
 

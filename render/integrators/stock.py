@@ -6,7 +6,7 @@ instead, each render is exact at three wavelengths. All renders use the same pat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,8 @@ def render_stock(
 
     Raises InputError for a lamp with an edge ratio or an exponent, which Mitsuba's emitters do not support.
     """
-    _check(scene.lamp)
+    for one in scene.lamps:
+        _check(one)
     wavelengths = np.asarray(wavelength_nm, float)
     oversampling = 1 if camera.is_pinhole else DISTORTED_OVERSAMPLING
     film = film_for(camera, oversampling)
@@ -61,11 +62,11 @@ def render_stock(
         integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
-            *paints, lamp = map(_rgb, scene.reflectances(three))
-            paints_by_name = dict(zip(scene.materials, paints, strict=True))
-            loaded = mi.load_dict(
-                scene_dict(scene, paints_by_name, lamp, _radiance(scene.lamp)), optimize=False
-            )
+            each = [_rgb(row) for row in scene.reflectances(three)]
+            paints = dict(zip(scene.materials, each, strict=False))
+            shares = scene.lamp_shares(three)
+            radiances = [_radiance(one, share) for one, share in zip(scene.lamps, shares, strict=True)]
+            loaded = mi.load_dict(scene_dict(scene, paints, each[len(paints) :], radiances), optimize=False)
             view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium(scene.medium, three)
             sensor = mi.load_dict(view)
             for batch in range(batches):
@@ -79,7 +80,7 @@ def render_stock(
     coverage, facet_surface = _coverage(scene, camera, film)
     return RenderedImage(
         coefficients=values.reshape(batches, camera.height_px, camera.width_px, -1),
-        spectra=np.diag(scene.lamp.radiance.at(wavelengths)),
+        spectra=np.diag(scene.lamp_radiance(wavelengths)),
         wavelength_nm=wavelengths,
         coverage=coverage,
         facet_surface=facet_surface,
@@ -88,20 +89,22 @@ def render_stock(
 
 
 def scene_dict(
-    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectance: Any, radiance: Any
+    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectances: Sequence[Any], radiances: Sequence[Any]
 ) -> dict[str, Any]:
     """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided.
 
-    reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectance, radiance : those of the
+    reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectances, radiances : those of each
     lamp's own reflectance and of its radiance.
     """
     bsdfs = {name: bsdf_dict(scene.materials[name], value) for name, value in reflectances.items()}
     shapes = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
-    lamp = {
-        "bsdf": {"type": "diffuse", "reflectance": lamp_reflectance},
-        "emitter": {"type": "area", "radiance": radiance},
-    }
-    return {"type": "scene", **shapes, scene.lamp.surface.name: _mesh(scene.lamp.surface, lamp)}
+    for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
+        parts = {
+            "bsdf": {"type": "diffuse", "reflectance": reflectance},
+            "emitter": {"type": "area", "radiance": radiance},
+        }
+        shapes[lamp.surface.name] = _mesh(lamp.surface, parts)
+    return {"type": "scene", **shapes}
 
 
 def sensor_dict(film: Film, camera: Camera, film_options: Mapping[str, Any]) -> dict[str, Any]:
@@ -138,11 +141,11 @@ def _check(lamp: Lamp) -> None:
             )
 
 
-def _radiance(lamp: Lamp) -> dict[str, Any]:
-    """Radiance of the lamp relative to its mean: 1, or its pattern as a texture."""
+def _radiance(lamp: Lamp, share: NDArray) -> dict[str, Any]:
+    """Radiance of a lamp: ``share`` (3,), or times its pattern as a texture."""
     if lamp.pattern is None:
-        return _rgb(np.ones(3))
-    cells = mi.TensorXf(np.repeat(lamp.pattern[..., None], 3, axis=-1).astype(np.float32))
+        return _rgb(share)
+    cells = mi.TensorXf((lamp.pattern[..., None] * share).astype(np.float32))
     return {"type": "bitmap", "data": cells, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
 
 
@@ -191,17 +194,18 @@ def _texture_coordinates(surface: Surface, corners: NDArray) -> NDArray[np.float
 
 
 def _coverage(scene: Scene, camera: Camera, film: Film) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """(y, x, f) share of each pixel that each flat face covers, the lamp last, and (f,) the faces' surfaces.
+    """(y, x, f) share of each pixel that each flat face covers, the lamps last, and (f,) the faces' surfaces.
 
     One ray in each of 8 x 8 parts of a pixel finds the triangle seen. The parts are resampled like the image's
     ``film``, so that pixels next to an edge have mixed coverage.
     """
-    surfaces = (*scene.surfaces, scene.lamp.surface)
+    surfaces = scene.all_surfaces
     corners = np.concatenate([s.vertices_mm[s.faces] for s in surfaces])
     owner = np.concatenate([np.full(len(s.faces), i) for i, s in enumerate(surfaces)])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     facet, facet_surface = facets(normals, owner)
+    facet_surface = np.minimum(facet_surface, len(scene.surfaces))
     facet[np.sum((camera.position_mm - corners[:, 0]) * normals, axis=1) <= 0] = -1  # seen from behind
     parts = COVERAGE_OVERSAMPLING // round(film.scale / camera.focal_length_px)
     fine = Film(film.low, film.scale * parts, film.size * parts)

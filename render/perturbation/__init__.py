@@ -1,9 +1,9 @@
 """Small changes of a picture without rendering it again: camera motion, surfaces, haze, blur."""
 
-from .brdf_change import Coat, changed_reflection, fresnel
+from .brdf_change import Coat, Reflection, changed_reflection, fresnel
 from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
-from .patch_light import PatchLight, patch_light, with_albedo
+from .patch_light import PatchLight, band_shares, patch_light, with_albedo
 from .patch_transport import PatchTransport, build_patch_transport
 from .warp import Warp, build_warp, pixels_per_unit, warp_change, warp_changes
 
@@ -13,8 +13,10 @@ __all__ = [
     "Coat",
     "PatchLight",
     "PatchTransport",
+    "Reflection",
     "Warp",
     "air_transport",
+    "band_shares",
     "build_edge_blur",
     "build_patch_transport",
     "build_warp",

@@ -1,13 +1,14 @@
 """Change of a picture by a non-Lambertian material, rough or glossy.
 
 At the surface that the camera sees, the changed reflection is applied to direct light and to light from the patches.
-At the previous reflection it is applied to the lamp's light; all other light is treated as diffusely reflected with
+At the previous reflection it is applied to the lamps' light; all other light is treated as diffusely reflected with
 the changed albedo.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -15,13 +16,37 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
 from ..device import SobolPoints, device_array, dr, mi
-from ..radiosity import LightField, lamp_pattern, lamp_point, patch_of
+from ..radiosity import LampSampler, LightField, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 
-__all__ = ["Coat", "changed_reflection", "fresnel"]
+__all__ = ["Coat", "Reflection", "changed_reflection", "fresnel"]
 
 Albedo: TypeAlias = "Callable[[mi.Float], tuple[mi.Float, mi.Float]]"
 Base: TypeAlias = "Callable[[mi.Vector3f, mi.Vector3f], mi.Float]"
+
+
+@dataclass(frozen=True, eq=False)
+class Reflection:
+    """A reflection in place of Lambert's.
+
+    base : diffuse BRDF relative to Lambert's, as a function of the directions of incoming and outgoing light in the
+    surface's frame. coat : a specular one above it. albedo : albedos of base (relative to Lambert's) and coat for light
+    from a cosine.
+    """
+
+    base: Base
+    coat: Coat | None = None
+    albedo: Albedo | None = None
+
+
+@dataclass
+class _Arriving:
+    """Light from a point of a lamp: form factor, direction in the surface's frame, density of the direction, 1/sr."""
+
+    lamp: LampSampler
+    weight: mi.Float
+    incoming: mi.Vector3f
+    per_area: mi.Float
 
 
 class Coat:
@@ -102,23 +127,23 @@ def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
 
 
 def changed_reflection(
-    light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, *, material: int,
-    base: Base, coat: Coat | None, samples: int = 256, seed: int = 0, albedo: Albedo | None = None,
+    light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
+    reflection: Reflection, *, material: int, samples: int = 256, seed: int = 0,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Change (w, y, x) of radiance, relative to the lamp's, for a changed reflection of one ``material``.
+    """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.
 
-    radiance : (p, w) of the patches, relative to the lamp's. reflectances : (material, w) of all materials
-    and of the lamp.
-    base : diffuse BRDF relative to Lambert's, as a function of the directions of incoming and outgoing light in the
-    surface's frame. albedo : albedos of base (relative to Lambert's) and coat for light from a cosine, which
-    ``radiance`` includes for the lamp's light; if given, the lamp's light reflected towards the surfaces seen by the
-    camera gets the directional distribution of the changed reflection.
+    radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
+    and of the lamps. lamp_shares : (lamps, w) radiance of each lamp relative to their mean. reflection : if it has
+    albedos, which ``radiance`` includes for the lamps' light, the lamps' light reflected towards the surfaces seen by
+    the camera gets the directional distribution of the changed reflection.
     """
     tracer, patches = light.tracer, light.patches
+    base, coat, albedo = reflection.base, reflection.coat, reflection.albedo
     bands = radiance.shape[1]
     table = device_array(mi.Float, radiance)
     rho = [dr.opaque(mi.Float, float(r)) for r in reflectances[material]]
     table_rho = device_array(mi.Float, reflectances)
+    shares = [[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares]
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
     rays = pixel_rays(camera, lane)
@@ -136,34 +161,23 @@ def changed_reflection(
         frame = mi.Frame3f(hit.normal)
         outgoing = frame.to_local(-ray.d)
         origin = hit.position + hit.normal * RAY_OFFSET_MM
-        weight, to_lamp, per_area = lamp_point(
-            light.lamp, origin, hit.normal, points.point(i, 2), points.point(i, 3), mine
-        )
-        incoming = frame.to_local(dr.normalize(to_lamp))
-        free = visible(tracer, origin, origin + to_lamp, mine & (weight > 0), enclosed=True)
-        weight = dr.select(free, weight, 0)
-        change = [r * weight * (base(incoming, outgoing) - 1) for r in rho]
+        arriving = from_lamps(frame, origin, points.point(i, 2), points.point(i, 3), mine)
+        change = [mi.Float(0) for _ in rho]
+        for one, own in zip(arriving, shares, strict=True):
+            beyond = one.weight * (base(one.incoming, outgoing) - 1)
+            change = [c + r * s * beyond for c, r, s in zip(change, rho, own, strict=True)]
         gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
         far = intersect(tracer, mi.Ray3f(origin, frame.to_world(gathered)), mine)
         factor = base(gathered, outgoing) - 1
         change = [c + r * factor * b for c, r, b in zip(change, rho, seen(far, mine), strict=True)]
         if coat is not None:
             u, v = points.point(i, 6), points.point(i, 7)
-            lobe, strength, near, valid = mirrored(
-                coat,
-                frame,
-                origin,
-                incoming,
-                outgoing,
-                weight=weight,
-                per_area=per_area,
-                u=u,
-                v=v,
-                active=mine,
+            lobes, strength, near, valid = mirrored(
+                coat, frame, origin, arriving, outgoing, u=u, v=v, active=mine
             )
             change = [
                 c + lobe + dr.select(valid, strength * b, 0)
-                for c, b in zip(change, seen(near, valid), strict=True)
+                for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
             ]
         change = [dr.select(mine, c, 0) for c in change]
         if albedo is not None:
@@ -175,64 +189,66 @@ def changed_reflection(
             ]
         return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
 
+    def from_lamps(
+        frame: mi.Frame3f, origin: mi.Point3f, u: mi.Float, v: mi.Float, active: mi.Bool
+    ) -> list[_Arriving]:
+        """One point of each lamp, as light that arrives at ``origin``."""
+        found = []
+        for lamp in light.lamps:
+            weight, to_lamp, per_area = lamp_point(lamp, origin, frame.n, u, v, active)
+            incoming = frame.to_local(dr.normalize(to_lamp))
+            free = visible(tracer, origin, origin + to_lamp, active & (weight > 0), enclosed=True)
+            found.append(_Arriving(lamp, dr.select(free, weight, 0), incoming, per_area))
+        return found
+
     def mirrored(
-        coat: Coat, frame: mi.Frame3f, origin: mi.Point3f, incoming: mi.Vector3f, outgoing: mi.Vector3f, *,
-        weight: mi.Float, per_area: mi.Float, u: mi.Float, v: mi.Float, active: mi.Bool,
-    ) -> tuple[mi.Float, mi.Float, Hit, mi.Bool]:  # fmt: skip
-        """The lamp's light by the coat (multiple importance sampling); the weight and hit of a sampled direction."""
-        pdf = coat.density(incoming, outgoing)
-        share = dr.select(per_area > 0, per_area / (per_area + pdf), 0)
-        lobe = weight * np.pi * coat.value(incoming, outgoing) * share
+        coat: Coat, frame: mi.Frame3f, origin: mi.Point3f, arriving: list[_Arriving], outgoing: mi.Vector3f, *,
+        u: mi.Float, v: mi.Float, active: mi.Bool,
+    ) -> tuple[list[mi.Float], mi.Float, Hit, mi.Bool]:  # fmt: skip
+        """The lamps' light by the coat (multiple importance sampling); the weight and hit of a sampled direction."""
         direction = coat.sample(outgoing, u, v)
         valid = active & (direction.z > 1e-6)
         pdf = coat.density(direction, outgoing)
         strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
         near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
-        lamp_cosine = -dr.dot(frame.to_world(direction), light.lamp.normal)
-        lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
-        emitted = lamp_pattern(light.lamp, near.position, lamp_cosine)
-        return (
-            lobe + dr.select(near.on_lamp, strength * emitted * pdf / (pdf + lamp_pdf), 0),
-            strength,
-            near,
-            valid,
-        )
+        lobes = [mi.Float(0) for _ in rho]
+        for one, own in zip(arriving, shares, strict=True):
+            value, density = coat.value(one.incoming, outgoing), coat.density(one.incoming, outgoing)
+            share = dr.select(one.per_area > 0, one.per_area / (one.per_area + density), 0)
+            lamp_cosine = -dr.dot(frame.to_world(direction), one.lamp.normal)
+            lamp_pdf = dr.square(near.distance) / (one.lamp.area * dr.maximum(lamp_cosine, 1e-6))
+            emitted = lamp_seen(one.lamp, near, frame.to_world(direction))
+            lobe = one.weight * np.pi * value * share
+            lobe += dr.select(emitted > 0, strength * emitted * pdf / (pdf + lamp_pdf), 0)
+            lobes = [old + s * lobe for old, s in zip(lobes, own, strict=True)]
+        return lobes, strength, near, valid
 
     def before_last(
         albedo: Albedo, i: mi.UInt32, hit: Hit, origin: mi.Point3f, direction: mi.Vector3f
     ) -> list[mi.Float]:
-        """The lamp's light reflected by the material before the surface seen, minus its mean over directions."""
+        """The lamps' light reflected by the material before the surface seen, minus its mean over directions."""
         far = intersect(tracer, mi.Ray3f(origin, direction), hit.reflecting)
         theirs = far.front & (far.material == material)
         frame = mi.Frame3f(far.normal)
         outgoing = frame.to_local(-direction)
         there = far.position + far.normal * RAY_OFFSET_MM
-        weight, to_lamp, per_area = lamp_point(
-            light.lamp, there, far.normal, points.point(i, 8), points.point(i, 9), theirs
-        )
-        incoming = frame.to_local(dr.normalize(to_lamp))
-        free = visible(tracer, there, there + to_lamp, theirs & (weight > 0), enclosed=True)
-        weight = dr.select(free, weight, 0)
-        # rays that meet no surface have no angle of incidence; the albedo may be read from a table
-        base_mean, coat_mean = albedo(dr.select(theirs, incoming.z, 0))
-        diffuse, lobe = weight * (base(incoming, outgoing) - base_mean), -weight * coat_mean
+        arriving = from_lamps(frame, there, points.point(i, 8), points.point(i, 9), theirs)
+        change = [mi.Float(0) for _ in rho]
+        for one, own in zip(arriving, shares, strict=True):
+            # rays that meet no surface have no angle of incidence; the albedo may be read from a table
+            base_mean, coat_mean = albedo(dr.select(theirs, one.incoming.z, 0))
+            diffuse = one.weight * (base(one.incoming, outgoing) - base_mean)
+            change = [
+                c + s * (r * diffuse - one.weight * coat_mean)
+                for c, s, r in zip(change, own, rho, strict=True)
+            ]
         if coat is not None:
             u, v = points.point(i, 10), points.point(i, 11)
-            lobe += mirrored(
-                coat,
-                frame,
-                there,
-                incoming,
-                outgoing,
-                weight=weight,
-                per_area=per_area,
-                u=u,
-                v=v,
-                active=theirs,
-            )[0]
+            lobes, *_ = mirrored(coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs)
+            change = [c + lobe for c, lobe in zip(change, lobes, strict=True)]
         entry = hit.material * bands
         first = [dr.gather(mi.Float, table_rho, entry + k, hit.reflecting) for k in range(bands)]
-        return [dr.select(theirs, f * (r * diffuse + lobe), 0) for f, r in zip(first, rho, strict=True)]
+        return [dr.select(theirs, f * c, 0) for f, c in zip(first, change, strict=True)]
 
     total = dr.opaque(mi.UInt32, samples)
     start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(bands)])

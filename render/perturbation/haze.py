@@ -1,4 +1,4 @@
-"""Light transport for haze: exchange of cells of air with lamp and patches, and the lamp's light along camera rays."""
+"""Light transport for haze: exchange of cells of air with lamps and patches, and the lamps' light along camera rays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..radiosity import LampSampler, lamp_point, patch_of
 from ..visibility import Tracer, intersect, visible
 from .patch_transport import PatchTransport
 
-__all__ = ["STEPS", "AirTransport", "air_transport"]
+__all__ = ["STEPS", "AirLamp", "AirTransport", "air_transport"]
 
 #: Number of segments of each camera ray.
 STEPS = 16
@@ -27,15 +27,27 @@ _CELL_SAMPLES, _RAY_SAMPLES = 2048, 32
 
 
 @dataclass(frozen=True, eq=False)
+class AirLamp:
+    """One lamp's light in the air.
+
+    cells : (v,) fraction covered by the lamp, weighted with its pattern. rays : (y, x, STEPS) the same, mean over each
+    segment of a pixel's central ray. centre : (3,) mm.
+    """
+
+    cells: NDArray[np.float64]
+    rays: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class AirTransport:
     """The air between the camera and the back wall. Fractions are of the full sphere of directions.
 
     axes : centres of the cells, mm, along x, y, z: of the air in the box, then of the air in front of it.
     front_mm : z of the plane between the two. corner, size : (v, 3) of the cells, mm. volume : (v,) mm^3 of air in a
     cell. seen : (v, p) fraction covered by each patch, mean over the cell. escape : (v,) fraction that hits nothing.
-    lamp : (v,) fraction covered by the lamp, weighted with its pattern. ray_lamp : (y, x, STEPS) the same, mean over
-    each segment of a pixel's central ray. depth : (y, x) mm to the surface seen; to the plane of the back wall where
-    there is none. direction : (y, x, 3) of the central rays. lamp_centre : (3,) mm.
+    lamps : what each sends. depth : (y, x) mm to the surface seen; to the plane of the back wall where there is none.
+    direction : (y, x, 3) of the central rays.
     """
 
     axes: tuple[tuple[NDArray[np.float64], ...], ...]
@@ -45,11 +57,9 @@ class AirTransport:
     volume: NDArray[np.float64]
     seen: NDArray[np.float32]
     escape: NDArray[np.float64]
-    lamp: NDArray[np.float64]
-    ray_lamp: NDArray[np.float64]
+    lamps: tuple[AirLamp, ...]
     depth: NDArray[np.float64]
     direction: NDArray[np.float64]
-    lamp_centre: NDArray[np.float64]
 
     @property
     def centres(self) -> NDArray[np.float64]:
@@ -104,7 +114,8 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     random = SobolPoints(7, _CELL_SAMPLES, lane, seed)
     matrix = dr.zeros(mi.Float, count * len(patches))
     patch_count = dr.opaque(mi.UInt32, len(patches))
-    empty, exposed, lit = (dr.zeros(mi.Float, count) for _ in range(3))
+    empty, exposed = (dr.zeros(mi.Float, count) for _ in range(2))
+    lit = [dr.zeros(mi.Float, count) for _ in light.lamps]
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         u = [random.point(i, k) for k in range(7)]
@@ -116,7 +127,8 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
         patch = patch_of(patches, hit.triangle, hit.uv, hit.reflecting)
         dr.scatter_add(matrix, mi.Float(1), lane * patch_count + patch, hit.reflecting)
-        dr.scatter_add(lit, _from_lamp(tracer, light.lamp, point, u[5], u[6]), lane, air)
+        for own, lamp in zip(lit, light.lamps, strict=True):
+            dr.scatter_add(own, _from_lamp(tracer, lamp, point, u[5], u[6]), lane, air)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, _CELL_SAMPLES)
@@ -124,7 +136,9 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     dr.eval(matrix, empty, exposed, lit)
     free = np.array(exposed).astype(float)
     share = 1 / np.maximum(free, 1)
-    depth, direction, lamp_centre = _depth(transport, high[2])
+    centres = [tracer.lamp_triangles(k).reshape(-1, 3).mean(axis=0) for k in range(len(light.lamps))]
+    depth, direction = _depth(transport, high[2], centres)
+    eye_mm = camera.position_mm
     return AirTransport(
         axes=tuple(zone[0] for zone in zones),
         front_mm=float(low[2]),
@@ -133,11 +147,12 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         volume=free / _CELL_SAMPLES * size.prod(axis=1),
         seen=np.array(matrix).reshape(count, -1) * share[:, None].astype(np.float32),
         escape=np.array(empty) * share,
-        lamp=np.array(lit) * share,
-        ray_lamp=_along_rays(tracer, light.lamp, camera.position_mm, depth, direction, seed),
+        lamps=tuple(
+            AirLamp(np.array(own) * share, _along_rays(tracer, lamp, eye_mm, depth, direction, seed), centre)
+            for own, lamp, centre in zip(lit, light.lamps, centres, strict=True)
+        ),
         depth=depth,
         direction=direction,
-        lamp_centre=lamp_centre,
     )
 
 
@@ -187,10 +202,12 @@ def _along_rays(
     return np.array(total, float).reshape(*depth.shape, STEPS) / _RAY_SAMPLES
 
 
-def _depth(transport: PatchTransport, back_mm: float) -> tuple[NDArray, NDArray, NDArray]:
-    """(y, x) mean distance to the surfaces that each pixel sees, mm; directions (y, x, 3); the lamp's centre, mm."""
+def _depth(transport: PatchTransport, back_mm: float, centres: list[NDArray]) -> tuple[NDArray, NDArray]:
+    """(y, x) mean distance to the surfaces that each pixel sees, mm, and directions (y, x, 3).
+
+    centres : of the lamps, mm.
+    """
     camera = transport.camera
-    lamp_centre = transport.light.tracer.lamp_triangles.reshape(-1, 3).mean(axis=0)
     rows, columns = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(float)
     direction = camera.directions(columns, rows)
     reach = np.linalg.norm(transport.position - camera.position_mm, axis=1)
@@ -200,6 +217,10 @@ def _depth(transport: PatchTransport, back_mm: float) -> tuple[NDArray, NDArray,
 
     on_lamp = np.maximum(transport.covered - per_pixel(transport.coverage), 0)
     beyond = (back_mm - camera.position_mm[2]) / np.maximum(direction[..., 2], 1e-3)
-    to_lamp = float(np.linalg.norm(lamp_centre - camera.position_mm))
+    seen = (
+        transport.lamp_radiance > 0
+    ) + 1e-9  # the lamps' mean distance where none is seen, and where dark ones are
+    to_lamps = np.linalg.norm(np.array(centres) - camera.position_mm, axis=1)
+    to_lamp = np.einsum("jyx,j->yx", seen, to_lamps) / seen.sum(axis=0)
     depth = per_pixel(transport.coverage * reach) + on_lamp * to_lamp + (1 - transport.covered) * beyond
-    return depth, direction, lamp_centre
+    return depth, direction

@@ -1,9 +1,9 @@
 """Fast changes of a picture: the scene's light exchange as matrices, at a few wavelengths.
 
 The change by an effect is small relative to the picture, so a coarser method suffices: surfaces are divided into
-patches of constant radiance. All radiances are relative to the lamp's. Patches: b = rho (e + F b). Pixels:
-L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face it sees (the lamp's, if it
-reflects, included; its emission is apart); c_f is the share
+patches of constant radiance. All radiances are relative to a lamp's. Patches: b = rho (e + F b). Pixels:
+L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face it sees (those of lamps, if
+they reflect, included; their emission is apart); c_f is the share
 covered, e_f the direct irradiance over pi, G_fj the fraction of f's hemisphere covered by patch j. All rays are traced
 once; an effect then takes a few matrix products, without new noise. A fragment's rays meet about a twelfth of the
 patches, so G is sparse, and is traced by strips of pixels.
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
-from ..radiosity import LightField, direct_light, lamp_pattern, patch_of
+from ..radiosity import LightField, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
 
 __all__ = ["PatchTransport", "build_patch_transport"]
@@ -35,12 +35,13 @@ _ENTRIES = 2**23
 
 @dataclass(frozen=True, eq=False)
 class PatchTransport:
-    """Exchange between lamp, patches, surroundings and pixels.
+    """Exchange between lamps, patches, surroundings and pixels.
 
     pixel, face : (f,) of each fragment. coverage : (f,) c_f, 0 to 1. position : (f, 3) mm, intersection of the pixel's
-    central ray with the plane of the face. direct : (f,) e_f. gather : (f, p) G. escape : (f,) fraction of the
-    hemisphere that leaves the box. covered : (y, x) share of each pixel covered by any face. lamp_radiance : (y, x)
-    share of a pixel covered by the lamp times the radiance there relative to the lamp's mean along its normal.
+    central ray with the plane of the face. direct : (f, lamps) e_f by each lamp. gather : (f, p) G. escape : (f,)
+    fraction of the hemisphere that leaves the box. covered : (y, x) share of each pixel covered by any face.
+    lamp_radiance : (lamps, y, x) share of a pixel covered by a lamp times the radiance there relative to the lamp's
+    mean along its normal.
     """
 
     light: LightField
@@ -81,9 +82,9 @@ def build_patch_transport(
     """Compute the exchange by tracing one camera ray and one gathering ray per sample."""
     tracer = light.tracer
     everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
-    reflecting = len(tracer.facet_surface) - int(
-        not tracer.scene.lamp.reflects
-    )  # the lamp's face is the last
+    lamps = len(light.lamps)  # each has one face; they are the last
+    reflects = tracer.reflectors > len(tracer.material_names)
+    reflecting = len(tracer.facet_surface) - (0 if reflects else lamps)
     coverage = everything[..., :reflecting].reshape(-1, reflecting)
     pixel, face = np.nonzero(coverage > 0)
     strips = [
@@ -91,6 +92,7 @@ def build_patch_transport(
         for first, last in _strips(pixel, len(coverage), len(light.patches))
     ]
     direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
+    seen = np.moveaxis(everything[..., -lamps:], -1, 0)
     return PatchTransport(
         light, camera, pixel, face,
         coverage=coverage[pixel, face].astype(float),
@@ -99,7 +101,7 @@ def build_patch_transport(
         gather=csr_array(vstack([strip[3] for strip in strips])),
         escape=escape,
         covered=everything.sum(axis=-1).astype(float),
-        lamp_radiance=everything[..., -1] * glow.reshape(everything.shape[:2]),
+        lamp_radiance=seen * glow.T.reshape(seen.shape),
     )  # fmt: skip
 
 
@@ -116,7 +118,7 @@ def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[i
 def _traced(
     light: LightField, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:  # fmt: skip
-    """Of a strip's fragments: direct light, escape; of its pixels: the lamp's pattern; of its fragments: G."""
+    """Of a strip's fragments: direct light, escape; of its pixels: the lamps' patterns; of its fragments: G."""
     tracer, patches = light.tracer, light.patches
     count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
     own = slice(*np.searchsorted(pixel, pixels))
@@ -130,26 +132,27 @@ def _traced(
     points = SobolPoints(6, samples, here, seed)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
     patch_count = dr.opaque(mi.UInt32, len(patches))
-    direct, escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(3))
-    glow, on_lamp = (dr.zeros(mi.Float, count) for _ in range(2))
+    escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(2))
+    direct = [dr.zeros(mi.Float, fragments + 1) for _ in light.lamps]
+    glow, on_lamp = ([dr.zeros(mi.Float, count) for _ in light.lamps] for _ in range(2))
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         ray = rays(points.point(i, 2), points.point(i, 3))
         hit = intersect(tracer, ray)
-        shaded, bright = hit.reflecting, hit.on_lamp
-        dr.scatter_add(on_lamp, mi.Float(1), lane, bright)
-        pattern = lamp_pattern(light.lamp, hit.position, -dr.dot(ray.d, light.lamp.normal))
-        dr.scatter_add(glow, mi.Float(pattern), lane, bright)
+        shaded = hit.reflecting
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, shaded)
         fragment = dr.gather(mi.UInt32, lookup, lane * faces + facet, shaded)
-        arriving = direct_light(
-            tracer, light.lamp, hit.position, hit.normal, points.point(i, 4), points.point(i, 5), shaded
-        )
+        for k, lamp in enumerate(light.lamps):
+            bright = hit.on_lamp & (hit.material == lamp.material)
+            dr.scatter_add(on_lamp[k], mi.Float(1), lane, bright)
+            dr.scatter_add(glow[k], lamp_seen(lamp, hit, ray.d), lane, bright)
+            u, v = points.point(i, 4), points.point(i, 5)
+            arriving = direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded)
+            dr.scatter_add(direct[k], arriving, fragment, shaded)
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
         lit = far.reflecting
         patch = patch_of(patches, far.triangle, far.uv, lit)
-        dr.scatter_add(direct, arriving, fragment, shaded)
         dr.scatter_add(seen, mi.Float(1), fragment, shaded)
         dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
         dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, lit)
@@ -164,10 +167,11 @@ def _traced(
     row, column = np.divmod(met, len(patches))
     ends = np.searchsorted(row, np.arange(fragments + 1))
     gather = csr_array((counts[met] * scale[row], column, ends), shape=(fragments, len(patches)))
+    shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
     return (
-        np.array(direct)[:-1] * scale,
+        np.stack([np.array(own)[:-1] * scale for own in direct], axis=1),
         np.array(escaped)[:-1] * scale,
-        np.array(glow) / np.maximum(np.array(on_lamp), 1),
+        np.stack(shining, axis=1),
         gather,
     )
 

@@ -1,19 +1,28 @@
-"""Diffuse interreflection: the lamp, patches, the radiosity solution, and the final gather."""
+"""Diffuse interreflection: lamps, patches, the radiosity solution, and the final gather."""
 
 from .final_gather import LightField, gather, render_final_gather, solve_light
-from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern, lamp_point, lamp_radiance
+from .lamp import (
+    LampSampler,
+    build_lamp_samplers,
+    direct_light,
+    lamp_pattern,
+    lamp_point,
+    lamp_radiance,
+    lamp_seen,
+)
 from .patches import patch_of
 from .solution import solve
 
 __all__ = [
     "LampSampler",
     "LightField",
-    "build_lamp_sampler",
+    "build_lamp_samplers",
     "direct_light",
     "gather",
     "lamp_pattern",
     "lamp_point",
     "lamp_radiance",
+    "lamp_seen",
     "patch_of",
     "render_final_gather",
     "solve",

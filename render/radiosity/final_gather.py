@@ -4,7 +4,8 @@ Each sample has a camera ray with direct light at its hit, and a gathering ray w
 reflected once or twice is thus unbiased; only light reflected three times or more is read from the patches. If a
 gathering ray hits a surface nearby (in a corner), where the size of the patches would be visible, one more ray is
 traced, with direct light at its hit, and the patches are read there.
-All wavelengths are computed at once: radiance is a sum of products of reflectance spectra and a short basis.
+All wavelengths are computed at once: radiance is a sum of products of reflectance spectra and a short basis. Light of
+several lamps is the sum of each one's light, which keeps their spectra apart from the rays.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from cboxlab.scenes.scene import Scene
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
-from .lamp import LampSampler, build_lamp_sampler, direct_light, lamp_pattern
+from .lamp import LampSampler, build_lamp_samplers, direct_light, lamp_seen
 from .patches import Patches, build_patches, patch_of
 from .solution import TOLERANCE, Exchange, indirect_basis, trace_exchange
 
@@ -47,17 +48,17 @@ class LightField:
     """The radiosity solution of a scene, which does not depend on the camera.
 
     finer : the patches divided into PARTS^2 each, from which the solution is read.
-    table : (1 + material, finer patch, k), see ``_lookup_table``. reflectances : (n, w) of the materials, and of the
-    lamp if it reflects. spectra : (n, w) of the picture's accumulators.
+    tables : of each lamp (1 + material, finer patch, k), see ``_lookup_table``. reflectances : (n, w) of the materials,
+    and of the lamps if one reflects. spectra : (n, w) of the picture's accumulators, lamp by lamp.
     near : length below which gathering rays are continued, mm, see NEAR_PATCHES.
     """
 
     tracer: Tracer
-    lamp: LampSampler
+    lamps: tuple[LampSampler, ...]
     patches: Patches
     finer: Patches
     exchange: Exchange
-    table: np.ndarray
+    tables: tuple[np.ndarray, ...]
     reflectances: np.ndarray
     spectra: np.ndarray
     wavelength_nm: np.ndarray
@@ -83,25 +84,33 @@ def solve_light(
             f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene."
         )
     tracer = build_tracer(scene)
-    lamp = build_lamp_sampler(tracer)
+    lamps = build_lamp_samplers(tracer)
     extent = tracer.vertices.reshape(-1, 3)
     diagonal = float(np.linalg.norm(extent.max(axis=0) - extent.min(axis=0)))
     edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
     patches = build_patches(tracer, edge)
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
     exchange = _exchange(
-        _Places(tracer, lamp, patches, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
+        _Places(tracer, lamps, patches, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
     )
     finer = build_patches(tracer, edge, PARTS)
     cut = None if max_bounces is None else max(max_bounces - 1, 1)
-    coefficients, indirect = indirect_basis(exchange, patches.material, reflectances, cut)
-    coefficients = exchange.slopes.at(coefficients, _parents(patches, finer), finer.centre)
-    paints = reflectances[: len(scene.materials)]
-    table, indirect = _lookup_table(coefficients, indirect, paints)
+    paints, parents = reflectances[: _later_reflectors(tracer)], _parents(patches, finer)
+    read = []
+    for index in range(len(lamps)):
+        coefficients, indirect = indirect_basis(exchange, index, patches.material, reflectances, cut)
+        coefficients = exchange.slopes.at(coefficients, parents, finer.centre)
+        read.append(_lookup_table(coefficients, indirect, paints))
+    read = _of_one_rank(read)
+    radiances = [lamp.radiance.at(wavelength_nm) for lamp in scene.lamps]
+    spectra = [
+        _basis_spectra(radiance, reflectances, paints, indirect)
+        for radiance, (_, indirect) in zip(radiances, read, strict=True)
+    ]
     return LightField(
-        tracer, lamp, patches, finer, exchange, table,
+        tracer, lamps, patches, finer, exchange, tuple(table for table, _ in read),
         reflectances=reflectances,
-        spectra=_basis_spectra(scene.lamp.radiance.at(wavelength_nm), reflectances, paints, indirect),
+        spectra=np.concatenate(spectra),
         wavelength_nm=np.asarray(wavelength_nm, float),
         # the continuation adds a reflection, which is not allowed with a limit on bounces
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
@@ -114,7 +123,7 @@ class _Places:
     """The arguments of ``trace_exchange``; equal if only paints and spectra differ."""
 
     tracer: Tracer = field(compare=False)
-    lamp: LampSampler = field(compare=False)
+    lamps: tuple[LampSampler, ...] = field(compare=False)
     patches: Patches = field(compare=False)
     samples: int
     seed: int
@@ -122,24 +131,17 @@ class _Places:
 
 
 def _shape_of(tracer: Tracer, edge_mm: float) -> bytes:
-    """All that light exchange between patches depends on: triangles, which of them reflect, the lamp's pattern."""
-    lamp, reflecting = tracer.scene.lamp, tracer.material < tracer.reflectors
-    known = (
-        mi.variant(),
-        edge_mm,
-        tracer.vertices,
-        tracer.surface,
-        reflecting,
-        lamp.edge_ratio,
-        lamp.exponent,
-    )
-    return pickle.dumps((known, lamp.pattern))
+    """All that light exchange between patches depends on: triangles, which of them reflect, the lamps' patterns."""
+    lamps, reflecting = tracer.scene.lamps, tracer.material < tracer.reflectors
+    emitting = tracer.material - len(tracer.material_names)
+    known = mi.variant(), edge_mm, tracer.vertices, tracer.surface, reflecting, np.maximum(emitting, -1)
+    return pickle.dumps((known, [(lamp.edge_ratio, lamp.exponent, lamp.pattern) for lamp in lamps]))
 
 
 @lru_cache(maxsize=2)
 def _exchange(places: _Places) -> Exchange:
     """Kept for the last boxes: another paint or spectrum needs no new rays between the patches."""
-    return trace_exchange(places.tracer, places.lamp, places.patches, places.samples, places.seed)
+    return trace_exchange(places.tracer, places.lamps, places.patches, places.samples, places.seed)
 
 
 def gather(
@@ -147,10 +149,16 @@ def gather(
     progress: Progress = QUIET,
 ) -> RenderedImage:  # fmt: skip
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
-    table = device_array(mi.Float, light.table)
+    tables = [device_array(mi.Float, table) for table in light.tables]
 
     def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
-        return _strip(light, table, camera, pixels, samples, own_seed)
+        sums = []
+        for index, table in enumerate(tables):
+            rank = light.tables[index].shape[2]
+            sums += _strip(
+                light, light.lamps[index], table, rank, camera, pixels, samples, own_seed + 6007 * index
+            )
+        return sums
 
     return RenderedImage(
         coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
@@ -187,6 +195,11 @@ def render_final_gather(
     return gather(light, camera, samples, batches, seed, progress)
 
 
+def _later_reflectors(tracer: Tracer) -> int:
+    """How many materials, by index, are second or third ones. A single lamp is none: no direct light falls on it."""
+    return tracer.reflectors if len(tracer.scene.lamps) > 1 else len(tracer.material_names)
+
+
 def _parents(patches: Patches, finer: Patches) -> np.ndarray:
     """(n,) the patch that contains each finer patch."""
     alone = np.searchsorted(finer.patch, np.arange(len(finer)))
@@ -214,14 +227,26 @@ def _lookup_table(
     return np.stack(parts).astype(np.float32), basis
 
 
+def _of_one_rank(read: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Lookup tables and their spectra, padded with zeros: as many accumulators for every lamp."""
+    rank = max(len(spectra) for _, spectra in read)
+    return [
+        (
+            np.pad(table, ((0, 0), (0, 0), (0, rank - len(spectra)))),
+            np.pad(spectra, ((0, rank - len(spectra)), (0, 0))),
+        )
+        for table, spectra in read
+    ]
+
+
 def _basis_spectra(
     lamp: np.ndarray, reflectances: np.ndarray, paints: np.ndarray, indirect: np.ndarray
 ) -> np.ndarray:
-    """(n, w) spectra of the accumulators.
+    """(n, w) spectra of the accumulators of one lamp.
 
     First that of the lamp; then for every first material those of direct light, of second materials, of second and
-    third materials, and of the light read from the patches. The lamp is a first material, if it reflects, but no
-    second or third one: none of its own light falls on it directly.
+    third materials, and of the light read from the patches. reflectances : of first materials, paints : of second
+    and third ones.
     """
     rows = [lamp]
     for first in reflectances:
@@ -233,16 +258,16 @@ def _basis_spectra(
 
 
 def _strip(
-    light: LightField, table: mi.Float, camera: Camera, pixels: mi.UInt32, samples: int, seed: int
-) -> list[mi.Float]:
-    """The n accumulators of some pixels: one lane per pixel, one symbolic loop over samples."""
-    tracer, lamp, patches = light.tracer, light.lamp, light.finer
-    rank, max_bounces = light.table.shape[2], light.max_bounces
+    light: LightField, lamp: LampSampler, table: mi.Float, rank: int, camera: Camera, pixels: mi.UInt32, samples: int,
+    seed: int,
+) -> list[mi.Float]:  # fmt: skip
+    """The accumulators of some pixels under one lamp: one lane per pixel, one symbolic loop over samples."""
+    tracer, patches, max_bounces = light.tracer, light.finer, light.max_bounces
     count = dr.width(pixels)
     rays = pixel_rays(camera, pixels)
     gathers = GATHERS if samples % GATHERS == 0 else 1
     points = SobolPoints(12, samples, pixels, seed)
-    materials, firsts = len(tracer.material_names), tracer.reflectors
+    materials, firsts = _later_reflectors(tracer), tracer.reflectors
     first = max_bounces is None or max_bounces >= 1
     second = max_bounces is None or max_bounces >= 2
     third = max_bounces is None or max_bounces >= 3
@@ -259,7 +284,7 @@ def _strip(
         values = [dr.select(lit & (far_material == m), arriving, 0) for m in range(materials)]
         if not third:
             return values
-        close = lit & (far.distance < reach) & ~far.on_lamp
+        close = lit & (far.distance < reach) & (far_material < materials)
         onward = cosine_hemisphere(far.normal, points.point(i, 8), points.point(i, 9))
         last = intersect(tracer, mi.Ray3f(far.position + far.normal * RAY_OFFSET_MM, onward), close)
         at_last, last_material = last.reflecting, last.material
@@ -294,8 +319,7 @@ def _strip(
             end = (i + 1) * gathers
             zeros = [dr.zeros(mi.Float, count) for _ in range(per_material - 1 if third else materials)]
             values += dr.while_loop((i * gathers, zeros), lambda j, _: j < end, inner)[1]
-        emitted = gathers * lamp_pattern(lamp, hit.position, -dr.dot(ray.d, lamp.normal))
-        new = [sums[0] + dr.select(hit.on_lamp, emitted, mi.Float(0))]
+        new = [sums[0] + gathers * lamp_seen(lamp, hit, ray.d)]
         for m in range(firsts):
             here = shaded & (material == m)
             mine = sums[1 + m * per_material : 1 + (m + 1) * per_material]

@@ -1,4 +1,4 @@
-"""Direct light from the lamp: shadow rays, with the analytic unoccluded value as control variate."""
+"""Direct light from a lamp: shadow rays, with the analytic unoccluded value as control variate."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 from cboxlab.scenes.scene import Lamp
 
 from ..device import device_array, dr, mi, polynomial, polynomial_at
-from ..visibility import RAY_OFFSET_MM, Tracer, visible
+from ..visibility import RAY_OFFSET_MM, Hit, Tracer, visible
 
 __all__ = [
     "LampSampler",
     "angle_over_sine",
-    "build_lamp_sampler",
+    "build_lamp_samplers",
     "direct_light",
     "lamp_pattern",
     "lamp_point",
     "lamp_radiance",
+    "lamp_seen",
 ]
 
 
@@ -27,8 +28,12 @@ _ARC_TANGENT = polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 8)
 
 @dataclass(frozen=True, eq=False)
 class LampSampler:
-    """The lamp's triangles for sampling by area, and the edges of its border for the analytic form factor."""
+    """A lamp's triangles for sampling by area, and the edges of its border for the analytic form factor.
 
+    material : the index by which hits name the lamp.
+    """
+
+    material: int
     corners: list[mi.Point3f]
     thresholds: list[float]
     normal: mi.Vector3f
@@ -75,9 +80,13 @@ def _point(values: np.ndarray) -> mi.Point3f:
     return mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in values))
 
 
-def build_lamp_sampler(tracer: Tracer) -> LampSampler:
-    """The sampler of a scene's lamp, which must be planar: all its triangles share a normal."""
-    triangles = tracer.lamp_triangles
+def build_lamp_samplers(tracer: Tracer) -> tuple[LampSampler, ...]:
+    """The samplers of a scene's lamps, each of which must be planar: all its triangles share a normal."""
+    return tuple(_sampler(tracer, index) for index in range(len(tracer.scene.lamps)))
+
+
+def _sampler(tracer: Tracer, index: int) -> LampSampler:
+    triangles = tracer.lamp_triangles(index)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     areas = 0.5 * np.linalg.norm(cross, axis=1)
     edges: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
@@ -86,8 +95,9 @@ def build_lamp_sampler(tracer: Tracer) -> LampSampler:
             if edges.pop((tuple(b), tuple(a)), None) is None:
                 edges[tuple(a), tuple(b)] = (a, b)
     low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
-    lamp = tracer.scene.lamp
+    lamp = tracer.scene.lamps[index]
     return LampSampler(
+        material=len(tracer.material_names) + index,
         corners=[_point(c) for t in triangles for c in t],
         thresholds=list(np.cumsum(areas) / areas.sum()),
         normal=mi.Vector3f(_point(cross[0] / np.linalg.norm(cross[0]))),
@@ -216,6 +226,12 @@ def lamp_pattern(lamp: LampSampler, point: mi.Point3f, cosine: mi.Float) -> mi.F
     if lamp.cells is not None:
         value = value * lamp.cells(point)
     return value
+
+
+def lamp_seen(lamp: LampSampler, hit: Hit, direction: mi.Vector3f) -> mi.Float:
+    """Radiance of a lamp where rays along ``direction`` hit it, relative to its mean along its normal; 0 elsewhere."""
+    pattern = lamp_pattern(lamp, hit.position, -dr.dot(direction, lamp.normal))
+    return dr.select(hit.on_lamp & (hit.material == lamp.material), pattern, mi.Float(0))
 
 
 def direct_light(

@@ -1,6 +1,6 @@
 """Interreflection between patches: form factors by ray tracing, and the radiosity solution at every wavelength.
 
-All radiances are relative to the lamp's, L(lambda). The outgoing radiance of a Lambertian patch of reflectance rho is
+All radiances are relative to a lamp's, L(lambda). The outgoing radiance of a Lambertian patch of reflectance rho is
 b = rho (e + F b): e is its direct irradiance over pi, F_ij the fraction of the (cosine-weighted) hemisphere of i
 covered by j (Goral et al. 1984). Rows of F sum to 1 minus the fraction that leaves through the opening.
 """
@@ -8,7 +8,7 @@ covered by j (Goral et al. 1984). Rows of F sum to 1 minus the fraction that lea
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,8 @@ _MOST_BOUNCES = 12
 class Exchange:
     """Light exchange between patches.
 
-    direct : (p,) e. form_factors : (p, p) F, for patches whose radiance varies linearly with ``slopes`` (a few
-    entries are negative). escape : (p,) fraction of the hemisphere that leaves the box.
+    direct : (p, lamps) e by each lamp. form_factors : (p, p) F, for patches whose radiance varies linearly with
+    ``slopes`` (a few entries are negative). escape : (p,) fraction of the hemisphere that leaves the box.
     """
 
     direct: NDArray[np.float32]
@@ -53,19 +53,21 @@ class Exchange:
     slopes: PatchSlopes
 
 
-def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int) -> Exchange:
-    """Trace ``samples`` cosine-distributed rays and as many lamp samples from every patch.
+def trace_exchange(
+    tracer: Tracer, lamps: Sequence[LampSampler], patches: Patches, samples: int, seed: int
+) -> Exchange:
+    """Trace ``samples`` cosine-distributed rays and as many samples of every lamp from every patch.
 
     Points covered by an object see only back sides; they are left out of the means over a patch. A result that breaks
     the conservation of energy is traced once more, with a RuntimeWarning that tells what differs: a disturbed machine
     has made such ones, one in some hundreds of processes, which the same command then did not repeat. Raises
     ArithmeticError the second time.
     """
-    exchange, seen = _traced(tracer, lamp, patches, samples, seed)
+    exchange, seen = _traced(tracer, lamps, patches, samples, seed)
     fault = _energy_fault(exchange, seen)
     if fault is None:
         return exchange
-    again, seen_again = _traced(tracer, lamp, patches, samples, seed)
+    again, seen_again = _traced(tracer, lamps, patches, samples, seed)
     differences = _differences((exchange, seen), (again, seen_again))
     warnings.warn(f"{fault}; traced once more, it differs in {differences}", RuntimeWarning, stacklevel=2)
     fault = _energy_fault(again, seen_again)
@@ -75,7 +77,7 @@ def trace_exchange(tracer: Tracer, lamp: LampSampler, patches: Patches, samples:
 
 
 def _traced(
-    tracer: Tracer, lamp: LampSampler, patches: Patches, samples: int, seed: int
+    tracer: Tracer, lamps: Sequence[LampSampler], patches: Patches, samples: int, seed: int
 ) -> tuple[Exchange, NDArray[np.float32]]:
     """The exchange, and (p,) how many points of each patch are not covered."""
     count = len(patches)
@@ -86,12 +88,11 @@ def _traced(
     on_patch_at = patch_points(tracer, patches)
 
     def body(
-        i: mi.UInt32, direct: mi.Float, escaped: mi.Float, seen: mi.Float
-    ) -> tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]:
+        i: mi.UInt32, direct: list[mi.Float], escaped: mi.Float, seen: mi.Float
+    ) -> tuple[mi.UInt32, list[mi.Float], mi.Float, mi.Float]:
         position, normal = on_patch_at(lane, points.point(i, 0), points.point(i, 1))
-        light = direct_light(
-            tracer, lamp, position, normal, points.point(i, 2), points.point(i, 3), mi.Bool(True)
-        )
+        u, v = points.point(i, 2), points.point(i, 3)
+        light = [direct_light(tracer, lamp, position, normal, u, v, mi.Bool(True)) for lamp in lamps]
         direction = cosine_hemisphere(normal, points.point(i, 4), points.point(i, 5))
         hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, direction))
         exposed = ~hit.valid | hit.front
@@ -102,19 +103,20 @@ def _traced(
             dr.scatter_add(matrix, weight, lane * count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (
             i + 1,
-            direct + dr.select(exposed, light, 0),
+            [old + dr.select(exposed, new, 0) for old, new in zip(direct, light, strict=True)],
             escaped + dr.select(hit.valid, mi.Float(0), mi.Float(1)),
             seen + dr.select(exposed, mi.Float(1), mi.Float(0)),
         )
 
     total = dr.opaque(mi.UInt32, samples)
-    start = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(3)))
+    zeros = [dr.zeros(mi.Float, count) for _ in (*lamps, "escaped", "seen")]
+    start = (dr.zeros(mi.UInt32, count), zeros[:-2], *zeros[-2:])
     _, direct, escaped, seen = dr.while_loop(start, lambda i, *_: i < total, body)
     dr.eval(direct, escaped, seen, matrix)
     points_seen = np.array(seen)
     scale = 1 / np.maximum(points_seen, 1)
     exchange = Exchange(
-        direct=np.array(direct) * scale,
+        direct=np.stack([np.array(own) * scale for own in direct], axis=1),
         form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
         escape=np.array(escaped) * scale,
         slopes=slopes,
@@ -169,10 +171,11 @@ def solve(
 ) -> NDArray[np.float64]:
     """Outgoing radiance b (p, w) of every patch: the sum over reflections, or the solution of b = rho (e + F b).
 
-    reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi; default the lamp's ``direct``.
+    reflectance : (p, w). source : (p, w) or (p, 1) first irradiance over pi; default that of all lamps, each of
+    radiance 1.
     max_reflections : number of reflections summed (None: all, to a relative residual of 1e-6).
     """
-    first = exchange.direct[:, None] if source is None else source
+    first = exchange.direct.sum(axis=1, keepdims=True) if source is None else source
     start = np.asarray(reflectance * first, float)
     rho = reflectance.astype(np.float32)
 
@@ -214,9 +217,13 @@ def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray]) -> NDAr
 
 
 def indirect_basis(
-    exchange: Exchange, material: NDArray, reflectances: NDArray, max_reflections: int | None = None
+    exchange: Exchange,
+    lamp: int,
+    material: NDArray,
+    reflectances: NDArray,
+    max_reflections: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The patches' indirectly lit radiance rho F b at all wavelengths, as a short sum of products.
+    """The patches' indirectly lit radiance rho F b under one lamp at all wavelengths, as a short sum of products.
 
     material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra
     (k, w) with coefficients @ spectra = rho F b within about TOLERANCE of its largest value.
@@ -225,14 +232,15 @@ def indirect_basis(
     Galerkin method in a reduced basis of the first few bounces at a few wavelengths, which is extended until
     b = rho (e + F b) holds at every wavelength.
     """
-    if not (exchange.direct[:, None] * reflectances[material]).any():
+    direct = exchange.direct[:, lamp, None]
+    if not (direct * reflectances[material]).any():
         return np.zeros((len(material), 1)), np.zeros((1, reflectances.shape[1]))
     if max_reflections is None:
-        shapes, amplitudes = _reduced_solution(exchange, material, reflectances)
+        shapes, amplitudes = _reduced_solution(exchange.form_factors, direct, material, reflectances)
     else:
         rho = reflectances[material]
-        b = solve(exchange, rho, max_reflections=max_reflections)
-        shapes, amplitudes = b / np.maximum(rho, 1e-12) - exchange.direct[:, None], np.eye(b.shape[1])
+        b = solve(exchange, rho, direct, max_reflections)
+        shapes, amplitudes = b / np.maximum(rho, 1e-12) - direct, np.eye(b.shape[1])
     factors, spectra = [], []
     for index, reflectance in enumerate(reflectances):
         q, r = np.linalg.qr(shapes[material == index])
@@ -248,16 +256,15 @@ def indirect_basis(
 
 
 def _reduced_solution(
-    exchange: Exchange, material: NDArray, reflectances: NDArray
+    form_factors: NDArray, direct: NDArray, material: NDArray, reflectances: NDArray
 ) -> tuple[NDArray, NDArray]:
     """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
     rho = reflectances[material]
     chosen = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
-    direct = exchange.direct[:, None]
     bounce = (rho[:, chosen] * direct).astype(np.float32)
     bounces = [bounce]
     for _ in range(_MOST_BOUNCES):
-        bounce = (rho[:, chosen] * (exchange.form_factors @ bounce)).astype(np.float32)
+        bounce = (rho[:, chosen] * (form_factors @ bounce)).astype(np.float32)
         bounces.append(bounce)
         if len(bounces) % 4:
             continue
@@ -265,7 +272,7 @@ def _reduced_solution(
         singular, vectors = np.linalg.eigh(columns.T @ columns)
         left, singular = columns @ vectors, np.sqrt(np.maximum(singular, 0))
         space = np.linalg.qr(left[:, singular > 1e-6 * singular[-1]])[0]
-        transported = exchange.form_factors @ space.astype(np.float32)
+        transported = form_factors @ space.astype(np.float32)
         amplitudes, residual = _galerkin(
             space, transported.astype(np.float64), material, reflectances, direct
         )

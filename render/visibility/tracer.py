@@ -39,11 +39,11 @@ _MOST_FACES = 48
 class Tracer:
     """A scene prepared for ray tracing.
 
-    vertices : (t, 3, 3) mm, all triangles, the lamp's last. normals : (t, 3). surface : (t,) index into
-    ``scene.surfaces``; len(surfaces) for the lamp. material : (t,) index into ``material_names``; len(material_names)
-    for the lamp. facet : (t,) index of the flat face, see ``facets``. facet_surface : (f,) the surface of each face,
-    the lamp's last. accelerator : what rays are asked of. packed_triangles : normal and material of each triangle in
-    two 64-bit words, which reduces the number of gathers.
+    vertices : (t, 3, 3) mm, all triangles, the lamps' last. normals : (t, 3). surface : (t,) index into
+    ``scene.surfaces``; len(surfaces) for the lamps. material : (t,) index into ``material_names``; for lamps
+    len(material_names) and the lamp's index. facet : (t,) index of the flat face, see ``facets``. facet_surface :
+    (f,) the surface of each face, the lamps' last. accelerator : what rays are asked of. packed_triangles : normal
+    and material of each triangle in two 64-bit words, which reduces the number of gathers.
     """
 
     scene: Scene
@@ -60,13 +60,13 @@ class Tracer:
 
     @property
     def reflectors(self) -> int:
-        """How many materials reflect, by index: all of them, and the lamp, if its reflectance is above 0."""
-        return len(self.material_names) + int(self.scene.lamp.reflects)
+        """How many materials reflect, by index: all of them, and the lamps, if a reflectance of one is above 0."""
+        lamps = self.scene.lamps
+        return len(self.material_names) + len(lamps) * any(lamp.reflects for lamp in lamps)
 
-    @property
-    def lamp_triangles(self) -> np.ndarray:
-        """(k, 3, 3) vertices of the lamp's triangles, mm."""
-        return self.vertices[self.surface == len(self.scene.surfaces)]
+    def lamp_triangles(self, index: int = 0) -> np.ndarray:
+        """(k, 3, 3) vertices of one lamp's triangles, mm."""
+        return self.vertices[self.material == len(self.material_names) + index]
 
 
 @dataclass
@@ -74,8 +74,8 @@ class Hit:
     """The nearest hit of each lane's ray: triangle, position, material, and normal (towards the lit side).
 
     front : the ray hits the lit side. Back sides are black: in a box of closed blocks no light reaches them.
-    reflecting : the lit side of a surface that reflects; of the lamp, if its reflectance is above 0. on_lamp : the
-    emitting side of the lamp. distance : mm. uv : barycentric coordinates.
+    reflecting : the lit side of a surface that reflects; of a lamp, if a reflectance is above 0. on_lamp : the
+    emitting side of a lamp. distance : mm. uv : barycentric coordinates.
     """
 
     valid: mi.Bool
@@ -97,13 +97,14 @@ def build_tracer(scene: Scene) -> Tracer:
     """
     names = tuple(scene.materials)
     parts = [(s, i, names.index(s.material)) for i, s in enumerate(scene.surfaces)]
-    parts.append((scene.lamp.surface, len(scene.surfaces), len(names)))
+    parts += [(lamp.surface, len(scene.surfaces), len(names) + i) for i, lamp in enumerate(scene.lamps)]
     vertices = np.concatenate([s.vertices_mm[s.faces] for s, _, _ in parts])
     surface = np.concatenate([np.full(len(s.faces), i) for s, i, _ in parts])
     material = np.concatenate([np.full(len(s.faces), m) for s, _, m in parts])
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    facet, facet_surface = facets(normals, surface)
+    owner = surface + np.maximum(material - len(names), 0)  # no face has two lamps
+    facet, facet_surface = facets(normals, owner)
     faces = None if mi.variant().startswith("cuda") else flat_faces(vertices, facet)
     return Tracer(
         scene=scene,
@@ -114,7 +115,7 @@ def build_tracer(scene: Scene) -> Tracer:
         surface=surface,
         material=material,
         facet=facet,
-        facet_surface=facet_surface,
+        facet_surface=np.minimum(facet_surface, len(scene.surfaces)),
         packed_triangles=device_array(mi.UInt64, _packed(normals, material)),
         packed_facet=device_array(mi.UInt32, facet),
     )
@@ -176,7 +177,7 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
         valid=valid,
         front=front,
         reflecting=front & (material < tracer.reflectors),
-        on_lamp=front & (material == len(tracer.material_names)),
+        on_lamp=front & (material >= len(tracer.material_names)),
         triangle=found.prim_index,
         uv=found.prim_uv,
         distance=found.t,

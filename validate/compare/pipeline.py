@@ -366,7 +366,7 @@ def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]
     variance = rendered.variance * rendered.fit.lamp_scale**2
     mask = np.where(rendered.used | ~prepared.usable, 0, int(Mask.LAMP))
     xyz_per_dn = LUMINOUS_EFFICACY * prepared.weights.weights / np.array([r.factor for r in responses])
-    lamp = prepared.scene.lamp.radiance.at(responses[0].wavelength_nm)
+    lamp = prepared.scene.lamp_radiance(responses[0].wavelength_nm)
     return compare(
         calibration.images,
         band_images([r.band for r in responses], signal, variance, mask),

@@ -11,6 +11,8 @@ from cboxlab.render.chain import stages_between
 from cboxlab.render.device import variant
 from cboxlab.render.perturbation import warp_change
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..compare import Predicted, Prepared, Rendered, camera_jacobian
@@ -78,13 +80,14 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     # picture, and too little noise
     lit, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
     variance = prepared.calibration.predicted_variance(lit) + noise + model_variance(lit)
+    lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
         measured=prepared.measured, base=base + refit_change, variance=variance, used=rendered.used,
         coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
         derivative=np.concatenate([fit_.lamp_scale * derivative, rendered.signal[None]]),
         lamp_sigma=prepared.lamp_sigma,
-        band_errors=tabulation_errors(prepared.responses, prepared.scene.lamp.radiance),
+        band_errors=tabulation_errors(prepared.responses, lamp),
     )  # fmt: skip
     return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, derivative)
 

@@ -162,9 +162,10 @@ def _transport(linearised: LinearisedFit) -> Transport:
     exchange, patches = traced.light.exchange, traced.light.patches
     nm = predictor.effective_nm
     reflectance = after_stage(predictor.scene, predictor.included, "scene").reflectances(nm)
-    first = np.repeat(exchange.direct[:, None], len(nm), axis=1)
+    shares = predictor.lamp_shares
+    first = exchange.direct @ shares
     radiance = solve(exchange, reflectance[patches.material], first).astype(np.float32)
-    arriving = traced.direct[:, None] + traced.gather @ radiance
+    arriving = traced.direct @ shares + traced.gather @ radiance
     return Transport(
         pixel=traced.pixel, coverage=traced.coverage, surface=traced.surface, material=traced.material,
         position=traced.position, gather=traced.gather, patch_surface=patches.surface,

@@ -25,14 +25,16 @@ def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) ->
     own = index_of(material, scene.materials, "fluorescence: material")
     wavelength = np.arange(light.grid_nm[0], _ABSORBED_BELOW_NM + 1e-6, _STEP_NM)
     lamp = np.interp(wavelength, light.grid_nm, light.lamp)
+    shares = scene.lamp_shares(wavelength)
     table = scene.reflectances(wavelength)
     patch_material = transport.light.patches.material
     exchange = transport.light.exchange
-    b = solve(exchange, table[patch_material])
+    arriving = exchange.direct @ shares
+    b = solve(exchange, table[patch_material], arriving)
     # radiance-like irradiance E / pi; an emitted quantum of wavelength l carries h c / l of energy
     quanta = (1 - table[own]) * lamp * wavelength * trapezoidal_weights(wavelength)
-    arriving_patch = (exchange.direct[:, None] + exchange.form_factors @ b.astype(np.float32)) @ quanta
-    arriving_fragment = (transport.direct[:, None] + transport.gather @ b.astype(np.float32)) @ quanta
+    arriving_patch = (arriving + exchange.form_factors @ b.astype(np.float32)) @ quanta
+    arriving_fragment = (transport.direct @ shares + transport.gather @ b.astype(np.float32)) @ quanta
     bell = np.exp(-0.5 * ((light.grid_nm - peak_nm) / _BELL_SIGMA_NM) ** 2) / (
         _BELL_SIGMA_NM * np.sqrt(2 * np.pi)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import Coat, PatchLight, changed_reflection, fresnel, with_albedo
+from cboxlab.render.perturbation import Coat, PatchLight, Reflection, changed_reflection, fresnel, with_albedo
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -59,11 +59,10 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         transport.camera,
         changed.patch_radiance(),
         rho,
+        light.lamp_shares,
+        Reflection(base, coat, means),
         material=own,
-        base=base,
-        coat=coat,
         samples=2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
-        albedo=means,
     )
     return changed.change(added=changed.added + added)
 

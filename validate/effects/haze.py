@@ -36,13 +36,16 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     transport = light.transport
     patches = transport.light.patches
     air = air_transport(transport)
-    hazy = _attenuated(transport, air.lamp_centre, sigma)
+    hazy = _attenuated(transport, [lamp.centre for lamp in air.lamps], sigma)
     changed = light.change(transport=hazy)
 
     seen = air.seen * _passed(air.centres, patches.centre, sigma)
     # by reciprocity, from how much of each patch a cell of air sees
     onto_patches = 4 * (air.volume[:, None] * seen).T / patches.area[:, None]
-    lamp = air.lamp * np.exp(-sigma * np.linalg.norm(air.centres - air.lamp_centre, axis=1))
+    from_each = [
+        lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps
+    ]
+    from_lamps = np.stack(from_each, axis=1) @ light.lamp_shares
     surround = np.outer(air.escape, light.surround)
     between = air.between_cells(sigma)
     source = np.zeros((len(air.volume), len(light.surround)))
@@ -50,34 +53,35 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
         arriving = onto_patches @ source
         lit = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
         smooth = surround + seen @ lit.patch_radiance() + between @ source
-        before, source = source, sigma * albedo * (lamp[:, None] + smooth)
+        before, source = source, sigma * albedo * (from_lamps + smooth)
         if np.abs(source - before).max() <= _SETTLED * source.max():
             break
     onto_fragments = _between_patches(transport, onto_patches @ source)
     lit = lit.change(fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments)
-    scattered = albedo * sigma * _towards_camera(transport.camera.position_mm, air, smooth, sigma)
+    scattered = albedo * sigma * _towards_camera(light, air, smooth, sigma)
     picture = lit.picture()
     added = picture * (np.exp(-sigma * air.depth) - 1) + np.moveaxis(scattered, -1, 0)
     return lit.change(added=lit.added + added)
 
 
-def _attenuated(transport: PatchTransport, lamp_centre: NDArray, sigma: float) -> PatchTransport:
+def _attenuated(transport: PatchTransport, lamp_centres: list[NDArray], sigma: float) -> PatchTransport:
     field = transport.light
     centre = field.patches.centre
 
-    def from_lamp(positions: NDArray) -> NDArray[np.float32]:
-        return np.exp(-sigma * np.linalg.norm(positions - lamp_centre, axis=1)).astype(np.float32)
+    def from_lamps(positions: NDArray) -> NDArray[np.float32]:
+        ways = [np.linalg.norm(positions - lamp, axis=1) for lamp in lamp_centres]
+        return np.exp(-sigma * np.stack(ways, axis=1)).astype(np.float32)
 
     exchange = replace(
         field.exchange,
         form_factors=field.exchange.form_factors * _passed(centre, centre, sigma),
-        direct=field.exchange.direct * from_lamp(centre),
+        direct=field.exchange.direct * from_lamps(centre),
     )
     return replace(
         transport,
         light=replace(field, exchange=exchange),
         gather=_attenuated_gather(transport, sigma),
-        direct=transport.direct * from_lamp(transport.position),
+        direct=transport.direct * from_lamps(transport.position),
     )
 
 
@@ -125,18 +129,24 @@ def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.f
     return result
 
 
-def _towards_camera(eye: NDArray, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
+def _towards_camera(
+    light: PatchLight, air: AirTransport, smooth: NDArray, sigma: float
+) -> NDArray[np.float64]:
     """(y, x, w) mean radiance in the air times path length, mm, attenuated on its path to the camera.
 
-    smooth : (v, w) of it all that is not the lamp's own.
+    smooth : (v, w) of it all that is not the lamps' own.
     """
+    eye = light.transport.camera.position_mm
     total = np.zeros((*air.depth.shape, smooth.shape[1]))
     length = air.depth / STEPS
     for step in range(STEPS):
         along = (step + 0.5) * length
         point = eye + along[..., None] * air.direction
-        lamp = air.ray_lamp[..., step] * np.exp(-sigma * np.linalg.norm(point - air.lamp_centre, axis=-1))
-        radiance = air.at(point, smooth) + lamp[..., None]
+        lit = [
+            lamp.rays[..., step] * np.exp(-sigma * np.linalg.norm(point - lamp.centre, axis=-1))
+            for lamp in air.lamps
+        ]
+        radiance = air.at(point, smooth) + np.stack(lit, axis=-1) @ light.lamp_shares
         total += radiance * (np.exp(-sigma * along) * length)[..., None]
     return total
 

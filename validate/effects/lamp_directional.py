@@ -13,7 +13,7 @@ __all__ = ["EFFECT"]
 
 def _apply(scene: Scene, exponent: float) -> Scene:
     """A lamp that is directional already gets the product of both cosine powers."""
-    return replace(scene, lamp=replace(scene.lamp, exponent=scene.lamp.exponent + exponent))
+    return scene.with_lamps(lambda lamp: replace(lamp, exponent=lamp.exponent + exponent))
 
 
 EFFECT = Effect(

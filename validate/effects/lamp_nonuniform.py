@@ -13,7 +13,7 @@ __all__ = ["EFFECT"]
 
 def _apply(scene: Scene, edge_ratio: float) -> Scene:
     """A lamp that falls off already gets the product, so that a ratio of 1 changes nothing."""
-    return replace(scene, lamp=replace(scene.lamp, edge_ratio=scene.lamp.edge_ratio * edge_ratio))
+    return scene.with_lamps(lambda lamp: replace(lamp, edge_ratio=lamp.edge_ratio * edge_ratio))
 
 
 EFFECT = Effect(

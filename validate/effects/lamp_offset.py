@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.scene import Scene, Surface
+from cboxlab.scenes.scene import Lamp, Scene, Surface
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter
@@ -37,16 +37,25 @@ def _with_moved_hole(surface: Surface, corners: NDArray[np.float64], shift: NDAr
 
 
 def _apply(scene: Scene, dx_mm: float, dz_mm: float) -> Scene:
-    """Raises InputError where the lamp would leave the ceiling, or where its plane is upright."""
-    lamp = scene.lamp.surface
+    """Raises InputError where a lamp would leave the ceiling, or where its plane is upright."""
+    lamps = []
+    for one in scene.lamps:
+        scene, moved = _moved(scene, one, dx_mm, dz_mm)
+        lamps.append(moved)
+    return replace(scene, lamp=lamps[0], further_lamps=tuple(lamps[1:]))
+
+
+def _moved(scene: Scene, one: Lamp, dx_mm: float, dz_mm: float) -> tuple[Scene, Lamp]:
+    """The scene with the hole of a lamp moved, and the lamp."""
+    lamp = one.surface
     normal = _area_vectors(lamp, lamp.vertices_mm).sum(axis=0)
     if abs(normal[1]) < 1e-3 * np.linalg.norm(normal):
         expected = "a lamp that a shift in x and z keeps in its plane"
         raise InputError("effect lamp-offset", "a lamp in an upright plane", expected)
     shift = np.array([dx_mm, -(normal[0] * dx_mm + normal[2] * dz_mm) / normal[1], dz_mm])
     surfaces = tuple(_with_moved_hole(surface, lamp.vertices_mm, shift) for surface in scene.surfaces)
-    moved = replace(scene.lamp, surface=replace(lamp, vertices_mm=lamp.vertices_mm + shift))
-    return replace(scene, surfaces=surfaces, lamp=moved)
+    moved = replace(one, surface=replace(lamp, vertices_mm=lamp.vertices_mm + shift))
+    return replace(scene, surfaces=surfaces), moved
 
 
 EFFECT = Effect(

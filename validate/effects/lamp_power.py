@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from cboxlab.scenes.scene import Scene
 
 from ._effect import Effect, Parameter
@@ -10,7 +12,7 @@ __all__ = ["EFFECT"]
 
 
 def _apply(scene: Scene, scale: float) -> Scene:
-    return scene.with_lamp(scene.lamp.radiance.scaled(scale))
+    return scene.with_lamps(lambda lamp: replace(lamp, radiance=lamp.radiance.scaled(scale)))
 
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene import Lamp, Scene
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 
@@ -15,19 +15,28 @@ __all__ = ["EFFECT"]
 
 
 def _level(scene: Scene) -> float:
-    """The lamp's mean reflectance over 400 to 700 nm."""
+    """The lamps' mean reflectance over 400 to 700 nm and over their area."""
     weights = INTEGRAL_GRID.weights
-    return float(weights @ scene.lamp.reflectance.at(WAVELENGTH_NM) / weights.sum())
+    each = [float(weights @ lamp.reflectance.at(WAVELENGTH_NM) / weights.sum()) for lamp in scene.lamps]
+    return float(scene.lamp_areas @ each)
 
 
 def _apply(scene: Scene, reflectance: float) -> Scene:
-    """The table times a factor, at most 1, that makes ``reflectance`` its mean; a black lamp becomes grey."""
-    table, before = scene.lamp.reflectance, _level(scene)
+    """The tables times a factor, at most 1, that makes ``reflectance`` their mean; black lamps become grey."""
+    before = _level(scene)
     if reflectance == before:
         return scene
-    values = table.values * (reflectance / before) if before > 0 else np.full_like(table.values, reflectance)
-    changed = Spectrum(table.wavelength_nm, np.minimum(values, 1.0), table.outside)
-    return replace(scene, lamp=replace(scene.lamp, reflectance=changed))
+
+    def changed(lamp: Lamp) -> Lamp:
+        table = lamp.reflectance
+        values = (
+            table.values * (reflectance / before) if before > 0 else np.full_like(table.values, reflectance)
+        )
+        return replace(
+            lamp, reflectance=Spectrum(table.wavelength_nm, np.minimum(values, 1.0), table.outside)
+        )
+
+    return scene.with_lamps(changed)
 
 
 EFFECT = Effect(

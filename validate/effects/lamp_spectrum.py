@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
@@ -16,8 +18,11 @@ C2_M_K = 0.014387769
 
 
 def _apply(scene: Scene, mired_shift: float) -> Scene:
+    return scene.with_lamps(lambda lamp: replace(lamp, radiance=_tilted(lamp.radiance, mired_shift)))
+
+
+def _tilted(table: Spectrum, mired_shift: float) -> Spectrum:
     """The tilt is taken every 1 nm beside the table's own samples. A lamp dark there keeps no mean."""
-    table = scene.lamp.radiance
     inside = (table.wavelength_nm[0] <= WAVELENGTH_NM) & (table.wavelength_nm[-1] >= WAVELENGTH_NM)
     grid = np.union1d(table.wavelength_nm, WAVELENGTH_NM[inside])
     # Relative to 550 nm, which the norm takes out again, so that no exponential overflows.
@@ -25,7 +30,7 @@ def _apply(scene: Scene, mired_shift: float) -> Scene:
     tilted = Spectrum(grid, table.at(grid) * tilt, table.outside)
     weights = INTEGRAL_GRID.weights
     before, after = (float(weights @ spectrum.at(WAVELENGTH_NM)) for spectrum in (table, tilted))
-    return scene.with_lamp(tilted.scaled(before / after if after else 1.0))
+    return tilted.scaled(before / after if after else 1.0)
 
 
 EFFECT = Effect(

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import PatchLight, changed_reflection, with_albedo
+from cboxlab.render.perturbation import PatchLight, Reflection, changed_reflection, with_albedo
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -72,11 +72,10 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         transport.camera,
         changed.patch_radiance(),
         rho,
+        light.lamp_shares,
+        Reflection(base, albedo=means),
         material=own,
-        base=base,
-        coat=None,
         samples=light.samples,
-        albedo=means,
     )
     return changed.change(added=changed.added + added)
 

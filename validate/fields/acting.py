@@ -11,7 +11,7 @@ import numpy as np
 from cboxlab.render.chain import Counts, Light, Stage
 from cboxlab.render.perturbation import PatchLight
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.scene import Lamp, Scene
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
@@ -123,12 +123,16 @@ def _spectrum(field: FittedField, nm: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _on_scene(field: FittedField, _: str, scene: Scene, amplitude: float) -> Scene:
-    """The lamp's table, sampled every 1 nm beside its own samples."""
-    table = scene.lamp.radiance
-    inside = (table.wavelength_nm[0] <= WAVELENGTH_NM) & (table.wavelength_nm[-1] >= WAVELENGTH_NM)
-    grid = np.union1d(table.wavelength_nm, WAVELENGTH_NM[inside])
-    factor = np.maximum(1 + amplitude * _spectrum(field, grid), 0.0)
-    return scene.with_lamp(Spectrum(grid, table.at(grid) * factor, table.outside))
+    """The lamps' tables, sampled every 1 nm beside their own samples."""
+
+    def changed(lamp: Lamp) -> Lamp:
+        table = lamp.radiance
+        inside = (table.wavelength_nm[0] <= WAVELENGTH_NM) & (table.wavelength_nm[-1] >= WAVELENGTH_NM)
+        grid = np.union1d(table.wavelength_nm, WAVELENGTH_NM[inside])
+        factor = np.maximum(1 + amplitude * _spectrum(field, grid), 0.0)
+        return replace(lamp, radiance=Spectrum(grid, table.at(grid) * factor, table.outside))
+
+    return scene.with_lamps(changed)
 
 
 def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: float) -> PatchLight:

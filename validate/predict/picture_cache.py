@@ -63,7 +63,7 @@ def cached_picture(
 def picture_key(light: LightField, camera: Camera, samples: int, batches: int, seed: int) -> str:
     """A digest of all that decides the bits of ``gather``'s picture: its arguments, its code, its libraries."""
     solution = (
-        light.table,
+        light.tables,
         light.spectra,
         light.wavelength_nm,
         light.finer.corners,

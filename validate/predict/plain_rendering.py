@@ -27,7 +27,7 @@ def render_plainly(
     between = np.array([np.interp(WAVELENGTH_NM, _WAVELENGTHS, row) for row in np.eye(len(_WAVELENGTHS))])
     return RenderedImage(
         coefficients=image.coefficients,
-        spectra=between * scene.lamp.radiance.at(WAVELENGTH_NM),
+        spectra=between * scene.lamp_radiance(WAVELENGTH_NM),
         wavelength_nm=WAVELENGTH_NM,
         coverage=image.coverage,
         facet_surface=image.facet_surface,

@@ -28,6 +28,7 @@ from cboxlab.render.perturbation import (
     PatchLight,
     PatchTransport,
     Warp,
+    band_shares,
     build_patch_transport,
     build_warp,
     patch_light,
@@ -103,9 +104,10 @@ class Predictor:
         return replace(self, samples=_SCREENING_SAMPLES, gather_samples=_DRAFT_SAMPLES)
 
     def traces_anew(self, effects: Sequence[AppliedEffect]) -> bool:
-        """Whether surfaces stand elsewhere than in the base picture, or the lamp shines in other directions."""
+        """Whether surfaces stand elsewhere than in the base picture, or lamps shine in other directions."""
         here, there = (after_stage(self.scene, each, "scene") for each in (self.included, effects))
-        return _meshes(here) != _meshes(there) or here.lamp.exponent != there.lamp.exponent
+        exponents = ([lamp.exponent for lamp in scene.lamps] for scene in (here, there))
+        return _meshes(here) != _meshes(there) or next(exponents) != next(exponents)
 
     def with_settings(self, settings: RenderSettings) -> Predictor:
         """The same base picture, taken for one rendered with other settings."""
@@ -122,6 +124,13 @@ class Predictor:
     def transport(self) -> PatchTransport:
         """The exchange of the scene with the effects that are in the base picture."""
         return self._transport(after_stage(self.scene, self.included, "scene"))
+
+    @property
+    def lamp_shares(self) -> NDArray[np.float64]:
+        """(lamps, band) signal of each lamp over that of the lamps' mean, with the effects in the base picture."""
+        scene = after_stage(self.scene, self.included, "scene")
+        weights = sensor_matrix(self.sensing.curves.responses())
+        return band_shares(scene, WAVELENGTH_NM, weights, scene.lamp_radiance(WAVELENGTH_NM))
 
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
@@ -161,9 +170,9 @@ class Predictor:
     def _mixed_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         scene = after_stage(self.scene, effects, "scene")
         e = scene.lamp.edge_ratio
-        if e in (0.0, 1.0):
+        if e in (0.0, 1.0) or any(lamp.edge_ratio != e for lamp in scene.lamps):
             return self.patch_picture_of(scene, effects)
-        # light is linear in the lamp's pattern, a mixture of two patterns: the same rays serve both
+        # light is linear in the lamps' patterns, each a mixture of two patterns: the same rays serve both
         even = e / (e + (1 - e) * 4 / 9)
         level, domed = (self.patch_picture_of(_with_edge(scene, end), effects) for end in (1.0, 0.0))
         return even * level + (1 - even) * domed
@@ -184,18 +193,15 @@ class Predictor:
         """The picture by patch transport of a scene that has the effects of the scene stage."""
         settings = after_stage(self.settings, effects, "settings")
         weights = sensor_matrix(self.sensing.curves.responses())
-        lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
+        lamp = scene.lamp_radiance(WAVELENGTH_NM)
         light: PatchLight = patch_light(self._transport(scene), scene, self.effective_nm, WAVELENGTH_NM, weights, lamp,
                                         max_bounces=settings.max_bounces, samples=self.samples)  # fmt: skip
         light = after_stage(light, effects, "transport")
         return (weights @ lamp)[:, None, None] * light.picture()
 
     def _transport(self, scene: Scene) -> PatchTransport:
-        lamp = scene.lamp
         key = (
-            lamp.edge_ratio,
-            lamp.exponent,
-            lamp.reflects,
+            *((lamp.edge_ratio, lamp.exponent, lamp.reflects) for lamp in scene.lamps),
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
@@ -214,11 +220,11 @@ def _key(effects: Sequence[AppliedEffect]) -> tuple:
 
 
 def _meshes(scene: Scene) -> tuple[bytes, ...]:
-    return tuple(s.vertices_mm.tobytes() for s in (*scene.surfaces, scene.lamp.surface))
+    return tuple(s.vertices_mm.tobytes() for s in scene.all_surfaces)
 
 
 def _with_edge(scene: Scene, ratio: float) -> Scene:
-    return replace(scene, lamp=replace(scene.lamp, edge_ratio=ratio))
+    return scene.with_lamps(lambda lamp: replace(lamp, edge_ratio=ratio))
 
 
 def _changed(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:

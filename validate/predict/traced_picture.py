@@ -31,7 +31,7 @@ _PARTS = 4
 def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: RenderSettings) -> Picture:
     """Pictures of a scene through a camera. light : the solution of the same scene by Lambert's law alone."""
     shape = gather(light, camera, _SAMPLES, 1, settings.seed)
-    lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
+    lamp = scene.lamp_radiance(WAVELENGTH_NM)
     at = np.searchsorted(WAVELENGTH_NM, _TRACED_NM)
     at = at[lamp[at] > 0]
     traced_nm = WAVELENGTH_NM[at]

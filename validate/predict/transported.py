@@ -47,7 +47,7 @@ def transported(
     other = seed ^ 0x2B7E
     field = solve_light(scene, coarse, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=other)
     transport = build_patch_transport(field, camera, _SAMPLES, other)
-    lamp = scene.lamp.radiance.at(WAVELENGTH_NM)
+    lamp = scene.lamp_radiance(WAVELENGTH_NM)
     lamp = np.maximum(
         lamp, _DARK * lamp.max()
     )  # all is told over the lamp's radiance, which a line lamp lacks

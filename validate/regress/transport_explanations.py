@@ -55,7 +55,7 @@ def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Ite
             kept = depths[0] * (survival if spared == 0 else 1.0)
             for reflections, light in enumerate(orders, start=2):
                 kept = kept + light * survival ** max(reflections - spared, 0)
-            picture = np.where(variants.light.transport.lamp_radiance > 0, variants.picture, kept)
+            picture = np.where(variants.light.seen_lamps > 0, variants.picture, kept)
             chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
             yield Explanation(
                 "path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, chi2, 2

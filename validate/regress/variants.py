@@ -56,7 +56,7 @@ class Variants:
     @property
     def _colour(self) -> NDArray[np.float64]:
         """(c, 3) X, Y, Z of radiance over the lamp's, under the scene's own lamp."""
-        return xyz_weights(self.coarse_nm) * self.scene.lamp.radiance.at(self.coarse_nm)[:, None]
+        return xyz_weights(self.coarse_nm) * self.scene.lamp_radiance(self.coarse_nm)[:, None]
 
     def planes(self) -> NDArray[np.float64]:
         """(y, x, n) the scene's picture in X, Y, Z, or at the coarse wavelengths."""
@@ -78,7 +78,7 @@ class Variants:
         names = tuple(surface.name for surface in self.scene.surfaces)
         shares = np.zeros((height * width, len(names) + 1))  # the last is the lamp's
         np.add.at(shares, (transport.pixel, transport.surface), transport.coverage)
-        lamp = (transport.lamp_radiance > 0).ravel()
+        lamp = (transport.lamp_radiance > 0).any(axis=0).ravel()
         most = shares.argmax(axis=1)
         most[(shares.max(axis=1) < 0.5) | lamp | (most == len(names))] = -1
         shape = height, width
@@ -152,8 +152,14 @@ def _ratios(seen: NDArray, model: NDArray, key: NDArray, inside: NDArray[np.bool
 
 
 def with_lamp_size(scene: Scene, factor: float) -> Scene:
-    """The lamp, and the hole around it, larger along its edges by a factor about its centre."""
-    lamp = scene.lamp.surface
+    """The lamps, and the holes around them, larger along their edges by a factor about their centres."""
+    for index in range(len(scene.lamps)):
+        scene = _with_larger_lamp(scene, index, factor)
+    return scene
+
+
+def _with_larger_lamp(scene: Scene, index: int, factor: float) -> Scene:
+    lamp = scene.lamps[index].surface
     centre = lamp.vertices_mm.mean(axis=0)
 
     def grown(surface: Surface) -> Surface:
@@ -165,4 +171,6 @@ def with_lamp_size(scene: Scene, factor: float) -> Scene:
         return replace(surface, vertices_mm=moved) if touching.any() else surface
 
     surfaces = tuple(grown(surface) for surface in scene.surfaces)
-    return replace(scene, surfaces=surfaces, lamp=replace(scene.lamp, surface=grown(lamp)))
+    lamps = list(scene.lamps)
+    lamps[index] = replace(lamps[index], surface=grown(lamp))
+    return replace(scene, surfaces=surfaces, lamp=lamps[0], further_lamps=tuple(lamps[1:]))

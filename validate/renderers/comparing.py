@@ -67,14 +67,14 @@ def compare_renderers(
         costs = [("ours", noise_of(reference, reference), done[0] - cpu, done[1] - wall)]
         judged = []
         ready = [name for name in names if not lacking[name]]
-        # by whether the lamp reflects: one more for renderers in which none does
-        references = {exported.scene.lamp.reflects: reference}
+        # by whether a lamp reflects: one more for renderers in which none does
+        references = {exported.lamp_reflects: reference}
         for index, name in enumerate(ready):
             own = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
             run = run_renderer(folder, name)
             own.part(0.5)
             cube, shown = read_rendered(folder, name), as_rendered(exported, name)
-            lamp = shown.scene.lamp.reflects
+            lamp = shown.lamp_reflects
             if lamp not in references:
                 references[lamp] = reference_cube(shown, share(own, 0.5, 0.6), samples)
             judged.append(judge(name, cube, references[lamp], shown, run, share(own, 0.6, 1.0)))
@@ -84,7 +84,7 @@ def compare_renderers(
                 write_bias_map(out / f"bias-{name}.png", judged[-1])
         if out is not None:
             for lamp, cube in references.items():
-                stated = lamp == exported.scene.lamp.reflects
+                stated = lamp == exported.lamp_reflects
                 path = out / ("reference.nc" if stated else "reference-black-lamp.nc")
                 write_cube(path, cube.assign_attrs(origin(renderer="cboxlab")))
         found = ComparedRenderers(tuple(judged), left_out, tuple(costs))

@@ -41,7 +41,10 @@ def _assumptions(result: Validation) -> list[str]:
         "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
     )
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
-    reflects = "reflects as the scene states" if prepared.scene.lamp.reflects else "does not reflect"
+    lamps = prepared.scene.lamps
+    several, reflecting = len(lamps) > 1, any(lamp.reflects for lamp in lamps)
+    lit = f"the {len(lamps)} lamps are" if several else "the lamp is"
+    reflects = "as the scene states" if reflecting else "nothing"
     foreign = prepared.picture
     rendered = "the render's standard error"
     if foreign is not None and foreign.estimated:
@@ -50,8 +53,8 @@ def _assumptions(result: Validation) -> list[str]:
     materials = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
     air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
-        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {materials}, the lamp is uniform and "
-        f"Lambertian and {reflects}, {air}, the front is open and dark.",
+        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {materials}, {lit} uniform and "
+        f"Lambertian and {'reflect' if several else 'reflects'} {reflects}, {air}, the front is open and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "

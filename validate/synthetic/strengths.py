@@ -69,7 +69,7 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
     def scale(effect: AppliedEffect) -> float:
         if judged_by_priors(effect, camera):
             lamps = (
-                scene.lamp.radiance.at(WAVELENGTH_NM).sum()
+                scene.lamp_radiance(WAVELENGTH_NM).sum()
                 for scene in (after_stage(prepared.scene, (effect,), "scene"), prepared.scene)
             )
             brighter = float(np.divide(*lamps)) - 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation.brdf_change import Coat, changed_reflection, fresnel
+from cboxlab.render.perturbation.brdf_change import Coat, Reflection, changed_reflection, fresnel
 from cboxlab.render.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from helpers.boxes import BANDS, box_with_lamp, camera_inside
@@ -21,6 +21,9 @@ pytestmark = pytest.mark.skipif(
 SIGMAS = 4.9
 COSINES = [0.05, 0.3, 0.7, 0.999]
 ALPHAS = [0.05, 0.25, 0.8]
+
+#: Shares of a single lamp in two bands.
+ONE_LAMP = np.ones((1, 2))
 
 
 def directions(z, phi):
@@ -147,7 +150,14 @@ def test_an_unchanged_paint_changes_nothing(bright_box):
     light, camera, radiance = bright_box
     for coat in (None, Coat(0.0, 0.2)):
         change = changed_reflection(
-            light, camera, radiance, np.array([[0.5, 0.2]]), material=0, base=lambert, coat=coat, samples=16
+            light,
+            camera,
+            radiance,
+            np.array([[0.5, 0.2]]),
+            ONE_LAMP,
+            Reflection(lambert, coat),
+            material=0,
+            samples=16,
         )
         assert change.shape == (2, 12, 12)
         assert np.all(change == 0)
@@ -159,7 +169,14 @@ def test_other_paints_are_left_alone():
     light = solve_light(scene, BANDS[:2], patch_edge_mm=300.0, patch_samples=64)
     radiance, red = np.ones((len(light.patches), 2)), list(scene.materials).index("red")
     change = changed_reflection(
-        light, camera, radiance, np.ones((3, 2)), material=red, base=lambert, coat=Coat(1.0, 0.2), samples=64
+        light,
+        camera,
+        radiance,
+        np.ones((3, 2)),
+        ONE_LAMP,
+        Reflection(lambert, Coat(1.0, 0.2)),
+        material=red,
+        samples=64,
     )
     image = gather(light, camera, 4, 1)
     covered = image.coverage[
@@ -178,9 +195,9 @@ def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
         camera,
         radiance,
         rho[None],
+        ONE_LAMP,
+        Reflection(lambda i, o: mi.Float(0.5)),
         material=0,
-        base=lambda i, o: mi.Float(0.5),
-        coat=None,
         samples=256,
         seed=3,
     )
@@ -201,7 +218,15 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
     light, camera, radiance = bright_box
     coat = Coat(1.0, alpha)
     change = changed_reflection(
-        light, camera, radiance, np.zeros((1, 2)), material=0, base=lambert, coat=coat, samples=256, seed=4
+        light,
+        camera,
+        radiance,
+        np.zeros((1, 2)),
+        ONE_LAMP,
+        Reflection(lambert, coat),
+        material=0,
+        samples=256,
+        seed=4,
     )
     assert np.array_equal(change[0], change[1])
     image = gather(light, camera, 4, 1)

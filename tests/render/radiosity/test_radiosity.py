@@ -10,7 +10,7 @@ import pytest
 from cboxlab.render.device import device_array, dr, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.radiosity import solution
-from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
+from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.render.radiosity.patch_slopes import PatchSlopes, build_slopes
 from cboxlab.render.radiosity.patches import build_patches, patch_of, patch_points
 from cboxlab.render.radiosity.solution import indirect_basis, solve, trace_exchange
@@ -29,7 +29,7 @@ SIGMAS = 4.9
 def exchange_of(scene, edge_mm, samples, seed):
     tracer = build_tracer(scene)
     patches = build_patches(tracer, edge_mm)
-    return tracer, patches, trace_exchange(tracer, build_lamp_sampler(tracer), patches, samples, seed)
+    return tracer, patches, trace_exchange(tracer, build_lamp_samplers(tracer), patches, samples, seed)
 
 
 def closed_cube():
@@ -147,12 +147,12 @@ def test_what_stands_on_a_patch_takes_its_place():
         normal = mi.Vector3f(np.tile(np.array([[0.0], [1.0], [0.0]], np.float32), len(points)))
         active = mi.Bool(np.ones(len(points), bool))
         light = np.array(
-            direct_light(tracer, build_lamp_sampler(tracer), mi.Point3f(points.T), normal, mi.Float(u),
+            direct_light(tracer, build_lamp_samplers(tracer)[0], mi.Point3f(points.T), normal, mi.Float(u),
                          mi.Float(v), active), float,
         )  # fmt: skip
         # the exchange's own points, at least 100 of them, are no noisier than as many independent ones
         error = light.std() * np.sqrt(1 / len(light) + 1 / (1024 * len(points) / 2**14))
-        assert abs(exchange.direct[index] - light.mean()) < SIGMAS * error + 1e-6
+        assert abs(exchange.direct[index, 0] - light.mean()) < SIGMAS * error + 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +230,7 @@ def test_reciprocity():
     pairs = z[np.ix_(free, free)][np.triu_indices(len(free), 1)]
     assert len(pairs) == 21
     assert np.abs(pairs).max() < SIGMAS
-    received = member.T @ (patches.area * exchange.direct)
+    received = member.T @ (patches.area * exchange.direct[:, 0])
     error = np.sqrt(variance[-1]) + 2e-3 * received  # direct light varies over a patch less than hits do
     assert np.all(np.abs(flow[-1] - received)[free] <= SIGMAS * error[free])
     assert np.count_nonzero(received[free]) == 5 and received[-1] == 0  # not the ceiling, nor the lamp itself
@@ -251,7 +251,7 @@ def test_white_furnace():
 def test_black_walls_pass_nothing_on():
     _, patches, exchange = exchange_of(closed_cube(), 500.0, 64, seed=3)
     lit = replace(exchange, direct=np.ones_like(exchange.direct))
-    coefficients, spectra = indirect_basis(lit, patches.material, np.zeros((1, 5)))
+    coefficients, spectra = indirect_basis(lit, 0, patches.material, np.zeros((1, 5)))
     assert np.all(coefficients @ spectra == 0.0)
 
 
@@ -266,7 +266,7 @@ def test_light_that_multiplies_is_refused():
     with pytest.MonkeyPatch.context() as patch, pytest.raises(ArithmeticError, match="2 of their light"):
         patch.setattr(solution, "build_slopes", lambda *_: Doubled(**vars(sound.slopes)))
         with pytest.warns(RuntimeWarning, match="differs in nothing"):
-            trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+            trace_exchange(tracer, build_lamp_samplers(tracer), patches, 64, 3)
 
 
 def test_a_disturbed_exchange_is_traced_once_more():
@@ -279,7 +279,7 @@ def test_a_disturbed_exchange_is_traced_once_more():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solution, "build_slopes", lambda *_: next(given))
         with pytest.warns(RuntimeWarning, match="not finite") as told:
-            again = trace_exchange(tracer, build_lamp_sampler(tracer), patches, 64, 3)
+            again = trace_exchange(tracer, build_lamp_samplers(tracer), patches, 64, 3)
     message = str(told[0].message)
     assert "9 slopes between [17, 0, 0] and [17, 2, 2] (first bits 7fc00000)" in message
     assert "form factors between" in message and "escape" not in message
@@ -310,7 +310,7 @@ def test_energy_is_conserved(front, reflectance, lamp):
         b = solve(exchange, rho[:, None])[:, 0]
         absorbed = np.sum(patches.area * b * (1 - rho) / rho)
         elsewhere = np.maximum(1 - exchange.form_factors.sum(axis=1), 0)  # the opening, and a black lamp
-        emitted = build_lamp_sampler(tracer).area
+        emitted = build_lamp_samplers(tracer)[0].area
         if (
             not front
         ):  # the lamp's own light that goes straight out: form factor by integration over the front
@@ -342,8 +342,8 @@ def test_the_short_basis_holds_at_every_wavelength():
     reflectances = scene.reflectances(wavelengths)
     rho = reflectances[patches.material]
     for cut in (None, 3):
-        coefficients, spectra = indirect_basis(exchange, patches.material, reflectances, cut)
-        expected = solve(exchange, rho, max_reflections=cut) - rho * exchange.direct[:, None]
+        coefficients, spectra = indirect_basis(exchange, 0, patches.material, reflectances, cut)
+        expected = solve(exchange, rho, max_reflections=cut) - rho * exchange.direct
         assert np.abs(coefficients @ spectra - expected).max() < 1e-4 * expected.max()
 
 

@@ -15,7 +15,7 @@ from cboxlab.render.device.variant import compiled
 from cboxlab.render.integrators.path_points import PathPoints
 from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.radiosity.final_gather import render_final_gather
-from cboxlab.render.radiosity.lamp import build_lamp_sampler, direct_light
+from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.render.visibility.primary import facet_coverage, pixel_coverage
 from cboxlab.render.visibility.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
@@ -39,7 +39,7 @@ SIGMAS = 4.9
 def light_at(scene, position, normal, samples=2**16, seed=1):
     """Mean of direct_light and its standard error over points (n, 3) with normals (n, 3), cycled."""
     tracer = build_tracer(scene)
-    lamp = build_lamp_sampler(tracer)
+    (lamp,) = build_lamp_samplers(tracer)
     position, normal = (np.resize(x, (samples, 3)).astype(np.float32) for x in (position, normal))
     generator = np.random.default_rng(seed)
     u, v = generator.random((2, samples)).astype(np.float32)

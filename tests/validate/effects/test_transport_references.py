@@ -131,7 +131,7 @@ def test_direct_light_of_an_uneven_and_directional_lamp():
         camera = cornell_camera(48)
         field = solve_light(bare, NM, patch_edge_mm=300.0, patch_samples=16, seed=1)
         transport = build_patch_transport(field, camera, 512)
-        corners = field.tracer.lamp_triangles.reshape(-1, 3)
+        corners = field.tracer.lamp_triangles().reshape(-1, 3)
         low, high = corners.min(axis=0), corners.max(axis=0)
         s = (np.arange(80) + 0.5) / 80
         x, z = np.meshgrid(low[0] + s * (high[0] - low[0]), low[2] + s * (high[2] - low[2]))
@@ -149,4 +149,4 @@ def test_direct_light_of_an_uneven_and_directional_lamp():
             cosine = way[:, 1] / np.sqrt(square)
             expected = np.sum(pattern * cosine ** (2 + exponent) / square) * area / np.pi
             # a pixel's centre stands for the pixel, whose light is curved a little
-            assert transport.direct[fragment] == pytest.approx(expected, rel=0.005)
+            assert transport.direct[fragment, 0] == pytest.approx(expected, rel=0.005)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
-from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
+from cboxlab.scenes import InputError, Lamp, Spectrum, cornell_box, cornell_camera
 from cboxlab.validate.renderers import compare_renderers, judge, missing, reference_cube, run_renderer
-from helpers.boxes import box_with_lamp, camera_inside
+from helpers.boxes import box_with_lamp, camera_inside, quad, square
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -26,7 +26,7 @@ def distorted_box():
     exported = exported_scene(cornell_box(), distorted(), settings)
     return {
         lamp: (own, reference_cube(own))
-        for lamp, own in {True: exported, False: exported.with_black_lamp}.items()
+        for lamp, own in {True: exported, False: exported.with_black_lamps}.items()
     }
 
 
@@ -77,7 +77,7 @@ def reflecting_box():
     """The export, the mean of our picture of it, and of one with a black lamp."""
     settings = ExportSettings(np.array([500.0, 600.0]), samples=96, batches=4)
     exported = exported_scene(lamp_above_a_white_floor(), camera_inside(16), settings)
-    means = (mean_light(reference_cube(own, samples=64))[0] for own in (exported, exported.with_black_lamp))
+    means = (mean_light(reference_cube(own, samples=64))[0] for own in (exported, exported.with_black_lamps))
     return exported, *means
 
 
@@ -92,6 +92,27 @@ def test_the_lamp_reflects_as_ours(reflecting_box, renderer, tmp_path):
     theirs, error = mean_light(read_rendered(tmp_path / "box", renderer))
     assert abs(theirs - ours) < 4 * error
     assert theirs - black > 8 * error
+
+
+@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "radiance", "luxcore", "pbrt"])
+def test_two_lamps_have_their_own_spectra(renderer, tmp_path):
+    """A second lamp above a table in the box, bright where the first is dark; means at both wavelengths."""
+    if lacking := missing(renderer):
+        pytest.skip(lacking)
+    box = box_with_lamp(0.6)
+    corners = square(np.array([300.0, 500.0, 500.0]), 120.0, 1, -1)
+    sloped = (Spectrum(np.array([500.0, 600.0]), np.array(ends)) for ends in ([1.0, 3.0], [9.0, 0.5]))
+    lamp = replace(box.lamp, radiance=next(sloped))
+    scene = replace(box, lamp=lamp, further_lamps=(Lamp(quad("second", corners), next(sloped)),))
+    settings = ExportSettings(np.array([500.0, 600.0]), samples=96, batches=4)
+    exported = exported_scene(scene, camera_inside(12), settings)
+    write_export(tmp_path / "box", exported)
+    run_renderer(tmp_path / "box", renderer)
+    theirs, ours = read_rendered(tmp_path / "box", renderer), reference_cube(exported, samples=64)
+    for channel in (0, 1):
+        pair = (mean_light(cube.isel(wavelength=[channel])) for cube in (theirs, ours))
+        (there, error), (here, _) = pair
+        assert abs(there - here) < 4.5 * error < 0.05 * here
 
 
 def test_radiance_is_compared_with_a_lamp_that_reflects_nothing_and_that_is_said():
@@ -109,7 +130,7 @@ def test_few_wavelengths_are_no_colours_to_radiance(channels, tmp_path):
     if lacking := missing("radiance"):
         pytest.skip(lacking)
     settings = ExportSettings(np.array([450.0, 550.0, 650.0])[:channels], samples=32, batches=4)
-    exported = exported_scene(cornell_box(), cornell_camera(16), settings).with_black_lamp
+    exported = exported_scene(cornell_box(), cornell_camera(16), settings).with_black_lamps
     write_export(tmp_path / "box", exported)
     run_renderer(tmp_path / "box", "radiance")
     judged = judge(
@@ -135,7 +156,7 @@ def test_an_interrupted_run_goes_on(tmp_path):
     assert first.cpu_s > 0 and np.isnan(again.cpu_s)
     assert np.array_equal(read_rendered(out, "mitsuba")["radiance"], picture)
     with pytest.raises(InputError):
-        write_export(out, exported.with_black_lamp)
+        write_export(out, exported.with_black_lamps)
 
 
 def test_light_that_is_cut_short_is_named(tmp_path):
