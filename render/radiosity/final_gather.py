@@ -156,8 +156,9 @@ def gather(
         for index, table in enumerate(tables):
             rank = light.tables[index].shape[2]
             sums += _strip(
-                light, light.lamps[index], table, rank, camera, pixels, samples, own_seed + 6007 * index
-            )
+                light, light.lamps[index], table, rank, camera, pixels,
+                samples=samples, seed=own_seed + 6007 * index,
+            )  # fmt: skip
         return sums
 
     return RenderedImage(
@@ -258,8 +259,8 @@ def _basis_spectra(
 
 
 def _strip(
-    light: LightField, lamp: LampSampler, table: mi.Float, rank: int, camera: Camera, pixels: mi.UInt32, samples: int,
-    seed: int,
+    light: LightField, lamp: LampSampler, table: mi.Float, rank: int, camera: Camera, pixels: mi.UInt32, *,
+    samples: int, seed: int,
 ) -> list[mi.Float]:  # fmt: skip
     """The accumulators of some pixels under one lamp: one lane per pixel, one symbolic loop over samples."""
     tracer, patches, max_bounces = light.tracer, light.finer, light.max_bounces

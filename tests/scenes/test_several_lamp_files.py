@@ -1,0 +1,62 @@
+"""Scene files with several lamps."""
+
+import numpy as np
+import pytest
+from helpers.scene_files import BLOCK, CEILING, GOOD, HEADER, LAMP, WHITE, fault, load
+
+SECOND = """
+[[lamp]]
+name = "cold"
+quads_mm = [[[-4, 10, 4], [-4, 10, 3], [-3, 10, 3], [-3, 10, 4]]]
+radiance = { wavelength_nm = [400, 700], values = [6.0, 0.0] }
+reflectance = 0.5
+"""
+#: One ceiling quad takes one hole: two, side by side.
+HALVES = CEILING.replace(
+    "[5, 10, -5], [5, 10, 5]]]",
+    "[-2, 10, -5], [-2, 10, 5]], [[-2, 10, 5], [-2, 10, -5], [5, 10, -5], [5, 10, 5]]]",
+)
+TWO = (
+    HEADER
+    + LAMP.replace("[lamp]", "[[lamp]]")
+    + SECOND
+    + WHITE
+    + HALVES.replace('"light"', '["light", "cold"]')
+    + BLOCK
+)
+
+
+def test_two_lamps_have_their_own_spectra_and_holes(tmp_path):
+    scene = load(tmp_path, TWO)
+    assert [lamp.surface.name for lamp in scene.lamps] == ["light", "cold"]
+    assert scene.surface("ceiling").areas_mm2.sum() == pytest.approx(100 - 4 - 1)
+    assert scene.lamp_areas == pytest.approx([0.8, 0.2])
+    assert scene.lamp_radiance([400, 550, 700]) == pytest.approx([2.0, 1.8, 1.6])
+    assert scene.lamp_shares([400, 800]) == pytest.approx(np.array([[0.5, 1.0], [3.0, 1.0]]))
+    assert scene.reflectances([550])[:, 0] == pytest.approx([0.75, 0.0, 0.5])
+    one = load(tmp_path, GOOD)
+    assert one.further_lamps == () and np.array_equal(one.lamp_radiance([550]), one.lamp.radiance.at([550]))
+    assert load(tmp_path, GOOD.replace("[lamp]", "[[lamp]]")).lamps[0].surface.name == "light"
+
+
+def test_faults_of_several_lamps_name_the_lamp(tmp_path):
+    assert "lamp[1].radiance: found nothing" in fault(
+        tmp_path,
+        TWO.replace("values = [6.0, 0.0] }", "values = [6.0, 0.0] }\nx = 1").replace(
+            "radiance = { wavelength_nm = [400, 700], values = [6.0",
+            "radiant = { wavelength_nm = [400, 700], values = [6.0",
+        ),
+    )
+    assert "lamp[1].reflectance: found reflectance 1.5" in fault(
+        tmp_path, TWO.replace("reflectance = 0.5", "reflectance = 1.5")
+    )
+    assert "a name used before" in fault(tmp_path, TWO.replace('name = "cold"', 'name = "light"'))
+    assert "one of the lamps' names, 'light', 'cold'" in fault(
+        tmp_path, TWO.replace('["light", "cold"]', '["light", "warm"]')
+    )
+    alone = fault(tmp_path, TWO.replace('["light", "cold"]', '"light"'))
+    assert "the lamp in this surface's plane" in alone and 'hole = ["light", "cold"]' in alone
+    assert "room.toml: lamp.quads_mm" in fault(
+        tmp_path, GOOD.replace("quads_mm = [[[-1, 10, 1], ", "quads_mm = [[", 1)
+    )
+    assert "room.toml: lamp: " in fault(tmp_path, HEADER + "lamp = 3\n" + WHITE + BLOCK)
