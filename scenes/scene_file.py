@@ -51,7 +51,7 @@ def scene_files(path: Path) -> tuple[Path, ...]:
     """A scene file, and the tables and meshes that it names. Raises InputError for a faulty file."""
     file = _read(path)
     spectra = [material.reflectance for material in file.material.values()]
-    spectra += [file.lamp.radiance, file.lamp.reflectance]
+    spectra += [spectrum for lamp in file.lamp for spectrum in (lamp.radiance, lamp.reflectance)]
     if file.medium is not None:
         spectra += [file.medium.scattering_per_mm, file.medium.absorption_per_mm]
     named = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]

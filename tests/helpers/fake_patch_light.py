@@ -44,12 +44,12 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
             normal=np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
         ),
         exchange=Exchange(
-            random.uniform(0.1, 0.3, 3).astype(np.float32),
+            random.uniform(0.1, 0.3, (3, 1)).astype(np.float32),
             factors.astype(np.float32),
             (1 - factors.sum(axis=1)).clip(0).astype(np.float32) + np.float32(0.05),
             None,
         ),
-        lamp=SimpleNamespace(centre=np.array([278.0, 548.0, 279.5])),
+        lamps=(SimpleNamespace(centre=np.array([278.0, 548.0, 279.5])),),
         tracer=SimpleNamespace(facet=np.arange(3), facet_surface=own, material=materials),
     )
     camera = replace(cornell_camera(2), height_px=3)
@@ -58,11 +58,11 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
         pixel=np.array([0, 1, 2, 3, 3]), face=face,
         coverage=np.array([1.0, 0.5, 1.0, 0.3, 0.6]),
         position=low[face] + random.uniform(0.1, 0.9, (5, 3)) * (high - low)[face],
-        direct=random.uniform(0.1, 0.3, 5).astype(np.float32),
+        direct=random.uniform(0.1, 0.3, (5, 1)).astype(np.float32),
         gather=csr_array(random.uniform(0.0, 0.4, (5, 3)).astype(np.float32)),
         escape=random.uniform(0.0, 0.2, 5).astype(np.float32),
         covered=np.array([1.0, 0.5, 1.0, 0.9, 0.7, 0.0]).reshape(camera.height_px, camera.width_px),
-        lamp_radiance=np.array([0.0, 0.0, 0.0, 0.0, 0.7, 0.0]).reshape(camera.height_px, camera.width_px),
+        lamp_radiance=np.array([0.0, 0.0, 0.0, 0.0, 0.7, 0.0]).reshape(1, camera.height_px, camera.width_px),
     )  # fmt: skip
     at_each = (GRID == NM[:, None]).astype(float)
     return patch_light(

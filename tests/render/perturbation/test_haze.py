@@ -23,8 +23,8 @@ def air():
     nothing = np.zeros(0)
     corner, size = (np.concatenate([inside[i], front[i]]) for i in (1, 2))
     return AirTransport(
-        (inside[0], front[0]), 0.0, corner, size, size.prod(axis=1), nothing, nothing, nothing, nothing,
-        nothing, nothing, nothing,
+        (inside[0], front[0]), 0.0, corner, size, size.prod(axis=1), nothing, nothing, (), nothing,
+        nothing,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from helpers.fake_patch_light import NM, fake_patch_light
 def exchange_of(light):
     """As doubles: direct light, form factors, escape of the patches; direct, G, escape of the fragments."""
     e, t = light.transport.light.exchange, light.transport
-    parts = (e.direct, e.form_factors, e.escape, t.direct, t.gather.toarray(), t.escape)
+    parts = (e.direct[:, 0], e.form_factors, e.escape, t.direct[:, 0], t.gather.toarray(), t.escape)
     return [np.asarray(part, float) for part in parts]
 
 
@@ -36,7 +36,7 @@ def picture_of(light, radiance):
         for fragment, pixel in enumerate(t.pixel):
             picture[pixel] += t.coverage[fragment] * leaving[fragment]
         beyond = light.surround[band] * (1 - t.covered)
-        expected[band] = picture.reshape(t.covered.shape) + t.lamp_radiance + beyond + light.added[band]
+        expected[band] = picture.reshape(t.covered.shape) + t.lamp_radiance[0] + beyond + light.added[band]
     return expected
 
 
@@ -76,7 +76,7 @@ def test_another_albedo_for_diffuse_and_for_direct_light():
     after = with_albedo(
         light, materials.index("white"), lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine
     )
-    patches, lamp = light.transport.light.patches, light.transport.light.lamp.centre
+    patches, lamp = light.transport.light.patches, light.transport.light.lamps[0].centre
     direct, factors, *_ = exchange_of(light)
     rho = light.patch_reflectance.copy()
     first = rho * direct[:, None]
