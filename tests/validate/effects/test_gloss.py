@@ -1,0 +1,102 @@
+"""A coat over a paint: what it lets through and reflects, as handed to the patches and to the rays."""
+
+import importlib
+
+import numpy as np
+import pytest
+from cboxlab.render.device import dr, mi
+from cboxlab.render.device.variant import compiled
+from helpers.fake_patch_light import fake_patch_light
+from helpers.fake_stages import apply
+
+gloss = importlib.import_module("cboxlab.validate.effects.gloss")
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: the coat's kernels")
+
+SPECULAR, ROUGHNESS = 0.8, 0.3
+
+
+def fresnel(cosine, index=1.5):
+    """By Snell's law and the two polarisations."""
+    inner = np.sqrt(1 - (1 - cosine**2) / index**2)
+    across = (cosine - index * inner) / (cosine + index * inner)
+    along = (index * cosine - inner) / (index * cosine + inner)
+    return (across**2 + along**2) / 2
+
+
+@pytest.fixture
+def applied(monkeypatch):
+    """Light before and after, and what the rays were given in place of being traced."""
+    before, given = fake_patch_light(), {}
+    before = before.change(added=np.full(before.added.shape, 0.002))
+
+    def traced(field, camera, radiance, reflectances, **options):
+        given.update(options, radiance=radiance, reflectances=reflectances)
+        return np.full((3, camera.height_px, camera.width_px), 0.01)
+
+    monkeypatch.setattr(gloss, "changed_reflection", traced)
+    after = apply("gloss", before, material="white", specular=SPECULAR, roughness=ROUGHNESS)
+    return before, after, given
+
+
+def test_what_the_rays_change_is_added(applied):
+    before, after, given = applied
+    np.testing.assert_allclose(after.added, 0.012)
+    np.testing.assert_array_equal(given["reflectances"], before.scene.reflectances(before.wavelength_nm))
+    assert given["material"] == list(before.scene.materials).index("white")
+    radiance = after.change(added=before.added).patch_radiance()
+    np.testing.assert_allclose(given["radiance"], radiance)
+
+
+def test_patches_pass_through_the_coat_twice_and_see_its_own_reflection(applied):
+    """Diffuse light: rho (1 - s F)^2 + A, F = 0.0918 and A the means over the hemisphere; other paints as they were."""
+    before, after, given = applied
+    cosine = (np.arange(400) + 0.5) / 400
+    mean = float(np.mean(2 * cosine * given["coat"].albedo(cosine, 48)))
+    through = 1 - SPECULAR * float(np.mean(2 * cosine * fresnel(cosine)))
+    own = before.transport.light.patches.material == given["material"]
+    wanted = before.patch_reflectance[own] * through**2 + mean
+    np.testing.assert_allclose(after.patch_reflectance[own], wanted, rtol=0.002)
+    np.testing.assert_array_equal(after.patch_reflectance[~own], before.patch_reflectance[~own])
+
+
+def test_the_lamps_light_passes_at_its_own_angle(applied):
+    """Emitted beside: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
+    before, after, given = applied
+    patches, lamp = before.transport.light.patches, before.transport.light.lamp.centre
+    own = patches.material == given["material"]
+    way = lamp - patches.centre[own]
+    cosine = np.sum(way * patches.normal[own], axis=1) / np.linalg.norm(way, axis=1)
+    spread = (np.arange(4000) + 0.5) / 4000
+    through = 1 - SPECULAR * float(np.mean(2 * spread * fresnel(spread)))
+    at_angle = before.patch_reflectance[own] * ((1 - SPECULAR * fresnel(cosine)) * through)[:, None]
+    at_angle = at_angle + given["coat"].albedo(cosine)[:, None]
+    direct = before.transport.light.exchange.direct[own][:, None]
+    wanted = direct * (at_angle - after.patch_reflectance[own])
+    np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.02, atol=1e-4)
+
+
+def test_base_and_means_are_those_of_the_coat(applied):
+    """The base gets what passes on both ways; its mean over the ways out has the diffuse part for the second."""
+    *_, given = applied
+    random = np.random.default_rng(4)
+    a, b = random.uniform(0.05, 1.0, (2, 200))
+    incoming, outgoing = (
+        mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in (np.sqrt(1 - z**2), 0 * z, z))) for z in (a, b)
+    )
+    wanted = (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * fresnel(b))
+    np.testing.assert_allclose(np.array(given["base"](incoming, outgoing)), wanted, rtol=1e-5)
+    base, lobe = given["albedo"](mi.Float(a.astype(np.float32)))
+    np.testing.assert_allclose(
+        np.array(base), (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * 0.0918), rtol=1e-4
+    )
+    np.testing.assert_allclose(np.array(lobe), given["coat"].albedo(a), rtol=0.02, atol=2e-3)
+    assert dr.width(lobe) == 200
+
+
+@pytest.mark.parametrize(("roughness", "times"), [(0.6, 1), (0.15, 2), (0.08, 4), (0.03, 8)])
+def test_narrow_lobes_take_more_samples(monkeypatch, roughness, times):
+    """1 + (0.15 / roughness)^2 times as many, at most eight times, to the next power of two."""
+    given, before = {}, fake_patch_light()
+    monkeypatch.setattr(gloss, "changed_reflection", lambda *_, **options: given.update(options) or 0.0)
+    apply("gloss", before, material="white", specular=0.5, roughness=roughness)
+    assert given["samples"] == times * before.samples
