@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.correction.band_images import Mask, band_images
-from cboxlab.validate.compare.colour_difference import White, delta_e_2000, delta_e_ab, lab
 from cboxlab.validate.compare.comparison import compare
-from cboxlab.validate.compare.regions import edge_distance_px, edges, interiors
 from cboxlab.validate.report.verdict import verdict, warnings
 from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
@@ -143,41 +141,3 @@ def test_masked_pixels_do_not_matter_and_are_counted():
         compare(
             band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
         )
-
-
-def test_white_of_lab():
-    """L*, a*, b* of the white are 100, 0, 0; half its luminance is L* = 116 0.5^(1/3) - 16 (CIE 15)."""
-    white = White(0.45, 0.41, 37.0)
-    xyz = white.luminance * np.array([white.x / white.y, 1.0, (1 - white.x - white.y) / white.y])
-    np.testing.assert_allclose(lab(xyz, white), [100, 0, 0], atol=1e-9)
-    np.testing.assert_allclose(lab(0.5 * xyz, white), [116 * 0.5 ** (1 / 3) - 16, 0, 0], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "expected"),
-    [  # Sharma, Wu and Dalal 2005, table 1, pairs 1, 4, 17, 20, 34
-        ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),
-        ((50.0, -1.3802, -84.2814), (50.0, 0.0, -82.7485), 1.0000),
-        ((50.0, 2.5, 0.0), (73.0, 25.0, -18.0), 27.1492),
-        ((50.0, 2.5, 0.0), (50.0, 3.2592, 0.3350), 1.0000),
-        ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
-    ],
-)
-def test_published_colour_differences(first, second, expected):
-    assert delta_e_2000(first, second) == pytest.approx(expected, abs=5e-5)
-    assert delta_e_ab(first, second) == pytest.approx(np.linalg.norm(np.subtract(first, second)))
-
-
-def test_regions_of_a_half_plane():
-    """An edge between columns 9 and 10: centres lie 0.5, 1.5, ... px from it; three columns are edges."""
-    surface = np.repeat([[0] * 10 + [1] * 10], 20, axis=0)
-    single_surface = np.ones(surface.shape, bool)
-    np.testing.assert_array_equal(
-        edge_distance_px(surface, single_surface)[5, 6:14], [3.5, 2.5, 1.5, 0.5, 0.5, 1.5, 2.5, 3.5]
-    )
-    assert interiors(surface, single_surface)[5].tolist() == [True] * 7 + [False] * 6 + [True] * 7
-    assert (edges(surface, single_surface) == ~interiors(surface, single_surface)).all()
-    single_surface[:, 9] = False
-    assert edge_distance_px(surface, single_surface)[5, 9] == 0
-    assert np.isinf(edge_distance_px(np.zeros((4, 4), int), np.ones((4, 4), bool))).all()
-    assert not interiors(np.full((9, 9), -1), np.ones((9, 9), bool)).any()
