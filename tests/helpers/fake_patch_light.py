@@ -1,6 +1,6 @@
 """Patch transport of random numbers for three patches, five fragments and six pixels: light without any tracing."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +22,14 @@ class _Patches(SimpleNamespace):
         return len(self.material)
 
 
+@dataclass(frozen=True)
+class _Field:
+    patches: _Patches
+    exchange: Exchange
+    lamp: SimpleNamespace
+    tracer: SimpleNamespace
+
+
 def fake_scene() -> Scene:
     return cornell_box().with_lamp(Spectrum(np.array([300.0, 900.0]), np.array([0.2, 2.0])))
 
@@ -36,12 +44,14 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
     factors = random.uniform(0.1, 0.4, (3, 3))
     low, high = (np.array([f(scene.surfaces[i].vertices_mm, axis=0) for i in own]) for f in (np.min, np.max))
     face = np.array([0, 1, 2, 0, 1])
-    light = SimpleNamespace(
+    light = _Field(
         patches=_Patches(
             material=materials,
             surface=own,
             centre=low + random.uniform(0.2, 0.8, (3, 3)) * (high - low),
             normal=np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+            area=np.array([2e5, 1e5, 3e5]),
+            facet=np.arange(3),
         ),
         exchange=Exchange(
             random.uniform(0.1, 0.3, (3, 1)).astype(np.float32),

@@ -1,0 +1,51 @@
+"""Camera rays in single precision against the camera's own directions, with and without distortion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.render.device import device_array, mi
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.visibility import pixel_rays
+from cboxlab.render.visibility.tracer import undistorted_positions
+from cboxlab.scenes import cornell_camera
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+WIDTH, HEIGHT = 60, 44
+PIXEL = np.arange(WIDTH * HEIGHT)
+RANDOM = np.random.default_rng(5).random((2, PIXEL.size)).astype(np.float32)
+
+
+def camera(k1):
+    principal = np.array([31.2, 20.4])
+    return replace(cornell_camera(WIDTH), height_px=HEIGHT, principal_point_px=principal, k1=k1)
+
+
+@pytest.mark.parametrize("k1", [0.0, -0.5, 0.8])
+def test_a_ray_goes_where_its_place_in_the_pixel_says(k1):
+    """To 2e-5 of a pixel, wherever in the pixel: half a pixel to the left of its centre is its border."""
+    seen = camera(k1)
+    rays = pixel_rays(seen, device_array(mi.UInt32, PIXEL))(*(device_array(mi.Float, x) for x in RANDOM))
+    found = np.array(rays.d).T @ seen.rotation.T
+    row, column = np.divmod(PIXEL, WIDTH)
+    wanted = seen.directions(column + RANDOM[0] - 0.5, row + RANDOM[1] - 0.5) @ seen.rotation.T
+    off = found[:, :2] / found[:, 2:] - wanted[:, :2] / wanted[:, 2:]
+    assert np.abs(off).max() * seen.focal_length_px < 2e-5
+    np.testing.assert_allclose(np.array(rays.o).reshape(3, -1)[:, 0], seen.position_mm, rtol=1e-6)
+
+
+def test_each_lane_has_its_own_camera():
+    cameras = [camera(-0.3), replace(camera(0.1), focal_length_px=70.0)]
+    of = PIXEL % 2
+    x, y = undistorted_positions(cameras, *(device_array(mi.UInt32, i) for i in (PIXEL, of)))(
+        *(device_array(mi.Float, u) for u in RANDOM)
+    )
+    row, column = np.divmod(PIXEL, WIDTH)
+    for index, seen in enumerate(cameras):
+        own = of == index
+        wanted = (
+            seen.directions((column + RANDOM[0] - 0.5)[own], (row + RANDOM[1] - 0.5)[own]) @ seen.rotation.T
+        )
+        np.testing.assert_allclose(np.array(x)[own], wanted[:, 0] / wanted[:, 2], atol=1e-6)
+        np.testing.assert_allclose(np.array(y)[own], wanted[:, 1] / wanted[:, 2], atol=1e-6)
