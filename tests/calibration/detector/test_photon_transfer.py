@@ -161,3 +161,23 @@ def test_levels_that_scatter_are_no_saturation():
     found = figures(dark, bright)
     assert found.saturation_e is None
     assert found.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * found.gain_sigma)
+
+
+def test_relative_errors_of_a_quotient_add_in_quadrature():
+    """Read noise and dark pattern are roots over the gain: half the variance's own relative error, and the gain's."""
+    for dark_sigma, bright_sigma in ((1e-6, 4.0), (0.9, 1e-6), (0.9, 4.0)):
+        dark = FrameStatistics(BIAS, 9.0, dark_sigma, 0.5, 0.1 * dark_sigma, 0.0)
+        bright = FrameStatistics(BIAS + 1000, 9.0 + 80.0, bright_sigma, 101.0, 0.2, 0.0)
+        found = transfer(dark, [bright], SATURATION)
+        gain_sigma = np.hypot(bright_sigma, dark_sigma) / 1000
+        assert (found.gain_dn_per_e, found.gain_sigma) == pytest.approx((0.08, gain_sigma), rel=1e-6)
+        read = 9.0 - 1 / 12
+        for value, sigma, part in (
+            (found.dark_noise_e, found.dark_noise_sigma, dark_sigma / (2 * read)),
+            (found.dsnu_e, found.dsnu_sigma, 0.1 * dark_sigma / (2 * 0.5)),
+        ):
+            assert sigma / value == pytest.approx(np.hypot(part, gain_sigma / 0.08), rel=1e-6)
+        # the pattern of the light: 100.5 DN^2 of 1000 DN
+        prnu_sigma = np.hypot(0.2, 0.1 * dark_sigma) / (2 * 100.5)
+        assert found.prnu == pytest.approx(np.sqrt(100.5) / 1000, rel=1e-9)
+        assert found.prnu_sigma / found.prnu == pytest.approx(prnu_sigma, rel=1e-6)

@@ -6,7 +6,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
-from cboxlab.calibration.radiometry.hyperspectral import hyperspectral_cube
+from cboxlab.calibration.radiometry.hyperspectral import _filter_mean, hyperspectral_cube
 from cboxlab.calibration.radiometry.registration import move, register
 from cboxlab.render.files.cube_files import read_cube, write_cube
 from cboxlab.scenes import InputError, Spectrum
@@ -221,3 +221,13 @@ def test_a_measured_scene_can_be_photographed_by_another_camera(measured, readin
     assert run("simulate", tmp_path / "holes.nc", "--out", tmp_path / "a.tif") == 2
     assert run("simulate", tmp_path / "scene.nc", "--out", tmp_path / "b.tif") == 0
     assert (tmp_path / "b.tif").exists() and not (tmp_path / "a.tif").exists()
+
+
+def test_a_filter_of_even_transmittance_reads_the_middle_of_a_slope():
+    """Both ends of its table count: 500 to 510 nm, and of an odd width."""
+    slope = Spectrum(np.array([400.0, 700.0]), np.array([400.0, 700.0]))
+    for last in (510.0, 500.5):
+        even = Spectrum(np.array([500.0, last]), np.array([0.7, 0.7]), "zero")
+        assert _filter_mean(even, slope) == pytest.approx((500 + last) / 2, rel=1e-12)
+    rising = Spectrum(np.array([500.0, 510.0]), np.array([0.0, 1.0]), "zero")
+    assert _filter_mean(rising, slope) == pytest.approx(500 + 20 / 3, abs=0.2)

@@ -66,6 +66,14 @@ def test_other_sensors_are_noted():
     assert notes == ("the cameras differ in gain, e-/DN: 12 and 6; their counts differ in meaning",)
 
 
+@pytest.mark.parametrize("value", [0.01, 12.0, 5000.0])
+def test_numbers_that_differ_by_rounding_are_the_same(value):
+    """Up to a thousandth of the number, whatever its unit."""
+    one = Instrument(None, {"pixel pitch, um": value})
+    assert one.differences(Instrument(None, {"pixel pitch, um": 1.0009 * value})) == []
+    assert len(one.differences(Instrument(None, {"pixel pitch, um": 0.9989 * value}))) == 1
+
+
 def test_the_mean_is_a_ratio_of_sums():
     """A is B with 2 % more light and noise. In dark pixels ratios reach hundreds of per cent; the sums do not care."""
     generator = np.random.default_rng(3)

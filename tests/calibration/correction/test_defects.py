@@ -1,0 +1,15 @@
+"""Pixels that the lens's own edge hides, in a flat of any level."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.correction.defects import vignetted_pixels
+
+
+@pytest.mark.parametrize("level", [0.2, 1.0, 7.0])
+def test_a_tenth_of_the_flats_maximum_is_the_limit(level):
+    response = np.full((100, 100), level)
+    response[:5, :10], response[:5, 10:20] = 0.099 * level, 0.101 * level
+    response[50, 50] = 40 * level  # one hot pixel is not the maximum
+    expected = np.zeros((100, 100), bool)
+    expected[:5, :10] = True
+    np.testing.assert_array_equal(vignetted_pixels(response), expected)
