@@ -88,7 +88,8 @@ def _of_call(node: ast.Call) -> Iterator[tuple[str, str]]:
     if function == "hypot" and len(arguments) == 2:
         yield "share left out", f"abs({arguments[0]})"
     if name == "np.interp":
-        yield "wavelength shift", f"np.interp(({arguments[0]}) + 2.0, {', '.join(arguments[1:])})"
+        rest = [*arguments[1:], *(ast.unparse(key) for key in node.keywords)]
+        yield "wavelength shift", f"np.interp(({arguments[0]}) + 2.0, {', '.join(rest)})"
     if function == "at" and re.search("nm|wavelength|grid", ", ".join(arguments), re.IGNORECASE):
         yield "wavelength shift", f"{name}(({arguments[0]}) + 2.0)"
     if name == "dark.at":
