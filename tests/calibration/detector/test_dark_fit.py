@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.correction.dark import DarkLibrary
 from cboxlab.calibration.correction.noise import NoiseModel
-from cboxlab.calibration.detector.dark_fit import fit_dark, ordinary_pixels
+from cboxlab.calibration.detector.dark_fit import dark_level_sigma, fit_dark, ordinary_pixels
 from scipy import stats
 
 #: Vora et al. 2001, Table II: mean dark value of the DCS-200 over R, G, B; exposure in s, counts.
@@ -87,3 +87,13 @@ def test_a_pixel_is_hot_against_the_noise_of_the_mean_of_the_darks(repeats):
     level[0, 3, 4], level[0, 5, 6] = 100 + 3 * sigma, 100 + 9 * sigma
     dark = DarkLibrary(np.ones(1), np.array([repeats]), level, level[0], 0 * level[0], False)
     assert sorted(map(tuple, np.argwhere(~ordinary_pixels(dark, noise)))) == [(5, 6)]
+
+
+def test_a_levels_error_is_its_frames_and_pixels_share_of_the_noise():
+    """Read noise of 6 e- at 3 e-/DN and shot noise of the thermal charge, over 5 frames and 1200 pixels, and 2."""
+    noise = NoiseModel(3.0, None, 6.0, None)
+    rate = np.tile([0.5, 1.5], (30, 20))
+    dark = DarkLibrary(np.array([2.0, 8.0]), np.array([5, 2]), np.zeros((2, 30, 40)), 0 * rate, rate, False)
+    floor = 4.0 + 1 / 12
+    expected = [(floor + 1.0 * 2.0 / 3.0) / (5 * 1200), (floor + 1.0 * 8.0 / 3.0) / (2 * 1200)]
+    np.testing.assert_allclose(dark_level_sigma(dark, noise), np.sqrt(expected))

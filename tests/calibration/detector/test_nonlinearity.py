@@ -1,0 +1,23 @@
+"""A calibration curve of three knots, by hand: inside, beyond both ends, and back."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.detector.nonlinearity import CalibrationCurve
+
+CURVE = CalibrationCurve(
+    np.array([10.0, 110.0, 310.0]), np.array([0.0, 0.6, 1.0]), {}, np.array([0.1, -0.2]), np.zeros(2), 0.0
+)
+
+
+def test_lines_between_knots_go_on_beyond_the_ends():
+    """Slopes of 0.006 and 0.002 a count."""
+    counts = [-10.0, 10.0, 60.0, 110.0, 210.0, 310.0, 360.0]
+    assert CURVE.linear(counts) == pytest.approx([-0.12, 0.0, 0.3, 0.6, 0.8, 1.0, 1.1])
+    assert CURVE.count([0.0, 0.3, 0.6, 0.8, 1.0]) == pytest.approx([10.0, 60.0, 110.0, 210.0, 310.0])
+
+
+def test_statistics_of_residuals_by_hand():
+    found = CURVE.statistics
+    assert found["mean_absolute"] == pytest.approx(0.15)
+    assert found["rms"] == pytest.approx(np.sqrt(0.025))
+    assert found["largest"] == pytest.approx(0.2)
