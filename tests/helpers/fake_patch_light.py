@@ -26,7 +26,7 @@ class _Patches(SimpleNamespace):
 class _Field:
     patches: _Patches
     exchange: Exchange
-    lamp: SimpleNamespace
+    lamps: tuple[SimpleNamespace, ...]
     tracer: SimpleNamespace
 
 

@@ -29,8 +29,9 @@ def applied(monkeypatch):
     before, given = fake_patch_light(), {}
     before = before.change(added=np.full(before.added.shape, 0.002))
 
-    def traced(field, camera, radiance, reflectances, **options):
-        given.update(options, radiance=radiance, reflectances=reflectances)
+    def traced(field, camera, radiance, reflectances, lamp_shares, reflection, **options):
+        given.update(options, **vars(reflection), radiance=radiance, reflectances=reflectances)
+        np.testing.assert_array_equal(lamp_shares, before.lamp_shares)
         return np.full((3, camera.height_px, camera.width_px), 0.01)
 
     monkeypatch.setattr(gloss, "changed_reflection", traced)
@@ -62,7 +63,7 @@ def test_patches_pass_through_the_coat_twice_and_see_its_own_reflection(applied)
 def test_the_lamps_light_passes_at_its_own_angle(applied):
     """Emitted beside: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
     before, after, given = applied
-    patches, lamp = before.transport.light.patches, before.transport.light.lamp.centre
+    patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
     own = patches.material == given["material"]
     way = lamp - patches.centre[own]
     cosine = np.sum(way * patches.normal[own], axis=1) / np.linalg.norm(way, axis=1)
@@ -70,7 +71,7 @@ def test_the_lamps_light_passes_at_its_own_angle(applied):
     through = 1 - SPECULAR * float(np.mean(2 * spread * fresnel(spread)))
     at_angle = before.patch_reflectance[own] * ((1 - SPECULAR * fresnel(cosine)) * through)[:, None]
     at_angle = at_angle + given["coat"].albedo(cosine)[:, None]
-    direct = before.transport.light.exchange.direct[own][:, None]
+    direct = before.transport.light.exchange.direct[own]
     wanted = direct * (at_angle - after.patch_reflectance[own])
     np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.02, atol=1e-4)
 

@@ -5,6 +5,7 @@ import importlib
 import numpy as np
 import pytest
 from cboxlab.render.perturbation import STEPS, AirTransport
+from cboxlab.render.perturbation.haze import AirLamp
 from helpers.fake_patch_light import fake_patch_light
 from helpers.fake_stages import apply
 
@@ -24,8 +25,8 @@ def air_of(light):
     return AirTransport(
         (axes,), -np.inf, corner, np.broadcast_to(size, (8, 3)), np.full(8, size.prod()),
         seen=random.uniform(0.05, 0.2, (8, 3)).astype(np.float32), escape=random.uniform(0.0, 0.1, 8),
-        lamp=random.uniform(0.0, 0.05, 8), ray_lamp=random.uniform(0.0, 0.05, (*shape, STEPS)),
-        depth=random.uniform(1000.0, 1400.0, shape), direction=camera.directions(columns, rows), lamp_centre=LAMP,
+        lamps=(AirLamp(random.uniform(0.0, 0.05, 8), random.uniform(0.0, 0.05, (*shape, STEPS)), LAMP),),
+        depth=random.uniform(1000.0, 1400.0, shape), direction=camera.directions(columns, rows),
     )  # fmt: skip
 
 
@@ -53,7 +54,7 @@ def expected(light, air, sigma, albedo):
     to_patch, to_fragment, to_cell = (
         passed(points, LAMP[None], sigma)[:, 0] for points in (patches.centre, t.position, air.centres)
     )
-    direct = exchange.direct * to_patch
+    direct = exchange.direct[:, 0] * to_patch
     factors = exchange.form_factors * passed(patches.centre, patches.centre, sigma)
     gather = t.gather.toarray() * passed(t.position, patches.centre, sigma)
     seen = air.seen * passed(air.centres, patches.centre, sigma)
@@ -65,19 +66,21 @@ def expected(light, air, sigma, albedo):
         for _ in range(200):
             b = rho * (direct + exchange.escape * surround + factors @ b + onto @ source)
             smooth = surround * air.escape + seen @ b + between @ source
-            source = sigma * albedo * (air.lamp * to_cell + smooth)
-        arriving = t.direct * to_fragment + gather @ b + t.escape * surround
+            source = sigma * albedo * (air.lamps[0].cells * to_cell + smooth)
+        arriving = t.direct[:, 0] * to_fragment + gather @ b + t.escape * surround
         arriving = arriving + (onto @ source)[t.face]  # each face holds one patch
         picture = np.bincount(
             t.pixel, t.coverage * light.fragment_reflectance[:, band] * arriving, minlength=6
         )
-        picture = picture.reshape(t.covered.shape) + t.lamp_radiance + surround * (1 - t.covered)
+        picture = picture.reshape(t.covered.shape) + t.lamp_radiance[0] + surround * (1 - t.covered)
         picture = picture * np.exp(-sigma * air.depth)
         for step in range(STEPS):
             along = (step + 0.5) / STEPS * air.depth
             point = eye + along[..., None] * air.direction
             here = air.at(point, smooth[:, None])[..., 0]
-            here = here + air.ray_lamp[..., step] * np.exp(-sigma * np.linalg.norm(point - LAMP, axis=-1))
+            here = here + air.lamps[0].rays[..., step] * np.exp(
+                -sigma * np.linalg.norm(point - LAMP, axis=-1)
+            )
             picture = picture + albedo * sigma * here * np.exp(-sigma * along) * air.depth / STEPS
         pictures.append(picture)
     return np.array(pictures)

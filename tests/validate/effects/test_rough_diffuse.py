@@ -35,8 +35,9 @@ def applied(monkeypatch):
     before, given = fake_patch_light(), {}
     before = before.change(added=np.full(before.added.shape, 0.002))
 
-    def traced(field, camera, radiance, reflectances, **options):
-        given.update(options, radiance=radiance, reflectances=reflectances)
+    def traced(field, camera, radiance, reflectances, lamp_shares, reflection, **options):
+        given.update(options, **vars(reflection), radiance=radiance, reflectances=reflectances)
+        np.testing.assert_array_equal(lamp_shares, before.lamp_shares)
         return np.full((3, camera.height_px, camera.width_px), 0.01)
 
     monkeypatch.setattr(rough_diffuse, "changed_reflection", traced)
@@ -72,7 +73,7 @@ def test_the_rays_are_given_the_formula(applied):
 def test_patches_reflect_the_means_of_the_formula(applied):
     """Diffuse light by the mean over both hemispheres, the lamp's by that over the ways out at its angle."""
     before, after, given = applied
-    patches, lamp = before.transport.light.patches, before.transport.light.lamp.centre
+    patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
     own = patches.material == given["material"]
     angle = (np.arange(200) + 0.5) / 200 * np.pi / 2
     mean = np.mean([albedo(a) * np.sin(2 * a) for a in angle]) * np.pi / 2
@@ -81,6 +82,6 @@ def test_patches_reflect_the_means_of_the_formula(applied):
     way = lamp - patches.centre[own]
     cosine = np.sum(way * patches.normal[own], axis=1) / np.linalg.norm(way, axis=1)
     at_angle = np.array([albedo(a) for a in np.arccos(cosine)])[:, None]
-    direct = before.transport.light.exchange.direct[own][:, None]
+    direct = before.transport.light.exchange.direct[own]
     wanted = direct * (before.patch_reflectance[own] * at_angle - after.patch_reflectance[own])
     np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.03, atol=1e-4)
