@@ -11,7 +11,7 @@ import cboxlab
 import numpy as np
 import pytest
 from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.validate.diagnose import diagnosis as diagnosis_module
+from cboxlab.validate.diagnose import stepwise
 from cboxlab.validate.model import Model
 from cboxlab.validate.results import Result
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
@@ -31,12 +31,10 @@ def names(tmp_path_factory):
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 7
     found: dict = {}
-    tried = diagnosis_module.hypotheses
+    tried = stepwise.hypotheses
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(
-            diagnosis_module, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in EFFECTS]
-        )
+        patch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in EFFECTS])
         exec("\n".join(blocks), found)
         yield {**found, "folder": folder}
 

@@ -14,7 +14,7 @@ import matplotlib
 import pytest
 from cboxlab.calibration.capture.manifest import Manifest
 from cboxlab.validate.commands.app import app
-from cboxlab.validate.diagnose import diagnosis as diagnosis_module
+from cboxlab.validate.diagnose import stepwise
 from cboxlab.validate.effects import catalogue
 from cboxlab.validate.model import load_model
 from helpers.glare_capture import GLARE, glare_capture
@@ -113,9 +113,9 @@ def test_the_notebook_of_a_validation_runs(monkeypatch, desk):
 
 
 def test_the_notebook_that_finds_an_effect_runs(monkeypatch, desk):
-    tried = diagnosis_module.hypotheses  # two of them: each costs seconds
+    tried = stepwise.hypotheses  # two of them: each costs seconds
     monkeypatch.setattr(
-        diagnosis_module,
+        stepwise,
         "hypotheses",
         lambda *a: [h for h in tried(*a) if h.effect.id in ("veiling-glare", "ghost")],
     )

@@ -1,4 +1,7 @@
-"""Every selected effect against the others of the catalogue in its stead, and in pixels and bands held out."""
+"""Every selected effect against the others of the catalogue in its stead, and in pixels and bands held out.
+
+The amplitude of a true cause is the same in all pixels and bands; that of an effect which resembles it is not.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, square
-from .heldout import PREDICTS, heldout_bands, heldout_pixels
+from ..compare import Nuisances
+from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, dispersion, square
+from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Signature
 from .selection import best_singles
@@ -17,12 +22,22 @@ __all__ = [
     "SelectedEffect",
     "confirmed_where_held_out",
     "groups",
+    "heldout_bands",
+    "heldout_pixels",
     "with_alternatives",
     "with_better_alternatives",
 ]
 
 #: So many of the effects that could stand in a selected one's stead are fitted in full.
 _MOST_FITTED = 3
+
+#: Where held out, an effect must gain this part of what it gains where fitted.
+_PREDICTS = 0.5
+
+_BLOCK_PX = 16
+
+#: A band is held out only where the other bands hold at least this part of the square of the effect's change.
+_ENOUGH_ELSEWHERE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +46,7 @@ class SelectedEffect:
 
     alternatives : best first. chi2_without : chi2 with none of them. heldout_pixels, heldout_bands : its gain where
     it was not fitted, see ``heldout``; NaN where that cannot be tried. count : number of samples that chi2 sums.
+    dispersion : by how much more than noise chi2 differences scatter, see ``evidence``.
     """
 
     candidate: Candidate
@@ -39,11 +55,14 @@ class SelectedEffect:
     heldout_pixels: float
     heldout_bands: float
     count: int
+    dispersion: float
 
     @property
     def indistinguishable(self) -> list[Candidate]:
         """Alternatives that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
-        allowed = max(INDISTINGUISHABLE, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2))
+        allowed = max(
+            INDISTINGUISHABLE * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2)
+        )
         return [c for c in self.alternatives if c.chi2 - self.candidate.chi2 < allowed]
 
 
@@ -71,7 +90,7 @@ def with_alternatives(
                 fitted, tuple(best), square(problem.model.project(residual)),
                 np.nan if prior else heldout_pixels(linearised.model, residual, shape),
                 np.nan if prior else heldout_bands(linearised.model, residual, shape),
-                linearised.model.count,
+                linearised.model.count, dispersion(linearised.model, shape, residual),
             )
         )  # fmt: skip
     return found
@@ -111,7 +130,7 @@ def confirmed_where_held_out(
     kept = [
         candidate
         for candidate, one in zip(chosen, known, strict=True)
-        if not (one.heldout_pixels < PREDICTS or one.heldout_bands < PREDICTS)
+        if not (one.heldout_pixels < _PREDICTS or one.heldout_bands < _PREDICTS)
     ]
     if len(kept) == len(chosen):
         return list(chosen), list(known)
@@ -126,3 +145,48 @@ def groups(known: Sequence[SelectedEffect]) -> tuple[tuple[str, ...], ...]:
         if one.indistinguishable:
             found.append(tuple(c.hypothesis.effect.id for c in (one.candidate, *one.indistinguishable)))
     return tuple(found)
+
+
+def heldout_pixels(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
+    """Gain in blocks of pixels held out from the amplitude's fit, over that in the others; 1 is perfect.
+
+    residual, predicted : (n + 11,) projected, over sigma.
+    """
+    rows, columns = np.indices(model.used.shape[1:])
+    board = ((rows // _BLOCK_PX + columns // _BLOCK_PX) % 2).astype(bool)
+    one = np.broadcast_to(board, model.used.shape)[model.used]
+    priors = np.ones(Nuisances.count, bool)
+    own = other = 0.0
+    for part in (one, ~one):
+        inside, outside = np.append(part, priors), np.append(~part, ~priors)
+        amplitude = _amplitude(residual[inside], predicted[inside])
+        own += _gain(residual[inside], predicted[inside], amplitude)
+        other += _gain(residual[outside], predicted[outside], amplitude)
+    return other / max(own, 1e-30)
+
+
+def heldout_bands(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
+    """Gain in each band with the amplitude that the other bands ask for, over that with the one of all bands.
+
+    NaN for an effect that acts in one band alone. Parameters as in ``heldout_pixels``.
+    """
+    band = np.broadcast_to(np.arange(len(model.used))[:, None, None], model.used.shape)[model.used]
+    pixels, shape = residual[: model.count], predicted[: model.count]
+    everywhere = _amplitude(pixels, shape)
+    own = other = 0.0
+    for held in range(len(model.used)):
+        inside = band != held
+        if np.sum(shape[inside] ** 2) < _ENOUGH_ELSEWHERE * np.sum(shape**2):
+            continue
+        amplitude = _amplitude(pixels[inside], shape[inside])
+        own += _gain(pixels[~inside], shape[~inside], everywhere)
+        other += _gain(pixels[~inside], shape[~inside], amplitude)
+    return other / own if own > 0 else float("nan")
+
+
+def _amplitude(residual: NDArray, predicted: NDArray) -> float:
+    return float(predicted @ residual) / max(float(predicted @ predicted), 1e-30)
+
+
+def _gain(residual: NDArray, predicted: NDArray, amplitude: float) -> float:
+    return float(2 * amplitude * (predicted @ residual) - amplitude**2 * (predicted @ predicted))

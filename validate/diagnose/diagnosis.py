@@ -6,37 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.render.chain import RenderSettings, after_stage, stages_between
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
-from ..compare import (
-    Comparison,
-    Validation,
-    compared,
-    refitted_picture,
-    rendered_from,
-    solved_light,
-)
+from ..compare import Comparison, Validation, compared
 from ..effects import AppliedEffect
 from ..explain import Explanation
 from ..model import Model
-from .alternatives import SelectedEffect, confirmed_where_held_out, groups, with_better_alternatives
+from .alternatives import SelectedEffect, groups
 from .causes import Cause, likeliest_causes
-from .evidence import (
-    LEAST_EXPLAINED,
-    LEAST_EXPLAINED_EACH,
-    SHAPE_ERROR,
-    explained_part,
-    first_significant,
-    prior_pull,
-    something_remains,
-    square,
-)
+from .evidence import LEAST_EXPLAINED, SHAPE_ERROR, explained_part, prior_pull, something_remains, square
 from .foreign_side import ForeignSide, foreign_side
 from .further_captures import Separation, separations
-from .hypotheses import hypotheses
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -45,27 +27,18 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
-from .search import Candidate, Signature, signature
-from .selection import backward_elimination, best_singles, pairs_replaced
+from .search import Candidate
 from .several_captures import FurtherFit, same_camera, settled
+from .stepwise import Selection, refitted, selection, signatures_of, small_errors
 from .unexplained import beats, explained, stands_out
 
-__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose", "refitted"]
+__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
 
 #: What is selected where something remains that no effect of the catalogue explains.
 UNKNOWN = "unknown"
 
 #: Probability that nothing is missing where no effect was accepted.
 NOTHING_MISSING = 0.95
-
-#: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
-_MOST_EFFECTS = 3
-_FITTED_FIRST = 6
-
-#: The base picture is rendered again where the refit with an effect moves the box's corners by more than this (rms);
-#: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
-#: rendered several times, at most so often.
-_STALE_PX, _MOST_RENDERINGS = 0.01, 3
 
 
 @dataclass(frozen=True)
@@ -152,48 +125,20 @@ def diagnose(
     validation, render = foreign_side(validation)
     prepared, model = validation.prepared, validation.model
     given = model.effects
-    linearised = linearised_fit(prepared, validation.rendered, given)
+    first = linearised_fit(prepared, validation.rendered, given)
+    start = first.model
     progress.stage("trying every effect")
-    signatures = _signatures(linearised, given, model.render, share(progress, 0.0, 0.6))
-    first = linearised
-    problem, start, residual = linearised.problem(()), linearised.model, linearised.model.residual
-    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
+    signatures = signatures_of(first, given, model.render, share(progress, 0.0, 0.6))
     progress.stage("choosing among effects")
-    progress.part(0.75)
-    chosen: list[Candidate] = []
-    while (
-        best := first_significant(
-            candidates, residual, problem.model, residual_with_rendered(linearised, chosen)
-        )
-    ) is not None:
-        linearised = refitted(validation, linearised, [*chosen, best])
-        chosen = refitted_together(linearised, [*chosen, best])
-        residual = residual_with(linearised, chosen)
-        hopeless = explained_part(linearised.model, residual) < LEAST_EXPLAINED_EACH * len(chosen)
-        if hopeless and something_remains(
-            linearised.model, residual, residual_with_rendered(linearised, chosen)
-        ):
-            chosen = []
-            break
-        reached = 0.75 + 0.2 * len(chosen) / _MOST_EFFECTS
-        progress.part(reached)
-        if len(chosen) == _MOST_EFFECTS:
-            break
-        if best.hypothesis.effect.stage == "settings":
-            # with more light reflected the signatures of the other effects differ
-            signatures = _signatures(
-                linearised, (*given, best.applied), model.render, share(progress, reached, reached)
-            )
-        taken = {c.hypothesis.effect.id for c in chosen}
-        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        problem = linearised.problem(chosen)
-        candidates = best_singles(problem, rest, residual, 3)
-    chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
-    chosen, known = with_better_alternatives(linearised, chosen, signatures)
-    chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
+    found = selection(validation, first, signatures, progress)
+    if not found.chosen and not something_remains(start, start.residual, start.residual):
+        # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
+        found = selection(validation, first, signatures, progress, small_errors(first, signatures))
+    linearised, chosen, known = found.linearised, found.chosen, found.known
     others = [_further_fit(validation, one, chosen) for one in further]
     if chosen and others:
-        known = settled(prepared, linearised, known, others)
+        as_judged = [replace(one, linearised=found.judging(one.linearised)) for one in others]
+        known = settled(prepared, found.judging(linearised), known, as_judged)
         chosen = [one.candidate for one in known]
     if not chosen:
         linearised = first
@@ -232,7 +177,7 @@ def diagnose(
         adequate=not selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(residual @ residual) / linearised.model.count,
-        ranking=_ranking(singles, known, start, left, selected),
+        ranking=_ranking(found, known, start, left, selected),
         selected=selected,
         indistinguishable=groups(known),
         path=tuple(steps),
@@ -241,7 +186,9 @@ def diagnose(
         separations=separations(prepared, linearised, known),
         model=replace(model, effects=(*model.effects, *added)),
         residual=start.image(start.residual).astype(np.float32),
-        causes=likeliest_causes(start, singles, [c.hypothesis.effect.id for c in chosen]) if selected else (),
+        causes=likeliest_causes(found.first, found.singles, [c.hypothesis.effect.id for c in chosen])
+        if selected
+        else (),
         explanation=explanation,
         render=render,
         further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
@@ -273,44 +220,6 @@ def _least(gains: Sequence[float]) -> float:
     return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
 
 
-def _signatures(
-    linearised: LinearisedFit, given: Sequence[AppliedEffect], settings: RenderSettings, progress: Progress
-) -> list[Signature]:
-    scene = linearised.predictor.scene
-    bands = linearised.predictor.sensing.curves.bands
-    known = hypotheses(bands, scene, after_stage(settings, given, "settings"))
-    found, rough = [], linearised.predictor.rough()
-    for index, hypothesis in enumerate(known):
-        one = signature(rough, given, linearised.rendered.used, hypothesis)
-        if one is not None:
-            found.append(one)
-        progress.part((index + 1) / len(known))
-    return found
-
-
-def refitted(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> LinearisedFit:
-    """Refit the camera with these effects in the model; render again where it moved or the light changed."""
-    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.predictor
-    effects = (*linearised.given, *(c.applied for c in chosen))
-    settings = validation.model.render
-    altered = refitted_picture(prepared, replace(rendered, signal=predictor.signal(effects)), effects)
-    corners = prepared.scene.corners_mm
-    resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in chosen)
-    light = None if resolve else validation.light
-    camera = predictor.camera
-    for _ in range(_MOST_RENDERINGS):
-        moved = altered.fit.camera.project(corners) - camera.project(corners)
-        if not resolve and np.sqrt(np.nanmean(moved**2)) <= _STALE_PX:
-            break
-        light = light or solved_light(prepared, settings, effects)
-        camera, resolve = altered.fit.camera, False
-        altered = refitted_picture(
-            prepared, rendered_from(prepared, light, camera, settings, effects), effects
-        )
-    # the signatures hold the pixels that were used at first
-    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given)
-
-
 def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> Step:
     """The model with these effects, compared; the lamp's scale is fitted with them in place."""
     prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, chosen)
@@ -328,40 +237,51 @@ def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Ca
 
 
 def _ranking(
-    singles: Sequence[Candidate], known: Sequence[SelectedEffect], start: LinearModel, left: bool,
+    found: Selection,
+    known: Sequence[SelectedEffect],
+    start: LinearModel,
+    left: bool,
     selected: tuple[str, ...],
-) -> tuple[Ranked, ...]:  # fmt: skip
+) -> tuple[Ranked, ...]:
     """The selected effects by the chi2 that leaving them out costs, then their alternatives, then all others.
 
     A selected effect and its alternatives share the probability among them. Where no effect was selected, that
     nothing is missing has NOTHING_MISSING of it.
     """
+    singles = found.singles
+    # chi2 of the model as given less the gain, in whatever covariance the gain was found
+    counted = start.chi2 - found.first.chi2
     unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
-    entries = {c.hypothesis.effect.id: _ranked(c, start.count, 0.0) for c in reversed(singles)}
+    entries = {c.hypothesis.effect.id: _ranked(c, counted, start.count, 0.0) for c in reversed(singles)}
     if set(selected) - {UNKNOWN}:
         for effect in sorted(known, key=lambda e: e.chi2_without):
             everyone = [effect.candidate, *effect.alternatives]
-            for candidate, share in zip(everyone, _shares(everyone, effect.chi2_without), strict=True):
-                entry = _ranked(candidate, effect.count, (1 - unknown) * share)
+            shares = _shares(everyone, effect.chi2_without, effect.dispersion)
+            for candidate, share in zip(everyone, shares, strict=True):
+                entry = _ranked(candidate, counted, effect.count, (1 - unknown) * share)
                 other = entries.get(entry.effect)
                 if candidate is effect.candidate or other is None or entry.probability > other.probability:
                     entries[entry.effect] = entry
     else:
         rest = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
-        for candidate, share in zip(singles, _shares(singles, start.chi2), strict=True):
-            entries[candidate.hypothesis.effect.id] = _ranked(candidate, start.count, rest * share)
-    lowest = min((c.chi2 for c in singles), default=start.chi2)
+        for candidate, share in zip(singles, _shares(singles, found.first.chi2, 1.0), strict=True):
+            entries[candidate.hypothesis.effect.id] = _ranked(candidate, counted, start.count, rest * share)
+    lowest = min((counted + c.chi2 for c in singles), default=start.chi2)
     entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
     return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
 
 
-def _ranked(candidate: Candidate, count: int, probability: float) -> Ranked:
+def _ranked(candidate: Candidate, counted: float, count: int, probability: float) -> Ranked:
     values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
-    return Ranked(candidate.hypothesis.effect.id, values, sigma, candidate.chi2 / count, probability)
+    return Ranked(
+        candidate.hypothesis.effect.id, values, sigma, (counted + candidate.chi2) / count, probability
+    )
 
 
-def _shares(candidates: Sequence[Candidate], chi2_without: float) -> list[float]:
+def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
     """Probabilities from the differences of chi2, of which the error of the effects' shapes may make a part."""
     chi2 = np.array([c.chi2 for c in candidates])
-    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (1.0 + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
+    weights = np.exp(
+        -0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0))
+    )
     return [float(w) for w in weights / weights.sum()]

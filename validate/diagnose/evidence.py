@@ -18,8 +18,10 @@ __all__ = [
     "LEAST_EXPLAINED_EACH",
     "SHAPE_ERROR",
     "SMALLEST_GAIN",
+    "dispersion",
     "explained_part",
     "first_significant",
+    "largest_gain_of_errors",
     "least_gain",
     "least_gain_of",
     "penalised",
@@ -31,6 +33,11 @@ __all__ = [
 #: An effect must lower chi2 per sample by at least this much. The base picture's own errors could make less: they are
 #: smooth. What changes edges alone is not imitated by them, and the errors of edges are counted in the variance.
 SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
+
+#: Where the picture's own errors are part of the covariance: an effect's amplitude must be so many times its standard
+#: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 24, of 150
+#: hypotheses each.
+_CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 40.0, 0.0005
 
 #: A relative error e of an effect's shape leaves e^2 of the chi2 that the effect explains. This part allows for an
 #: error of a tenth; between two effects in each other's stead it allows for errors of a twentieth each. A further
@@ -72,12 +79,28 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     """Whether a gain exceeds what errors of the base picture or of the selected effects' shapes could give, or
     relieves the priors. explained : chi2 by effects whose shapes have errors."""
     gain = square(residual) - candidate.chi2
+    if model.errors is not None:
+        certain = _CERTAIN * dispersion(model, candidate.predicted, residual)
+        return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2
         relieved = gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
         if relieved or candidate.by_priors:
             return bool(relieved)
     return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
+
+
+def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:
+    """Variance of the amplitude of a change (n + 11,), by residuals that go together in a neighbourhood of the image,
+    over that by noise and the errors that the model counts; at least 1. See ``parameter_variance``.
+
+    1 where the model counts no errors: then a gain is judged by its size.
+    """
+    if model.errors is None:
+        return 1.0
+    pixels, left = predicted[: model.count], (residual - predicted)[: model.count]
+    scores = np.bincount(model.patch, weights=pixels * left)
+    return max(1.0, square(scores) / max(square(predicted), 1e-300))
 
 
 def least_gain(candidate: Candidate, model: LinearModel) -> float:
@@ -87,8 +110,15 @@ def least_gain(candidate: Candidate, model: LinearModel) -> float:
 
 def least_gain_of(change: NDArray, model: LinearModel) -> float:
     """The same of a change (n + 11,) over sigma."""
+    if model.errors is not None:
+        return largest_gain_of_errors(model)
     smooth = smooth_part(model, change)
     return model.count * (_SMALLEST_GAIN_AT_EDGES + smooth * (SMALLEST_GAIN - _SMALLEST_GAIN_AT_EDGES))
+
+
+def largest_gain_of_errors(model: LinearModel) -> float:
+    """Chi2 that errors of the base picture could let any effect gain."""
+    return model.count * (SMALLEST_GAIN if model.errors is None else _SMALLEST_GAIN_OVER_ERRORS)
 
 
 def penalised(candidate: Candidate) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from ..compare import NuisanceFit, Nuisances
+from ..predict import PictureErrors
 
 __all__ = [
     "LinearModel",
@@ -61,6 +62,7 @@ class LinearModel:
     of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
     basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``marginalised_over`` adds.
     shared_errors : (n + 11, m) over sigma, one standard deviation each of errors that a band or a face shares.
+    errors : of the picture itself, with which vectors are whitened beside sigma; None where they are not counted.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
     """
@@ -73,6 +75,7 @@ class LinearModel:
     basis: NDArray[np.float64]
     shared_errors: NDArray[np.float32]
     residual: NDArray[np.float64]
+    errors: PictureErrors | None = None
 
     @property
     def count(self) -> int:
@@ -89,7 +92,20 @@ class LinearModel:
 
     def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
         """The same of a change (n,) at the used pixels only."""
-        return self.project(_without_priors(change / self.sigma))
+        pixels = change / self.sigma
+        return self.project(_without_priors(pixels if self.errors is None else self.errors.whitened(pixels)))
+
+    def counting(self, errors: PictureErrors) -> LinearModel:
+        """With the picture's own errors in the covariance: all vectors are whitened by them, too. What bands and faces
+        share is among them, so that nothing is left in ``shared_errors``."""
+
+        def whitened(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.append(errors.whitened(vector[: self.count]), vector[self.count :])
+
+        basis = np.linalg.qr(np.array([whitened(column) for column in self.basis.T]).T)[0]
+        none = np.zeros((len(self.residual), 0), np.float32)
+        model = replace(self, errors=errors, basis=basis, shared_errors=none)
+        return replace(model, residual=model.project(whitened(self.residual)))
 
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
         """With further nuisances: the changes, (n + 11,) each, projected, that other effects' numbers make."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.calibration.radiometry import tabulation_errors
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..compare import Predicted, Prepared, Rendered, camera_jacobian
 from ..effects import AppliedEffect
 from ..model import displacement
-from ..predict import Predictor
+from ..predict import Predictor, picture_errors
 from .linear_model import LinearModel, build_linear_model, model_variance
 from .search import Candidate, Problem, build_problem, fit, steps_of
 
@@ -49,6 +49,16 @@ class LinearisedFit:
     def scale(self) -> float:
         """The fitted factor on the lamp's power."""
         return self.rendered.fit.lamp_scale
+
+    def counting_errors(self, more: Sequence[NDArray[np.float64]]) -> LinearisedFit:
+        """The same fit, the picture's own errors counted in the covariance. more : (n,) DN each at the used pixels, one
+        standard deviation of errors beside those of bands, faces and their parts."""
+        model = self.model
+        others = [*model.shared_errors[: model.count].T, *(error / model.sigma for error in more)]
+        signal, coverage = self.scale * self.rendered.signal, self.rendered.image.coverage
+        return replace(
+            self, model=model.counting(picture_errors(signal, coverage, model.used, model.sigma, others))
+        )
 
     def problem(self, chosen: Sequence[Candidate]) -> Problem:
         """What a further effect is fitted to, with these in place and their numbers marginalised over."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import SMALLEST_GAIN, least_gain, penalised, square
+from .evidence import largest_gain_of_errors, least_gain, penalised, square
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, fit, screen
 
@@ -74,7 +74,7 @@ def pairs_replaced(
     if len(chosen) < _REPLACED_FROM or any(c.by_priors for c in chosen):
         return list(chosen)
     together = residual_with(linearised, chosen)
-    limit = square(together) + SMALLEST_GAIN * linearised.model.count
+    limit = square(together) + largest_gain_of_errors(linearised.model)
     best = list(chosen)
     for kept in chosen:
         rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]

@@ -42,6 +42,8 @@ class Parameter:
     starts : where a search starts, for a number without null; by default at ``default``, or else half way between
     the bounds. example : the value in the effect's picture; by default four steps from null, or the first choice.
     grows_with_aperture : whether the number is in proportion to the aperture's diameter, as the width of a blur is.
+    tolerance : how far the number may be from null without being a finding, one standard deviation: what setting up
+    and surveying a box leave.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Parameter:
     starts: tuple[float, ...] = ()
     example: str | float | None = None
     grows_with_aperture: bool = False
+    tolerance: float = 0.0
 
     def __post_init__(self) -> None:
         """Raises ValueError for fields that contradict each other."""

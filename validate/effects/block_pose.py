@@ -29,9 +29,9 @@ EFFECT = Effect(
     "the mean of its footprint's corners, then shifted by dx and dz.",
     parameters=(
         Parameter("block", choices=("short", "tall"), kind="block"),
-        Parameter("dx_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5),
-        Parameter("dz_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5),
-        Parameter("yaw_deg", "deg", null=0.0, low=-30.0, high=30.0, step=0.25),
+        Parameter("dx_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.05),
+        Parameter("dz_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.05),
+        Parameter("yaw_deg", "deg", null=0.0, low=-30.0, high=30.0, step=0.25, tolerance=0.01),
     ),
     apply=_apply,
     confirm="Survey the block's corners again. In the picture its outline and its shadow move while the "

@@ -2,6 +2,7 @@
 
 from .foreign import ForeignPicture, foreign_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
+from .picture_errors import PictureErrors, picture_errors
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor
 from .rendering import CONVERGENCE, Picture, render_to_noise
@@ -13,12 +14,14 @@ __all__ = [
     "CONVERGENCE",
     "ForeignPicture",
     "Picture",
+    "PictureErrors",
     "Predictor",
     "build_predictor",
     "cached_picture",
     "default_cache",
     "digest_of",
     "foreign_picture",
+    "picture_errors",
     "render_plainly",
     "render_to_noise",
     "require_level",

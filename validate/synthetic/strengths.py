@@ -27,7 +27,7 @@ __all__ = ["STRENGTHS", "Scale", "at_strength", "scale_of"]
 
 #: Expected change of chi2 per sample at 128 x 128 pixels, with the lamp's scale fitted. Effects that imitate a nuisance
 #: only show as a deviation of the fitted camera and lamp from their priors: 5, 10 and 17 standard deviations.
-STRENGTHS: Mapping[str, float] = {"weak": 0.06, "medium": 1.0, "strong": 8.0}
+STRENGTHS: Mapping[str, float] = {"faint": 0.0024, "weak": 0.06, "medium": 1.0, "strong": 8.0}
 
 #: Squared deviation from the priors of a medium effect; the strength is proportional to its square.
 _PULL = 100.0

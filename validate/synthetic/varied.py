@@ -10,12 +10,9 @@ from cboxlab.render.laboratory import CaptureSettings
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
 
-from ..effects import names_in
+from ..effects import catalogue, names_in
 
 __all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
-
-#: Standard deviations of the blocks' positions and rotations, too small for a diagnosis to detect.
-_BLOCK_MM, _BLOCK_DEG = 0.05, 0.01
 
 
 def varied_settings(seed: int) -> CaptureSettings:
@@ -47,7 +44,7 @@ class BlockOffset(NamedTuple):
 def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
     """Random offset of each block of a scene from its surveyed position, repeatable by ``seed``."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
-    scatter = np.array([_BLOCK_MM, _BLOCK_MM, _BLOCK_DEG])
+    scatter = np.array([p.tolerance for p in catalogue()["block-pose"].numbers])
     return {
         block: BlockOffset(*map(float, scatter * draw.standard_normal(3)))
         for block in names_in(scene)["block"]

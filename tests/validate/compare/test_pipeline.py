@@ -21,9 +21,10 @@ from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.compare.maps import read_map
 from cboxlab.validate.compare.pipeline import rendered_from, validate, validated
-from cboxlab.validate.diagnose.diagnosis import diagnose, refitted
+from cboxlab.validate.diagnose.diagnosis import diagnose
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit
+from cboxlab.validate.diagnose.stepwise import refitted
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.model.model_file import Model
 from cboxlab.validate.report.write import write_validation

@@ -270,7 +270,13 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
     one = SelectedEffect(
-        offset, (replace(glare, chi2=offset.chi2),), linearised.model.chi2, 1.0, 1.0, linearised.model.count
+        offset,
+        (replace(glare, chi2=offset.chi2),),
+        linearised.model.chi2,
+        1.0,
+        1.0,
+        linearised.model.count,
+        1.0,
     )
     (found,) = separations(validation.prepared, linearised, [one])
     assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)

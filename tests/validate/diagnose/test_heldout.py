@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.heldout import heldout_bands, heldout_pixels
+from cboxlab.validate.diagnose.alternatives import heldout_bands, heldout_pixels
 from cboxlab.validate.diagnose.linear_model import LinearModel
 
 SHAPE = (4, 64, 64)

@@ -21,7 +21,10 @@ PATCHES, EACH, TRIALS = 64, 30, 600
 
 #: A picture of 32 x 32 pixels without nuisances.
 SQUARE = SimpleNamespace(
-    count=1024, project=lambda vector: vector, image=lambda vector: vector[:1024].reshape(1, 32, 32)
+    count=1024,
+    project=lambda vector: vector,
+    image=lambda vector: vector[:1024].reshape(1, 32, 32),
+    errors=None,
 )
 
 

@@ -13,7 +13,7 @@ import pytest
 import uvicorn
 from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.compare import band_centres
-from cboxlab.validate.diagnose import diagnosis as diagnosis_module
+from cboxlab.validate.diagnose import stepwise
 from cboxlab.validate.model import load_model
 from cboxlab.validate.studio import Workbench, build_app
 from helpers.browser import open_browser
@@ -271,10 +271,8 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
-    tried = diagnosis_module.hypotheses
-    monkeypatch.setattr(
-        diagnosis_module, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED]
-    )
+    tried = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
     page.run(
         "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
         "globalThis[id + '_seen'] = all;"

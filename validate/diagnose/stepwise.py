@@ -1,0 +1,178 @@
+"""Effects enter one after the other until none is significant: forward selection, backward elimination, exchange."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.render.chain import RenderSettings, after_stage, stages_between
+from cboxlab.scenes.progress import Progress, share
+from numpy.typing import NDArray
+
+from ..compare import Validation, refitted_picture, rendered_from, solved_light
+from ..effects import AppliedEffect
+from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
+from .evidence import LEAST_EXPLAINED_EACH, explained_part, first_significant, something_remains, square
+from .hypotheses import hypotheses
+from .linear_model import LinearModel
+from .linearised_fit import (
+    LinearisedFit,
+    linearised_fit,
+    refitted_together,
+    residual_with,
+    residual_with_rendered,
+)
+from .search import Candidate, Signature, signature
+from .selection import backward_elimination, best_singles, pairs_replaced
+
+__all__ = ["Selection", "refitted", "selection", "signatures_of", "small_errors"]
+
+#: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
+_MOST_EFFECTS = 3
+_FITTED_FIRST = 6
+
+#: The base picture is rendered again where the refit with an effect moves the box's corners by more than this (rms);
+#: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
+#: rendered several times, at most so often.
+_STALE_PX, _MOST_RENDERINGS = 0.01, 3
+
+
+#: An effect is tried beside the picture's own errors where they leave this part of its chi2. Of one that they imitate
+#: nearly, noise that the model's pictures share decides what is left.
+_LEAST_BESIDE_ERRORS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Effects selected in one capture.
+
+    first : the linear model of the model as given, as it was judged. linearised : the picture with the effects, without
+    errors counted. singles : every effect tried alone, best first. known : what is known of those chosen.
+    """
+
+    first: LinearModel
+    linearised: LinearisedFit
+    singles: list[Candidate]
+    chosen: list[Candidate]
+    known: list[SelectedEffect]
+
+    def judging(self, linearised: LinearisedFit) -> LinearisedFit:
+        """Another capture's picture, judged as the effects were."""
+        return linearised if self.first.errors is None else linearised.counting_errors(())
+
+
+def small_errors(linearised: LinearisedFit, signatures: Sequence[Signature]) -> list[NDArray[np.float64]]:
+    """(n,) DN each: what setting up the box may leave, one standard deviation."""
+    return [
+        p.tolerance / step * linearised.scale * change
+        for s in signatures
+        if s.changes is not None
+        for p, step, change in zip(s.hypothesis.free, s.steps, s.changes, strict=False)
+        if p.tolerance
+    ]
+
+
+def selection(
+    validation: Validation, first: LinearisedFit, signatures: Sequence[Signature], progress: Progress,
+    errors: Sequence[NDArray[np.float64]] | None = None,
+) -> Selection:  # fmt: skip
+    """Effects enter one after the other, the picture made anew with each; those that later ones made superfluous leave,
+    and every one left is tested against all others in its stead, and where it was not fitted.
+
+    errors : see ``small_errors``; the picture's own errors are then counted in the covariance, and effects judged by
+    how certain they are. Without, they are judged by their size.
+    """
+
+    def judging(linearised: LinearisedFit) -> LinearisedFit:
+        return linearised if errors is None else linearised.counting_errors(errors)
+
+    given, settings = first.given, validation.model.render
+    plain, linearised = first, judging(first)
+    if errors is not None:
+        signatures = [s for s in signatures if _beside_errors(s, plain.model, linearised.model)]
+    start, residual = linearised.model, linearised.model.residual
+    problem = linearised.problem(())
+    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
+    progress.part(0.75)
+    chosen: list[Candidate] = []
+    while (
+        best := first_significant(
+            candidates, residual, problem.model, residual_with_rendered(linearised, chosen)
+        )
+    ) is not None:
+        plain = refitted(validation, plain, [*chosen, best])
+        linearised = judging(plain)
+        chosen = refitted_together(linearised, [*chosen, best])
+        residual = residual_with(linearised, chosen)
+        left = residual_with(plain, chosen)
+        hopeless = explained_part(plain.model, left) < LEAST_EXPLAINED_EACH * len(chosen)
+        if hopeless and something_remains(plain.model, left, residual_with_rendered(plain, chosen)):
+            plain, linearised, chosen = first, judging(first), []
+            break
+        reached = 0.75 + 0.2 * len(chosen) / _MOST_EFFECTS
+        progress.part(reached)
+        if len(chosen) == _MOST_EFFECTS:
+            break
+        if best.hypothesis.effect.stage == "settings":
+            # with more light reflected the signatures of the other effects differ
+            signatures = signatures_of(
+                plain, (*given, best.applied), settings, share(progress, reached, reached)
+            )
+        taken = {c.hypothesis.effect.id for c in chosen}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
+        problem = linearised.problem(chosen)
+        candidates = best_singles(problem, rest, residual, 3)
+    chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
+    chosen, known = with_better_alternatives(linearised, chosen, signatures)
+    chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
+    return Selection(start, plain, singles, chosen, known)
+
+
+def _beside_errors(known: Signature, plain: LinearModel, counting: LinearModel) -> bool:
+    """Whether enough of what an effect changes is left when the picture's own errors are counted."""
+    if known.changes is None:
+        return False
+    whole, left = (
+        sum(square(model.whiten_used(change)) for change in known.changes) for model in (plain, counting)
+    )
+    return left > _LEAST_BESIDE_ERRORS * whole
+
+
+def signatures_of(
+    linearised: LinearisedFit, given: Sequence[AppliedEffect], settings: RenderSettings, progress: Progress
+) -> list[Signature]:
+    """What small steps of every effect of the catalogue change, on top of those given."""
+    scene = linearised.predictor.scene
+    bands = linearised.predictor.sensing.curves.bands
+    known = hypotheses(bands, scene, after_stage(settings, given, "settings"))
+    found, rough = [], linearised.predictor.rough()
+    for index, hypothesis in enumerate(known):
+        one = signature(rough, given, linearised.rendered.used, hypothesis)
+        if one is not None:
+            found.append(one)
+        progress.part((index + 1) / len(known))
+    return found
+
+
+def refitted(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> LinearisedFit:
+    """Refit the camera with these effects in the model; render again where it moved or the light changed."""
+    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.predictor
+    effects = (*linearised.given, *(c.applied for c in chosen))
+    settings = validation.model.render
+    altered = refitted_picture(prepared, replace(rendered, signal=predictor.signal(effects)), effects)
+    corners = prepared.scene.corners_mm
+    resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in chosen)
+    light = None if resolve else validation.light
+    camera = predictor.camera
+    for _ in range(_MOST_RENDERINGS):
+        moved = altered.fit.camera.project(corners) - camera.project(corners)
+        if not resolve and np.sqrt(np.nanmean(moved**2)) <= _STALE_PX:
+            break
+        light = light or solved_light(prepared, settings, effects)
+        camera, resolve = altered.fit.camera, False
+        altered = refitted_picture(
+            prepared, rendered_from(prepared, light, camera, settings, effects), effects
+        )
+    # the signatures hold the pixels that were used at first
+    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given)
