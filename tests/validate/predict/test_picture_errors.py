@@ -1,0 +1,60 @@
+"""The picture's own errors as a covariance: whitened by it, what they make of a residual is noise of unit variance."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.predict import picture_errors
+
+SHAPE = (2, 48, 48)
+
+
+@pytest.fixture
+def parts():
+    """Two faces side by side in two bands, two pixels in three not used; an error of band 0 and one of the left face."""
+    generator = np.random.default_rng(3)
+    v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
+    signal = 1000 * np.array([1.0, 0.6])[:, None, None] * (1 + 0.5 * u + 0.2 * v)
+    left = (u < 0.4).astype(float)
+    used = generator.random(SHAPE) > 0.67
+    sigma = 0.1 * np.sqrt(signal[used])
+    band = np.broadcast_to(np.array([1.0, 0.0])[:, None, None], SHAPE)[used]
+    face = np.broadcast_to(left, SHAPE)[used]
+    others = [0.0007 * band * signal[used] / sigma, 0.001 * face * signal[used] / sigma]
+    return signal, np.stack([left, 1 - left], axis=-1), used, sigma, others
+
+
+def covariance(signal, coverage, used, sigma, others):
+    """Of a residual over sigma, from the words alone: noise, cells and regions of faces at 0.15 %, the others."""
+    bands, rows, columns = np.nonzero(used)
+    face = coverage.argmax(axis=-1)[rows, columns]
+    level = signal[used] / sigma
+    found = np.eye(len(sigma)) + sum(np.outer(other, other) for other in others)
+    for pixels in (3, 12):  # 48 pixels hold 16 cells and 4 regions
+        place = np.array([rows // pixels, columns // pixels, face])
+        together = (place[:, :, None] == place[:, None, :]).all(axis=0)
+        if pixels == 12:
+            large = together.sum(axis=0) >= 20 * len(used)
+            together &= large
+        found += 0.0015**2 * together * np.outer(level, level)
+    return found
+
+
+def test_whitening_is_an_inverse_root_of_the_covariance(parts):
+    errors = picture_errors(*parts)
+    count = len(parts[3])
+    root = np.array([errors.whitened(column) for column in np.eye(count)]).T
+    expected = covariance(*parts)
+    assert np.linalg.eigvalsh(expected)[-1] > 30  # the errors are no trifle beside noise of 0.3 %
+    np.testing.assert_allclose(root @ expected @ root.T, np.eye(count), atol=2e-4)
+
+
+def test_nothing_is_taken_from_what_no_error_makes(parts):
+    """A pattern whose mean is nothing in every cell and band stays as it is."""
+    signal, _, used, sigma, _ = parts
+    errors = picture_errors(*parts)
+    pattern = np.random.default_rng(1).standard_normal(len(sigma))
+    for number in np.unique(errors.cell):
+        for band in range(SHAPE[0]):
+            there = (errors.cell == number) & (np.nonzero(used)[0] == band)
+            along = signal[used][there] / sigma[there]
+            pattern[there] -= along * (along @ pattern[there]) / (along @ along) if there.any() else 0.0
+    np.testing.assert_allclose(errors.whitened(pattern), pattern, atol=1e-5)
