@@ -9,7 +9,7 @@ SHAPE = (2, 48, 48)
 
 @pytest.fixture
 def parts():
-    """Two faces side by side in two bands, two pixels in three not used; an error of band 0 and one of the left face."""
+    """Two faces in two bands, two pixels in three not used; an error of one band and one of the left face."""
     generator = np.random.default_rng(3)
     v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
     signal = 1000 * np.array([1.0, 0.6])[:, None, None] * (1 + 0.5 * u + 0.2 * v)
@@ -24,7 +24,7 @@ def parts():
 
 def covariance(signal, coverage, used, sigma, others):
     """Of a residual over sigma, from the words alone: noise, cells and regions of faces at 0.15 %, the others."""
-    bands, rows, columns = np.nonzero(used)
+    _, rows, columns = np.nonzero(used)
     face = coverage.argmax(axis=-1)[rows, columns]
     level = signal[used] / sigma
     found = np.eye(len(sigma)) + sum(np.outer(other, other) for other in others)
