@@ -138,7 +138,7 @@ def capture(
     ] = False,
     effects: Annotated[str | None, typer.Option(help="With --hide: draw one of these (id,id).")] = None,
     strength: Annotated[
-        str | None, typer.Option(help="With --hide: weak, medium or strong, by chi2 at this size.")
+        str | None, typer.Option(help="With --hide: faint, weak, medium or strong, by chi2 at this size.")
     ] = None,
     json: JsonOption = None,
 ) -> None:

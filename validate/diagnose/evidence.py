@@ -13,6 +13,7 @@ from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate
 
 __all__ = [
+    "CERTAIN",
     "INDISTINGUISHABLE",
     "LEAST_EXPLAINED",
     "LEAST_EXPLAINED_EACH",
@@ -37,7 +38,7 @@ SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
 #: Where the picture's own errors are part of the covariance: an effect's amplitude must be so many times its standard
 #: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 24, of 150
 #: hypotheses each.
-_CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 40.0, 0.0005
+CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 40.0, 0.0005
 
 #: A relative error e of an effect's shape leaves e^2 of the chi2 that the effect explains. This part allows for an
 #: error of a tenth; between two effects in each other's stead it allows for errors of a twentieth each. A further
@@ -80,7 +81,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     relieves the priors. explained : chi2 by effects whose shapes have errors."""
     gain = square(residual) - candidate.chi2
     if model.errors is not None:
-        certain = _CERTAIN * dispersion(model, candidate.predicted, residual)
+        certain = CERTAIN * dispersion(model, candidate.predicted, residual)
         return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2

@@ -26,7 +26,7 @@ from .linearised_fit import (
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_singles, pairs_replaced
 
-__all__ = ["Selection", "refitted", "selection", "signatures_of", "small_errors"]
+__all__ = ["Selection", "beside_errors", "refitted", "selection", "signatures_of", "small_errors"]
 
 #: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
 _MOST_EFFECTS = 3
@@ -90,7 +90,7 @@ def selection(
     given, settings = first.given, validation.model.render
     plain, linearised = first, judging(first)
     if errors is not None:
-        signatures = [s for s in signatures if _beside_errors(s, plain.model, linearised.model)]
+        signatures = [s for s in signatures if beside_errors(s, plain.model, linearised.model)]
     start, residual = linearised.model, linearised.model.residual
     problem = linearised.problem(())
     candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
@@ -129,7 +129,7 @@ def selection(
     return Selection(start, plain, singles, chosen, known)
 
 
-def _beside_errors(known: Signature, plain: LinearModel, counting: LinearModel) -> bool:
+def beside_errors(known: Signature, plain: LinearModel, counting: LinearModel) -> bool:
     """Whether enough of what an effect changes is left when the picture's own errors are counted."""
     if known.changes is None:
         return False
