@@ -56,7 +56,7 @@ def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
     mi.set_variant("llvm_ad_spectral")
     grid = np.linspace(360.0, 830.0, 471)
     paints = {name: _irregular(grid, m.reflectance.at(grid)) for name, m in scene.materials.items()}
-    lamp = _irregular(grid, scene.lamp.reflectance.at(grid)), {"type": "uniform", "value": 1.0}
+    lamp = [_irregular(grid, scene.lamp.reflectance.at(grid))], [{"type": "uniform", "value": 1.0}]
     loaded = mi.load_dict(scene_dict(scene, paints, *lamp), optimize=False)
     edges = np.array([-5.0, -4.99, 4.99, 5.0])
     bands = {f"band_{i:02d}": _irregular(b + edges, [0, 1, 1, 0]) for i, b in enumerate(BANDS)}
@@ -74,7 +74,7 @@ def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
         *levels, own = ({"type": "uniform", "value": float(x)} for x in scene.reflectances(band))
         paints = dict(zip(scene.materials, levels, strict=True))
         loaded = mi.load_dict(
-            scene_dict(scene, paints, own, {"type": "uniform", "value": 1.0}), optimize=False
+            scene_dict(scene, paints, [own], [{"type": "uniform", "value": 1.0}]), optimize=False
         )
         runs.append(_stock(loaded, camera, {"pixel_format": "luminance"}, samples))
     return lambda seed: np.concatenate([run(seed) for run in runs], axis=-1)

@@ -3,7 +3,7 @@
 from .camera import Camera
 from .cornell_box import cornell_box, cornell_camera
 from .errors import InputError
-from .scene import Lamp, Material, Medium, Scene, Surface
+from .scene import Lamp, Material, Medium, Scene, Surface, Texture
 from .scene_file import load_scene
 from .spectra import Spectrum, read_spectra, read_spectrum
 
@@ -16,6 +16,7 @@ __all__ = [
     "Scene",
     "Spectrum",
     "Surface",
+    "Texture",
     "cornell_box",
     "cornell_camera",
     "load_scene",

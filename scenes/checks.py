@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import InputError
-from .scene import Surface
+from .scene import Surface, Texture
 from .spectra import Spectrum
 
-__all__ = ["radiance_faults", "reflectance_faults", "surface_faults", "table_faults"]
+__all__ = ["radiance_faults", "reflectance_faults", "surface_faults", "table_faults", "texture_faults"]
 
 #: A step larger than this many times the median step is a gap in a table.
 LARGEST_STEP = 3.0
+#: Rounding that a sum of weights times spectra may leave beyond 0 and 1.
+ROUNDING = 1e-9
 #: Smallest valid area of a triangle, relative to its longest edge squared.
 SMALLEST_AREA = 1e-9
 
@@ -57,6 +59,21 @@ def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
     elif spectrum.values.max() == 0:
         faults.append(InputError(where, "a radiance of 0 everywhere", "a value above 0"))
     return faults
+
+
+def texture_faults(texture: Texture, where: str) -> list[InputError]:
+    """One fault for the first pixel and wavelength whose reflectance is outside 0 to 1 (energy conservation)."""
+    grid, values = texture.tables
+    for row, weights in enumerate(texture.weights):
+        reflectance = weights @ values
+        beyond = np.argwhere((reflectance < -ROUNDING) | (reflectance > 1 + ROUNDING))
+        if len(beyond):
+            column, at = beyond[0]
+            found = (
+                f"reflectance {reflectance[column, at]:g} at {grid[at]:g} nm in row {row}, column {column}"
+            )
+            return [InputError(where, found, "sums of channels times spectra from 0 to 1")]
+    return []
 
 
 def surface_faults(surface: Surface, where: str) -> list[InputError]:

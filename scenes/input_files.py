@@ -1,4 +1,4 @@
-"""Reading of text files (TOML, JSON, CSV): regular files of limited size; an InputError for all others."""
+"""Reading of files (TOML, JSON, CSV, pictures): regular files of limited size; an InputError for all others."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
 from .errors import InputError
 
-__all__ = ["read_json", "read_rows", "read_text", "read_toml", "require_regular_file"]
+__all__ = ["read_channels", "read_json", "read_rows", "read_text", "read_toml", "require_regular_file"]
 
 #: Largest size of files that are read, bytes; a table of 64 bands in steps of 1 nm takes half a megabyte.
 _LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
@@ -22,6 +26,9 @@ _LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
 _DEEPEST = 32
 
 _INT64 = 2**63
+
+#: The largest value of a PNG's mode.
+_FULL = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
 
 _LINE = re.compile(r"at line (\d+)")
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
@@ -136,3 +143,30 @@ def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise InputError(path, str(error), expected) from None
+
+
+def read_channels(path: Path) -> NDArray[np.float64]:
+    """(rows, columns, channels) of a grey or RGB PNG, its values over the largest of their type, or of a NumPy array.
+
+    Raises InputError for a file that is neither, or not finite.
+    """
+    expected = (
+        "a grey or RGB picture (.png), or an array of (rows, columns) or (rows, columns, channels) (.npy)"
+    )
+    require_regular_file(path, expected)
+    try:
+        if path.suffix.lower() == ".npy":
+            values = np.load(path, allow_pickle=False).astype(np.float64)
+        else:
+            with Image.open(path, formats=["PNG"]) as picture:
+                if picture.mode not in _FULL:
+                    raise InputError(path, f"a picture of kind '{picture.mode}'", expected)
+                values = np.asarray(picture, np.float64) / _FULL[picture.mode]
+    except InputError:
+        raise
+    except Exception as error:  # the readers raise exceptions of any type on damaged files
+        raise InputError(path, f"{type(error).__name__}: {error}", expected) from None
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or not values.size or not np.isfinite(values).all():
+        raise InputError(path, f"an array of shape {values.shape}, or not finite", expected)
+    return values

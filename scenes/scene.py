@@ -12,33 +12,74 @@ from numpy.typing import ArrayLike, NDArray
 from .frozen import OwnMappings
 from .spectra import Spectrum
 
-__all__ = ["Lamp", "Material", "Medium", "Scene", "Surface"]
+__all__ = ["Lamp", "Material", "Medium", "Scene", "Surface", "Texture"]
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A reflectance that varies over a surface: the sum over k of weights[row, column, k] times spectra[k].
+
+    weights : (rows, columns, k). Columns run along the texture coordinate u, rows along v, both from 0 to 1; bilinear
+    between the centres of pixels, held constant beyond the outer ones. spectra : k, held constant beyond their tables.
+    The reflectance is 0 to 1 at every pixel and wavelength.
+    """
+
+    weights: NDArray[np.float64]
+    spectra: tuple[Spectrum, ...]
+
+    @property
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Wavelengths (w,) of all tables, nm, between which the spectra are linear, and the spectra (k, w) there."""
+        grid = np.unique(np.concatenate([spectrum.wavelength_nm for spectrum in self.spectra]))
+        return grid, np.array([spectrum.at(grid) for spectrum in self.spectra])
+
+    @property
+    def mean(self) -> Spectrum:
+        """The mean reflectance of the pixels."""
+        grid, values = self.tables
+        return Spectrum(grid, self.weights.mean(axis=(0, 1)) @ values)
+
+    def scaled(self, factor: float) -> Texture:
+        """The texture times a number; less in pixels that would reflect more than 1 at a wavelength: just 1 there."""
+        _, values = self.tables
+        weights = factor * self.weights
+        most = np.array([(row @ values).max(axis=-1) for row in weights])
+        return Texture(weights / np.maximum(most, 1.0)[..., None], self.spectra)
 
 
 @dataclass(frozen=True, eq=False)
 class Material(OwnMappings):
-    """A Lambertian material, or one with any BSDF of Mitsuba.
+    """A Lambertian material, one with a texture, or one with any BSDF of Mitsuba.
 
-    reflectance : 0 to 1, held constant beyond its table. bsdf : a Mitsuba BSDF dictionary (nested keys and plain
-    values) that replaces Lambert's law; the string "reflectance" in it stands for the reflectance.
+    reflectance : 0 to 1, held constant beyond its table; of a texture its mean. bsdf : a Mitsuba BSDF dictionary
+    (nested keys and plain values) that replaces Lambert's law; the string "reflectance" in it stands for the
+    reflectance. texture : on surfaces with texture coordinates; not together with a bsdf.
     """
 
     name: str
     reflectance: Spectrum
     bsdf: Mapping[str, Any] | None = None
+    texture: Texture | None = None
+
+    @property
+    def lambertian(self) -> bool:
+        """Whether it is Lambertian and alike all over."""
+        return self.bsdf is None and self.texture is None
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A named triangle mesh.
 
-    vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side.
+    vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side. texture_uv : (n, 2) texture
+    coordinates of the vertices, u along a texture's columns and v along its rows, or None.
     """
 
     name: str
     material: str
     vertices_mm: NDArray[np.float64]
     faces: NDArray[np.int64]
+    texture_uv: NDArray[np.float64] | None = None
 
     @property
     def areas_mm2(self) -> NDArray[np.float64]:
@@ -117,16 +158,15 @@ class Scene(OwnMappings):
 
     @property
     def diffuse(self) -> bool:
-        """Whether all materials in use are Lambertian and there is no medium."""
+        """Whether all materials in use are Lambertian, without a texture, and there is no medium."""
         used = {surface.material for surface in self.surfaces}
-        return self.medium is None and all(self.materials[name].bsdf is None for name in used)
+        return self.medium is None and all(self.materials[name].lambertian for name in used)
 
     @property
     def lambertian(self) -> Scene:
-        """The same scene with Lambert's law for all materials and without a medium."""
-        return replace(
-            self, medium=None, materials={k: replace(m, bsdf=None) for k, m in self.materials.items()}
-        )
+        """The same scene with Lambert's law, mean reflectances in place of textures, and without a medium."""
+        plain = {name: replace(one, bsdf=None, texture=None) for name, one in self.materials.items()}
+        return replace(self, medium=None, materials=plain)
 
     @property
     def corners_mm(self) -> NDArray[np.float64]:

@@ -12,10 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from .errors import InputError
 from .faults import path_inside, referred
-from .shapes import Mesh, box_mesh, file_mesh, joined, quad_mesh, ring_mesh, sphere_mesh, vector_area
+from .input_files import read_channels
+from .shapes import Mesh, box_mesh, file_mesh, file_uv, joined, quad_mesh, ring_mesh, sphere_mesh, vector_area
 
 __all__ = [
     "LampEntry",
+    "MaterialEntry",
     "MediumEntry",
     "SceneFile",
     "SpectrumTable",
@@ -23,6 +25,8 @@ __all__ = [
     "lamp_mesh",
     "lamp_pattern",
     "surface_mesh",
+    "surface_uv",
+    "texture_weights",
 ]
 
 Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
@@ -63,9 +67,15 @@ class SurfaceEntry(_Table):
     hole: str | list[str] | None = None
 
 
+class TextureEntry(_Table):
+    image: str
+    spectra: Annotated[list[Any], Field(min_length=1, max_length=64)]
+
+
 class MaterialEntry(_Table):
-    reflectance: Any
+    reflectance: Any = None
     bsdf: dict[str, Any] | None = None
+    texture: TextureEntry | None = None
 
 
 class LampEntry(_Table):
@@ -118,6 +128,26 @@ def lamp_pattern(entry: LampEntry, where: str) -> NDArray[np.float64] | None:
     return values / values.mean()
 
 
+def texture_weights(entry: TextureEntry, folder: Path, where: str) -> NDArray[np.float64]:
+    """(rows, columns, spectra) of a texture: the picture's channels, and what they leave of 1 for one spectrum more.
+
+    Raises InputError (at ``where``) for a picture that cannot be read, and another number of spectra.
+    """
+    path = path_inside(folder, entry.image, f"{where}.image")
+    try:
+        channels = read_channels(path)
+    except InputError as error:
+        raise referred(error, f"{where}.image") from None
+    count = channels.shape[2]
+    if len(entry.spectra) == count:
+        return channels
+    if len(entry.spectra) != count + 1:
+        expected = f"{count}, or {count + 1} where the last one takes what the channels leave of 1"
+        found = f"{len(entry.spectra)} spectra for {count} channel{'s' if count > 1 else ''}"
+        raise InputError(f"{where}.spectra", found, expected)
+    return np.concatenate([channels, 1 - channels.sum(axis=2, keepdims=True)], axis=2)
+
+
 def surface_mesh(entry: SurfaceEntry, lamps: list[LampEntry], folder: Path, where: str) -> Mesh:
     """The triangles of a surface. Raises InputError (at ``where``) for a shape that cannot be built."""
     given = [key for key in ("quads_mm", "box", "sphere", "mesh") if getattr(entry, key) is not None]
@@ -155,6 +185,24 @@ def surface_mesh(entry: SurfaceEntry, lamps: list[LampEntry], folder: Path, wher
     if not holes:
         return _quads(quads, where)
     return _with_holes(quads, [quad for name in holes for quad in known[name].quads_mm], where)
+
+
+def surface_uv(entry: SurfaceEntry, folder: Path, where: str) -> NDArray[np.float64]:
+    """(n, 2) texture coordinates of the vertices of a surface that ``surface_mesh`` built.
+
+    Those of the corners of every quad, in their order, are (0, 0), (1, 0), (1, 1), (0, 1); a mesh brings its own, whose
+    v runs upwards in the image. Raises InputError (at ``where``) for a shape without any.
+    """
+    expected = "quads_mm without a hole, or a mesh with texture coordinates of its own"
+    if entry.mesh is not None:
+        found = file_uv(path_inside(folder, entry.mesh, f"{where}.mesh"))
+        if found is None:
+            raise InputError(f"{where}.mesh", "a mesh without texture coordinates", expected)
+        return np.column_stack([found[:, 0], 1 - found[:, 1]])
+    if entry.quads_mm is None or entry.hole is not None:
+        shape = "a hole" if entry.hole is not None else "a box" if entry.box is not None else "a sphere"
+        raise InputError(f"{where}.material", f"a texture on {shape}", expected)
+    return np.tile([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], (len(entry.quads_mm), 1))
 
 
 def _quads(quads: list[Quad], where: str) -> Mesh:

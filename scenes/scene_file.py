@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
-from .checks import radiance_faults, reflectance_faults, surface_faults
+from .checks import radiance_faults, reflectance_faults, surface_faults, texture_faults
 from .errors import InputError
 from .faults import combined, faults_of_validation, referred, suggestion
 from .input_files import read_toml
-from .scene import Lamp, Material, Medium, Scene, Surface
+from .scene import Lamp, Material, Medium, Scene, Surface, Texture
 from .scene_entries import (
     LampEntry,
+    MaterialEntry,
     MediumEntry,
     SceneFile,
     SpectrumTable,
     lamp_mesh,
     lamp_pattern,
     surface_mesh,
+    surface_uv,
+    texture_weights,
 )
 from .spectra import Outside, Spectrum, read_spectrum
 
@@ -48,13 +52,16 @@ def load_scene(path_or_name: str | Path) -> Scene:
 
 
 def scene_files(path: Path) -> tuple[Path, ...]:
-    """A scene file, and the tables and meshes that it names. Raises InputError for a faulty file."""
+    """A scene file, and the tables, meshes and pictures that it names. Raises InputError for a faulty file."""
     file = _read(path)
     spectra = [material.reflectance for material in file.material.values()]
     spectra += [spectrum for lamp in file.lamp for spectrum in (lamp.radiance, lamp.reflectance)]
     if file.medium is not None:
         spectra += [file.medium.scattering_per_mm, file.medium.absorption_per_mm]
+    textures = [material.texture for material in file.material.values() if material.texture is not None]
+    spectra += [spectrum for texture in textures for spectrum in texture.spectra]
     named = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
+    named += [texture.image for texture in textures]
     named += [surface.mesh for surface in file.surface if surface.mesh is not None]
     return path, *(path.parent / name for name in dict.fromkeys(named))
 
@@ -90,16 +97,8 @@ def _built(path: Path, file: SceneFile) -> Scene:
     surfaces: list[Surface] = []
     lamps: list[Lamp] = []
     for name, material in file.material.items():
-        where = f"{path}: material.{name}.reflectance"
         with _gathered(faults):
-            reflectance = _spectrum(path, material.reflectance, where, "hold")
-            faults += reflectance_faults(reflectance, where)
-            materials[name] = Material(name, reflectance, material.bsdf)
-            if material.bsdf is not None and not isinstance(material.bsdf.get("type"), str):
-                hint = 'for example bsdf = { type = "roughplastic", diffuse_reflectance = "reflectance" }'
-                raise InputError(
-                    f"{path}: material.{name}.bsdf", "no type", "the name of a Mitsuba BSDF", hint
-                )
+            materials[name] = _material(path, name, material, faults)
     names: list[str] = []
     for index, light in enumerate(file.lamp):
         where = f"{path}: lamp" if len(file.lamp) == 1 else f"{path}: lamp[{index}]"
@@ -117,6 +116,8 @@ def _built(path: Path, file: SceneFile) -> Scene:
                 faults.append(_missing_material(entry.material, list(file.material), f"{where}.material"))
             mesh = surface_mesh(entry, file.lamp, path.parent, where)
             surface = Surface(entry.name, entry.material, *mesh)
+            if entry.material in file.material and file.material[entry.material].texture is not None:
+                surface = replace(surface, texture_uv=surface_uv(entry, path.parent, where))
             faults += surface_faults(surface, where)
             surfaces.append(surface)
     if faults:
@@ -129,6 +130,30 @@ def _unused(name: str, names: list[str], where: str) -> str:
     if name in names:
         raise InputError(where, "a name used before", "a unique name for each surface and the lamp")
     return name
+
+
+def _material(path: Path, name: str, entry: MaterialEntry, faults: list[InputError]) -> Material:
+    """A material; faults of its reflectance are appended to ``faults``."""
+    where = f"{path}: material.{name}"
+    if entry.texture is not None:
+        if entry.bsdf is not None or entry.reflectance is not None:
+            other = "bsdf" if entry.bsdf is not None else "reflectance"
+            raise InputError(f"{where}.texture", f"a texture and a {other}", "one of the two")
+        at = f"{where}.texture"
+        spectra = tuple(
+            _spectrum(path, one, f"{at}.spectra[{k}]", "hold") for k, one in enumerate(entry.texture.spectra)
+        )
+        texture = Texture(texture_weights(entry.texture, path.parent, at), spectra)
+        faults += texture_faults(texture, at)
+        return Material(name, texture.mean, texture=texture)
+    if entry.reflectance is None:
+        raise InputError(f"{where}.reflectance", "nothing", "a value, or a texture")
+    reflectance = _spectrum(path, entry.reflectance, f"{where}.reflectance", "hold")
+    faults += reflectance_faults(reflectance, f"{where}.reflectance")
+    if entry.bsdf is not None and not isinstance(entry.bsdf.get("type"), str):
+        hint = 'for example bsdf = { type = "roughplastic", diffuse_reflectance = "reflectance" }'
+        faults.append(InputError(f"{where}.bsdf", "no type", "the name of a Mitsuba BSDF", hint))
+    return Material(name, reflectance, entry.bsdf)
 
 
 def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) -> Lamp:

@@ -17,7 +17,7 @@ from .errors import InputError
 from .input_files import require_regular_file
 
 __all__ = [
-    "Mesh", "box_mesh", "file_mesh", "joined", "moved_on_floor", "quad_mesh", "ring_mesh", "sphere_mesh",
+    "Mesh", "box_mesh", "file_mesh", "file_uv", "joined", "moved_on_floor", "quad_mesh", "ring_mesh", "sphere_mesh",
     "vector_area",
 ]  # fmt: skip
 
@@ -122,6 +122,25 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
 
     Raises InputError for a file that cannot be read or holds no triangles.
     """
+    mesh = _loaded(path)
+    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    if faces.ndim != 2 or faces.shape[0] == 0 or faces.shape[1] != 3:
+        raise InputError(path, "no triangles", "a mesh with at least one triangle")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(path, "a face with a missing vertex", "indices of the file's vertices")
+    return vertices * unit_mm, faces
+
+
+def file_uv(path: Path) -> NDArray[np.float64] | None:
+    """(n, 2) finite texture coordinates of the vertices of ``file_mesh``, v upwards; None where the file has none."""
+    found = getattr(_loaded(path).visual, "uv", None)
+    if found is None:
+        return None
+    uv = np.asarray(found, float)[:, :2]
+    return uv if np.isfinite(uv).all() else None
+
+
+def _loaded(path: Path) -> trimesh.Trimesh:
     expected = "a readable mesh: .obj, .ply or .stl"
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("obj", "ply", "stl"):
@@ -130,17 +149,11 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
     try:
         with open(path, "rb") as stream:
             # skip_materials: reflectances come from the scene file, and no other file may be opened
-            mesh = trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
-        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+            return trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
     except Exception as error:  # the mesh parsers raise exceptions of any type on damaged input
         raise InputError(path, f"{type(error).__name__}: {error}", expected) from None
-    if faces.ndim != 2 or faces.shape[0] == 0 or faces.shape[1] != 3:
-        raise InputError(path, "no triangles", "a mesh with at least one triangle")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(path, "a face with a missing vertex", "indices of the file's vertices")
-    return vertices * unit_mm, faces
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:

@@ -137,7 +137,9 @@ def exported_scene(
     where = f"scene {scene.name}"
     if not scene.diffuse:
         raise InputError(
-            where, "surfaces that are not Lambertian, or a medium", "a diffuse scene for an export"
+            where,
+            "surfaces that are not Lambertian or have a texture, or a medium",
+            "a diffuse scene for an export",
         )
     if any(lamp.edge_ratio != 1.0 or lamp.exponent or lamp.pattern is not None for lamp in scene.lamps):
         raise InputError(

@@ -33,7 +33,11 @@ def render_bounces(
     covers most of a pixel. Raises InputError for a scene that is not diffuse.
     """
     if not scene.diffuse:
-        raise InputError(f"scene {scene.name}", "a surface or medium that is not diffuse", "a diffuse scene")
+        raise InputError(
+            f"scene {scene.name}",
+            "a surface that is not diffuse or has a texture, or a medium",
+            "a diffuse scene",
+        )
     wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
     sums = trace_paths(

@@ -53,7 +53,11 @@ def render_derivatives(
     which no path contributes.
     """
     if not scene.diffuse:
-        raise InputError(f"scene {scene.name}", "a surface or medium that is not diffuse", "a diffuse scene")
+        raise InputError(
+            f"scene {scene.name}",
+            "a surface that is not diffuse or has a texture, or a medium",
+            "a diffuse scene",
+        )
     wavelengths = np.asarray(wavelength_nm, float)
     reflectances = scene.reflectances(wavelengths)[: len(scene.materials)]
     for name, row in zip(scene.materials, reflectances, strict=True):

@@ -1,4 +1,4 @@
-"""Path tracer for any scene (coatings, glass, metals, media), with all wavelengths along each path.
+"""Path tracer for any scene (textures, coatings, glass, metals, media), with all wavelengths along each path.
 
 As in ``path_tracer`` a path is traced once and has one throughput per wavelength; directions, distances and Russian
 roulette use densities common to all wavelengths. Each lamp is sampled at every vertex. On surfaces and in media whose
@@ -8,6 +8,8 @@ Lambertian surfaces use only the samples of the lamps.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
@@ -15,7 +17,7 @@ from cboxlab.scenes.scene import Scene
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
-from ..materials import SpectralBsdfs, SpectralMedium
+from ..materials import SpectralBsdfs, SpectralMedium, SpectralTextures
 from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_radiance, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays, visible
 from .path_points import PathPoints
@@ -37,7 +39,8 @@ def render_general_path_tracer(
 ) -> RenderedImage:
     """Render the scene through the camera by path tracing; arguments and result as ``render_path_tracer``.
 
-    Supports any BSDF of Mitsuba without textures, and a medium that fills all space. A scattering counts as a bounce.
+    Supports textures on Lambertian surfaces, any BSDF of Mitsuba, and a medium that fills all space. A scattering
+    counts as a bounce.
     The coefficients are radiance relative to the lamps' mean (``Scene.lamp_radiance``), one for each wavelength.
     Raises InputError for a material that Mitsuba does not support.
     """
@@ -47,10 +50,11 @@ def render_general_path_tracer(
         tracer = build_tracer(scene)
         lamps = build_lamp_samplers(tracer)
         bsdfs = SpectralBsdfs(scene, wavelengths)
+        textures = SpectralTextures(tracer, wavelengths)
         medium = None if scene.medium is None else SpectralMedium(scene.medium, wavelengths)
 
         def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
-            parts = tracer, lamps, bsdfs, medium, wavelengths, camera
+            parts = tracer, lamps, _Stuff(bsdfs, textures, medium), wavelengths, camera
             return _strip(*parts, pixels, samples=samples, seed=own_seed, max_bounces=max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
@@ -65,13 +69,23 @@ def render_general_path_tracer(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Stuff:
+    """What surfaces and air are made of."""
+
+    bsdfs: SpectralBsdfs
+    textures: SpectralTextures
+    medium: SpectralMedium | None
+
+
 def _strip(
-    tracer: Tracer, lamps: tuple[LampSampler, ...], bsdfs: SpectralBsdfs, medium: SpectralMedium | None,
+    tracer: Tracer, lamps: tuple[LampSampler, ...], stuff: _Stuff,
     wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32, *, samples: int, seed: int, max_bounces: int | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
     count, bands = dr.width(pixels), len(wavelengths)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
+    bsdfs, textures, medium = stuff.bsdfs, stuff.textures, stuff.medium
     rays = pixel_rays(camera, pixels)
     points = PathPoints(samples, pixels, seed)
     own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
@@ -117,6 +131,7 @@ def _strip(
         vertex = points.at_vertex(index, depth)
         row_of = material * bands
         rho = [dr.gather(mi.Float, reflectance_table, row_of + k, plain) for k in range(bands)]
+        rho = textures.reflectance(hit, rho, plain)
 
         # next event estimation
         side = dr.select(dr.dot(direction, hit.normal) < 0, one, -one)

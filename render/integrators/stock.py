@@ -13,7 +13,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
-from cboxlab.scenes.scene import Lamp, Medium, Scene, Surface
+from cboxlab.scenes.scene import Lamp, Medium, Scene, Surface, Texture
 from numpy.typing import NDArray
 
 from ..device import mi
@@ -63,7 +63,10 @@ def render_stock(
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
             each = [_rgb(row) for row in scene.reflectances(three)]
-            paints = dict(zip(scene.materials, each, strict=False))
+            paints = {
+                name: own if material.texture is None else _bitmap(material.texture, three)
+                for (name, material), own in zip(scene.materials.items(), each, strict=False)
+            }
             shares = scene.lamp_shares(three)
             radiances = [_radiance(one, share) for one, share in zip(scene.lamps, shares, strict=True)]
             loaded = mi.load_dict(scene_dict(scene, paints, each[len(paints) :], radiances), optimize=False)
@@ -96,7 +99,8 @@ def scene_dict(
     reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectances, radiances : those of each
     lamp's own reflectance and of its radiance.
     """
-    bsdfs = {name: bsdf_dict(scene.materials[name], value) for name, value in reflectances.items()}
+    used = {surface.material for surface in scene.surfaces}
+    bsdfs = {name: mi.load_dict(bsdf_dict(scene.materials[name], reflectances[name])) for name in used}
     shapes = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
     for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
         parts = {
@@ -149,6 +153,13 @@ def _radiance(lamp: Lamp, share: NDArray) -> dict[str, Any]:
     return {"type": "bitmap", "data": cells, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
 
 
+def _bitmap(texture: Texture, wavelengths: NDArray) -> dict[str, Any]:
+    """The reflectance of a texture at three wavelengths."""
+    spectra = np.array([spectrum.at(wavelengths) for spectrum in texture.spectra])
+    pixels = mi.TensorXf((texture.weights @ spectra).astype(np.float32))
+    return {"type": "bitmap", "data": pixels, "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
+
+
 def _medium(medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
     """The sensor's entry for a medium that fills all space."""
     if medium is None:
@@ -171,11 +182,11 @@ def _rgb(values: NDArray) -> dict[str, Any]:
 def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:
     """Triangles without shared vertices, so that Mitsuba does not interpolate normals.
 
-    Texture coordinates run along the first edge (u) and the last edge (v) of the first quad.
+    Texture coordinates are the surface's own, or run along the first edge (u) and the last edge (v) of the first quad.
     """
     properties = mi.Properties()
     for name, part in parts.items():
-        properties[name] = mi.load_dict(part)
+        properties[name] = part if isinstance(part, mi.Object) else mi.load_dict(part)
     corners = surface.vertices_mm[surface.faces].reshape(-1, 3).astype(np.float32)
     mesh = mi.Mesh(surface.name, len(corners), len(surface.faces), properties, has_vertex_texcoords=True)
     parameters = mi.traverse(mesh)
@@ -187,6 +198,8 @@ def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:
 
 
 def _texture_coordinates(surface: Surface, corners: NDArray) -> NDArray[np.float32]:
+    if surface.texture_uv is not None:
+        return np.ascontiguousarray(surface.texture_uv[surface.faces].reshape(-1, 2), np.float32)
     first = surface.vertices_mm[0]
     edges = np.stack([surface.vertices_mm[i] - first for i in (1, min(3, len(surface.vertices_mm) - 1))])
     places = (corners - first) @ (edges / np.maximum((edges**2).sum(axis=1, keepdims=True), 1e-12)).T

@@ -79,7 +79,7 @@ def solve_light(
     Raises InputError for a scene that is not diffuse.
     """
     if not scene.diffuse:
-        found = "surfaces that are not Lambertian, or a medium"
+        found = "surfaces that are not Lambertian or have a texture, or a medium"
         raise InputError(
             f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene."
         )

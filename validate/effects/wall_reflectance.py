@@ -19,7 +19,9 @@ def _apply(scene: Scene, material: str, scale: float) -> Scene:
     before = scene.materials[material]
     table = before.reflectance
     scaled = Spectrum(table.wavelength_nm, np.minimum(table.values * scale, 1.0), table.outside)
-    return replace(scene, materials={**scene.materials, material: replace(before, reflectance=scaled)})
+    texture = None if before.texture is None else before.texture.scaled(scale)
+    changed = replace(before, reflectance=scaled, texture=texture)
+    return replace(scene, materials={**scene.materials, material: changed})
 
 
 EFFECT = Effect(

@@ -49,11 +49,14 @@ def _assumptions(result: Validation) -> list[str]:
     rendered = "the render's standard error"
     if foreign is not None and foreign.estimated:
         rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
-    special = [f"{m.name} ({m.bsdf['type']})" for m in prepared.complete.materials.values() if m.bsdf]
-    materials = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
+    materials = prepared.complete.materials.values()
+    special = [
+        f"{m.name} ({m.bsdf['type'] if m.bsdf else 'a texture'})" for m in materials if not m.lambertian
+    ]
+    paints = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
     air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
-        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {materials}, {lit} uniform and "
+        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {paints}, {lit} uniform and "
         f"Lambertian and {'reflect' if several else 'reflects'} {reflects}, {air}, the front is open and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
