@@ -219,6 +219,8 @@ def run(case: Case) -> dict[str, Any] | None:
         "groups": [list(g) for g in diagnosis.indistinguishable],
         "first": diagnosis.ranking[0].effect,
         "first_three": [r.effect for r in diagnosis.ranking[:3]],
+        "tried": [(r.effect, dict(r.values), dict(r.sigma)) for r in diagnosis.ranking[:6]],
+        "certainty": diagnosis.certainty,
         "probability": diagnosis.ranking[0].probability,
         "best_gain": diagnosis.chi2_per_dof - min(r.chi2_per_dof for r in diagnosis.ranking),
         "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},

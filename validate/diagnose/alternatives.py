@@ -58,6 +58,11 @@ class SelectedEffect:
     dispersion: float
 
     @property
+    def certainty(self) -> float:
+        """The effect's amplitude over its standard deviation."""
+        return float(np.sqrt(max(self.chi2_without - self.candidate.chi2, 0.0) / self.dispersion))
+
+    @property
     def indistinguishable(self) -> list[Candidate]:
         """Alternatives that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
         allowed = max(

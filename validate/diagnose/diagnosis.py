@@ -93,6 +93,8 @@ class Diagnosis:
     where not used. causes : the likeliest ones tried alone, to be seen beside it.
     explanation : what a family of fields says about what no effect explains; None where nothing remains.
     render : what another renderer's picture lacks by itself; None for our own. further : the other captures asked.
+    certainty : amplitude over its standard deviation, the least of all effects found, where they are so small that the
+    picture's own errors had to be counted; NaN otherwise.
     """
 
     adequate: bool
@@ -111,6 +113,7 @@ class Diagnosis:
     explanation: Explanation | None = None
     render: ForeignSide | None = None
     further: tuple[FurtherCaptureFound, ...] = ()
+    certainty: float = float("nan")
 
 
 def diagnose(
@@ -191,6 +194,7 @@ def diagnose(
         else (),
         explanation=explanation,
         render=render,
+        certainty=_least([] if found.first.errors is None else [one.certainty for one in known]),
         further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
     )
 

@@ -150,6 +150,11 @@ def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
             f"{diagnosis.path[0].prior_pull:.1f} standard deviations; with the effects, by {last.prior_pull:.1f}; "
             "about 3 is expected by chance."
         )
+    if np.isfinite(diagnosis.certainty):
+        sentences.append(
+            "The difference is small. With the picture's own errors counted, its size is "
+            f"{diagnosis.certainty:.1f} times its standard deviation."
+        )
     if np.isfinite(diagnosis.heldout_pixels):
         bands = diagnosis.heldout_bands
         sentences.append(
