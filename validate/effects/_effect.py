@@ -43,7 +43,7 @@ class Parameter:
     the bounds. example : the value in the effect's picture; by default four steps from null, or the first choice.
     grows_with_aperture : whether the number is in proportion to the aperture's diameter, as the width of a blur is.
     tolerance : how far the number may be from null without being a finding, one standard deviation: what setting up
-    and surveying a box leave.
+    and surveying a box leave, or by what two simulators of one box differ.
     """
 
     name: str
