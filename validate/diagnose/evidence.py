@@ -36,9 +36,9 @@ __all__ = [
 SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
 
 #: Where the picture's own errors are part of the covariance: an effect's amplitude must be so many times its standard
-#: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 24, of 150
+#: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 18, of 150
 #: hypotheses each.
-CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 40.0, 0.0005
+CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 32.0, 0.0005
 
 #: A relative error e of an effect's shape leaves e^2 of the chi2 that the effect explains. This part allows for an
 #: error of a tenth; between two effects in each other's stead it allows for errors of a twentieth each. A further

@@ -96,7 +96,7 @@ def test_what_holds_in_one_corner_only_is_no_cause():
 
 def test_beside_the_pictures_errors_what_is_sharp_counts_and_what_is_smooth_does_not():
     """Errors of 0.15 % of 1000, alike in all bands over cells and regions, noise of 1, 40 draws. By size alone a smooth
-    pattern counts in most; beside the errors in none, since it must be 6 standard deviations. A pattern that changes
+    pattern counts in most; beside the errors in none, since it must be 5.7 standard deviations. A pattern that changes
     from pixel to pixel, of 0.15, counts in all: 0.15 sqrt(4800) = 10 standard deviations."""
     checks = np.broadcast_to((-1.0) ** np.indices(SHAPE[1:]).sum(axis=0), SHAPE)
     linearised, known = laboratory({"sharp": checks, "smooth": waves(1, 1)}, {})
