@@ -45,7 +45,8 @@ CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 32.0, 0.0005
 #: effect must gain more than this part of what those already selected explain.
 SHAPE_ERROR = 0.01
 
-#: An effect that imitates a nuisance must relieve the priors by more than chance does with this probability.
+#: An effect that imitates a nuisance must relieve the priors by more than chance does with this probability, and one
+#: whose numbers are known within a tolerance must exceed that likewise.
 _PRIOR_CHANCE = 3e-4
 
 #: Something unexplained is left where the squares of block means of interiors exceed what noise makes of them by more
@@ -80,6 +81,8 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     """Whether a gain exceeds what errors of the base picture or of the selected effects' shapes could give, or
     relieves the priors. explained : chi2 by effects whose shapes have errors."""
     gain = square(residual) - candidate.chi2
+    if not _beyond_tolerance(candidate):
+        return False
     if model.errors is not None:
         certain = CERTAIN * dispersion(model, candidate.predicted, residual)
         return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
@@ -89,6 +92,16 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
         if relieved or candidate.by_priors:
             return bool(relieved)
     return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
+
+
+def _beyond_tolerance(candidate: Candidate) -> bool:
+    """Whether numbers that setting up the box leaves uncertain are further from null than chance takes them."""
+    pulls = [
+        (candidate.numbers[p.name] - (p.null or 0.0)) / p.tolerance
+        for p in candidate.hypothesis.free
+        if p.tolerance
+    ]
+    return not pulls or float(np.sum(np.square(pulls))) > chi2.isf(_PRIOR_CHANCE, len(pulls))
 
 
 def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:

@@ -113,6 +113,17 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
         assert (found is not None) is gains
 
 
+def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
+    """0.05 mm and 0.01 degrees: 0.17 mm in both directions are 23 of chi-square, 18.8 come by chance in 3 of 10,000."""
+    known = next(
+        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose"
+    )
+    change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
+    for away, counts in ((0.13, False), (0.17, True)):
+        moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
+        assert (first_significant([moved], change, SQUARE, change) is moved) is counts
+
+
 def test_screening_leaves_out_what_averaging_noise_would_gain():
     """|r - a c|^2 + s a, s what a step of the effect smooths away, is least at (c r - s / 2) / c^2."""
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
