@@ -5,10 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import InputError
-from .scene import Surface, Texture
+from .scene import Material, Surface, Texture
 from .spectra import Spectrum
 
-__all__ = ["radiance_faults", "reflectance_faults", "surface_faults", "table_faults", "texture_faults"]
+__all__ = [
+    "inside_faults",
+    "radiance_faults",
+    "reflectance_faults",
+    "surface_faults",
+    "table_faults",
+    "texture_faults",
+]
 
 #: A step larger than this many times the median step is a gap in a table.
 LARGEST_STEP = 3.0
@@ -74,6 +81,29 @@ def texture_faults(texture: Texture, where: str) -> list[InputError]:
             )
             return [InputError(where, found, "sums of channels times spectra from 0 to 1")]
     return []
+
+
+def inside_faults(surface: Surface, material: Material, where: str) -> list[InputError]:
+    """Faults of a surface that a medium fills: it lets no light in, or it is open or inside out."""
+    faults = []
+    if material.bsdf is None:
+        expected = 'a material whose bsdf lets light through, as { type = "dielectric" } or { type = "null" }'
+        faults.append(InputError(where, f"a medium behind the opaque material '{material.name}'", expected))
+    corners = surface.vertices_mm[surface.faces]
+    size = np.ptp(surface.vertices_mm, axis=0).max()
+    places = np.rint(corners / (SMALLEST_AREA * max(size, 1e-300))).reshape(-1, 3)
+    _, number = np.unique(places, axis=0, return_inverse=True)
+    corner = number.reshape(-1, 3)
+    edges = np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1).reshape(-1, 2)
+    there, back = (np.unique(pairs, axis=0, return_counts=True) for pairs in (edges, edges[:, ::-1]))
+    closed = np.array_equal(there[0], back[0]) and np.array_equal(there[1], back[1])
+    volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    if not closed or volume <= 0:
+        found = "a surface that is turned inside out" if closed else "an open surface"
+        faults.append(
+            InputError(where, found, "a closed surface, its corners counter-clockwise from outside")
+        )
+    return faults
 
 
 def surface_faults(surface: Surface, where: str) -> list[InputError]:

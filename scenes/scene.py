@@ -68,11 +68,25 @@ class Material(OwnMappings):
 
 
 @dataclass(frozen=True, eq=False)
+class Medium:
+    """A homogeneous medium that fills the space between the surfaces, or the inside of one.
+
+    scattering_per_mm, absorption_per_mm : coefficients >= 0, held constant beyond their tables.
+    anisotropy : mean cosine of the scattering angle, -1 to 1 (Henyey and Greenstein 1941); 0 is isotropic.
+    """
+
+    scattering_per_mm: Spectrum
+    absorption_per_mm: Spectrum
+    anisotropy: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A named triangle mesh.
 
     vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side. texture_uv : (n, 2) texture
-    coordinates of the vertices, u along a texture's columns and v along its rows, or None.
+    coordinates of the vertices, u along a texture's columns and v along its rows, or None. inside : what fills a closed
+    surface, whose faces are lit from outside; None for nothing else than what is around it.
     """
 
     name: str
@@ -80,6 +94,7 @@ class Surface:
     vertices_mm: NDArray[np.float64]
     faces: NDArray[np.int64]
     texture_uv: NDArray[np.float64] | None = None
+    inside: Medium | None = None
 
     @property
     def areas_mm2(self) -> NDArray[np.float64]:
@@ -119,19 +134,6 @@ class Lamp:
 
 
 @dataclass(frozen=True, eq=False)
-class Medium:
-    """A homogeneous medium that fills the space between the surfaces.
-
-    scattering_per_mm, absorption_per_mm : coefficients >= 0, held constant beyond their tables.
-    anisotropy : mean cosine of the scattering angle, -1 to 1 (Henyey and Greenstein 1941); 0 is isotropic.
-    """
-
-    scattering_per_mm: Spectrum
-    absorption_per_mm: Spectrum
-    anisotropy: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
 class Scene(OwnMappings):
     """One scene. Lengths in mm. ``surfaces`` does not contain the lamps' surfaces; ``materials`` is by name.
 
@@ -160,13 +162,15 @@ class Scene(OwnMappings):
     def diffuse(self) -> bool:
         """Whether all materials in use are Lambertian, without a texture, and there is no medium."""
         used = {surface.material for surface in self.surfaces}
-        return self.medium is None and all(self.materials[name].lambertian for name in used)
+        clear = self.medium is None and all(surface.inside is None for surface in self.surfaces)
+        return clear and all(self.materials[name].lambertian for name in used)
 
     @property
     def lambertian(self) -> Scene:
-        """The same scene with Lambert's law, mean reflectances in place of textures, and without a medium."""
+        """The same scene with Lambert's law, mean reflectances in place of textures, and without media."""
         plain = {name: replace(one, bsdf=None, texture=None) for name, one in self.materials.items()}
-        return replace(self, medium=None, materials=plain)
+        opaque = tuple(replace(s, inside=None) if s.inside is not None else s for s in self.surfaces)
+        return replace(self, surfaces=opaque, medium=None, materials=plain)
 
     @property
     def corners_mm(self) -> NDArray[np.float64]:

@@ -56,6 +56,12 @@ class SphereEntry(_Table):
     radius_mm: Positive
 
 
+class MediumEntry(_Table):
+    scattering_per_mm: Any = 0.0
+    absorption_per_mm: Any = 0.0
+    anisotropy: Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)] = 0.0
+
+
 class SurfaceEntry(_Table):
     name: Name
     material: str
@@ -65,6 +71,7 @@ class SurfaceEntry(_Table):
     mesh: str | None = None
     unit_mm: Positive = 1.0
     hole: str | list[str] | None = None
+    inside: MediumEntry | None = None
 
 
 class TextureEntry(_Table):
@@ -84,12 +91,6 @@ class LampEntry(_Table):
     radiance: Any
     reflectance: Any = 0.0
     pattern: list[list[Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]]] | None = None
-
-
-class MediumEntry(_Table):
-    scattering_per_mm: Any = 0.0
-    absorption_per_mm: Any = 0.0
-    anisotropy: Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)] = 0.0
 
 
 class SceneFile(_Table):

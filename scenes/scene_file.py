@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from .checks import radiance_faults, reflectance_faults, surface_faults, texture_faults
+from .checks import inside_faults, radiance_faults, reflectance_faults, surface_faults, texture_faults
 from .errors import InputError
 from .faults import combined, faults_of_validation, referred, suggestion
 from .input_files import read_toml
@@ -56,8 +56,8 @@ def scene_files(path: Path) -> tuple[Path, ...]:
     file = _read(path)
     spectra = [material.reflectance for material in file.material.values()]
     spectra += [spectrum for lamp in file.lamp for spectrum in (lamp.radiance, lamp.reflectance)]
-    if file.medium is not None:
-        spectra += [file.medium.scattering_per_mm, file.medium.absorption_per_mm]
+    media = [file.medium, *(surface.inside for surface in file.surface)]
+    spectra += [x for one in media if one for x in (one.scattering_per_mm, one.absorption_per_mm)]
     textures = [material.texture for material in file.material.values() if material.texture is not None]
     spectra += [spectrum for texture in textures for spectrum in texture.spectra]
     named = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
@@ -107,7 +107,7 @@ def _built(path: Path, file: SceneFile) -> Scene:
             lamps.append(_lamp(path, light, where, faults))
     medium = None
     with _gathered(faults):
-        medium = None if file.medium is None else _medium(path, file.medium)
+        medium = None if file.medium is None else _medium(path, file.medium, f"{path}: medium")
     for index, entry in enumerate(file.surface):
         where = f"{path}: surface[{index}] ({entry.name})"
         with _gathered(faults):
@@ -119,6 +119,10 @@ def _built(path: Path, file: SceneFile) -> Scene:
             if entry.material in file.material and file.material[entry.material].texture is not None:
                 surface = replace(surface, texture_uv=surface_uv(entry, path.parent, where))
             faults += surface_faults(surface, where)
+            if entry.inside is not None:
+                surface = replace(surface, inside=_medium(path, entry.inside, f"{where}.inside"))
+                if entry.material in materials:
+                    faults += inside_faults(surface, materials[entry.material], f"{where}.inside")
             surfaces.append(surface)
     if faults:
         raise combined(faults)
@@ -167,10 +171,10 @@ def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) ->
     return Lamp(surface, radiance, pattern=lamp_pattern(entry, where), reflectance=reflectance)
 
 
-def _medium(path: Path, entry: MediumEntry) -> Medium:
+def _medium(path: Path, entry: MediumEntry, at: str) -> Medium:
     coefficients = []
     for key in ("scattering_per_mm", "absorption_per_mm"):
-        where = f"{path}: medium.{key}"
+        where = f"{at}.{key}"
         spectrum = _spectrum(path, getattr(entry, key), where, "hold")
         if (lowest := spectrum.values.min()) < 0:
             raise InputError(where, f"{lowest:g}", "coefficients of 0 or more")

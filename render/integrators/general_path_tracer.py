@@ -17,7 +17,7 @@ from cboxlab.scenes.scene import Scene
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
-from ..materials import SpectralBsdfs, SpectralMedium, SpectralTextures
+from ..materials import SpectralBsdfs, SpectralMedia, SpectralTextures
 from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_radiance, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays, visible
 from .path_points import PathPoints
@@ -39,8 +39,8 @@ def render_general_path_tracer(
 ) -> RenderedImage:
     """Render the scene through the camera by path tracing; arguments and result as ``render_path_tracer``.
 
-    Supports textures on Lambertian surfaces, any BSDF of Mitsuba, and a medium that fills all space. A scattering
-    counts as a bounce.
+    Supports textures on Lambertian surfaces, any BSDF of Mitsuba, and media, around the surfaces and inside
+    closed ones. A scattering counts as a bounce, a boundary without refraction ("null") does not.
     The coefficients are radiance relative to the lamps' mean (``Scene.lamp_radiance``), one for each wavelength.
     Raises InputError for a material that Mitsuba does not support.
     """
@@ -51,10 +51,11 @@ def render_general_path_tracer(
         lamps = build_lamp_samplers(tracer)
         bsdfs = SpectralBsdfs(scene, wavelengths)
         textures = SpectralTextures(tracer, wavelengths)
-        medium = None if scene.medium is None else SpectralMedium(scene.medium, wavelengths)
+        filled = scene.medium is not None or any(s.inside is not None for s in scene.surfaces)
+        media = SpectralMedia(tracer, wavelengths) if filled else None
 
         def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
-            parts = tracer, lamps, _Stuff(bsdfs, textures, medium), wavelengths, camera
+            parts = tracer, lamps, _Stuff(bsdfs, textures, media), wavelengths, camera
             return _strip(*parts, pixels, samples=samples, seed=own_seed, max_bounces=max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
@@ -71,11 +72,11 @@ def render_general_path_tracer(
 
 @dataclass(frozen=True, eq=False)
 class _Stuff:
-    """What surfaces and air are made of."""
+    """What surfaces and the space between them are made of."""
 
     bsdfs: SpectralBsdfs
     textures: SpectralTextures
-    medium: SpectralMedium | None
+    media: SpectralMedia | None
 
 
 def _strip(
@@ -85,11 +86,13 @@ def _strip(
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
     count, bands = dr.width(pixels), len(wavelengths)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
-    bsdfs, textures, medium = stuff.bsdfs, stuff.textures, stuff.medium
+    bsdfs, textures, media = stuff.bsdfs, stuff.textures, stuff.media
+    around = tracer.scene.medium is not None
     rays = pixel_rays(camera, pixels)
     points = PathPoints(samples, pixels, seed)
     own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
     reflectance_table = device_array(mi.Float, reflectances)
+    passing = mi.UInt32([1 if m in bsdfs.passing else 0 for m in range(len(reflectances))])
     lambertian = mi.UInt32([0 if m in bsdfs.materials else 1 for m in range(len(reflectances))])
     total = dr.opaque(mi.UInt32, samples)
     last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
@@ -100,17 +103,21 @@ def _strip(
         return rays(*points.pixel(index))
 
     def body(
-        index: mi.UInt32, depth: mi.UInt32, origin: mi.Point3f, direction: mi.Vector3f, density: mi.Float,
-        throughput: list[mi.Float], sums: list[mi.Float],
+        index: mi.UInt32, state: tuple[mi.UInt32, mi.UInt32, mi.UInt32], origin: mi.Point3f, direction: mi.Vector3f,
+        density: mi.Float, throughput: list[mi.Float], sums: list[mi.Float],
     ) -> tuple:  # fmt: skip
-        """density : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there."""
+        """state : how many vertices the path has, how many of them were no bounce, and the medium that it is in.
+
+        density : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there.
+        """
+        depth, passed, which = state
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         chance = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2)
         lobe = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2 + 1)
         scattered, position = mi.Bool(False), hit.position
-        if medium is not None:
-            distance, scattered, throughput = medium.sample_distance(
-                chance, dr.select(hit.valid, hit.distance, dr.inf), throughput
+        if media is not None:
+            distance, scattered, throughput = media.sample_distance(
+                which, chance, dr.select(hit.valid, hit.distance, dr.inf), throughput
             )
             position = dr.select(scattered, origin + distance * direction, hit.position)
         met, front = hit.valid & ~scattered, hit.front & ~scattered
@@ -125,7 +132,8 @@ def _strip(
                 for s, m, t in zip(sums, own, throughput, strict=True)
             ]
 
-        going = (depth < last) & (scattered | (met & (material < tracer.reflectors)))
+        through = met & (dr.gather(mi.UInt32, passing, material, met & (material < tracer.reflectors)) == 1)
+        going = ((depth - passed < last) | through) & (scattered | (met & (material < tracer.reflectors)))
         plain = going & front & (dr.gather(mi.UInt32, lambertian, material, going & front) == 1)
         special = going & met & (dr.gather(mi.UInt32, lambertian, material, going & met) == 0)
         vertex = points.at_vertex(index, depth)
@@ -147,26 +155,25 @@ def _strip(
                 si = bsdfs.interaction(position, hit.normal, direction)
                 bright, by_bsdf = bsdfs.values(si, material, way, special & (by_lamp > 0))
                 arriving = [dr.select(special, new, old) for new, old in zip(bright, arriving, strict=True)]
-            if medium is not None:
-                phase = medium.phase(dr.dot(direction, way))
+            if media is not None:
+                phase = media.phase(which, dr.dot(direction, way))
                 arriving = [dr.select(scattered, phase, old) for old in arriving]
                 by_bsdf = dr.select(scattered, phase, by_bsdf)
-            sampled = going & (scattered | special)
-            if medium is not None:
-                sampled |= plain
+            in_medium = mi.Bool(around) | (which > 0)
+            sampled = going & (scattered | special | (plain & in_medium))
             weight = dr.select(plain, radiance / by_lamp, radiance / (by_lamp + by_bsdf))
             asked = sampled & (by_lamp > 0)
-            free = visible(tracer, lifted, position + way * far, asked, enclosed=medium is None)
+            free = visible(tracer, lifted, position + way * far, asked, enclosed=not around)
             weight = dr.select(free, weight, 0)
             light = [t * a * weight for t, a in zip(throughput, arriving, strict=True)]
-            if medium is not None:
-                light = [x * passed for x, passed in zip(light, medium.transmittance(far), strict=True)]
-            else:
+            if media is not None:
+                light = [x * part for x, part in zip(light, media.transmittance(which, far), strict=True)]
+            if not around:
                 analytic = direct_light(
-                    tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, plain
+                    tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, plain & ~in_medium
                 )
                 light = [
-                    dr.select(plain, t * r * analytic, x)
+                    dr.select(plain & ~in_medium, t * r * analytic, x)
                     for x, t, r in zip(light, throughput, rho, strict=True)
                 ]
             sums = [s + m * x for s, m, x in zip(sums, own, light, strict=True)]
@@ -181,8 +188,8 @@ def _strip(
             factors = [dr.select(special, new, old) for new, old in zip(drawn, factors, strict=True)]
             density = dr.select(special, by_bsdf, density)
             side = dr.select(special, dr.sign(dr.dot(toward, hit.normal)), side)
-        if medium is not None:
-            toward, phase = medium.sample(direction, u, v)
+        if media is not None:
+            toward, phase = media.sample(which, direction, u, v)
             turned = mi.Vector3f(dr.select(scattered, toward, turned))
             factors = [dr.select(scattered, one, old) for old in factors]
             density = dr.select(scattered, phase, density)
@@ -191,14 +198,23 @@ def _strip(
         for value in carried[1:]:
             most = dr.maximum(most, value)
         survives = dr.select(depth < ROULETTE_START, one, dr.minimum(most, HIGHEST_SURVIVAL))
-        ended = ~(going & (scattered | plain | special) & (vertex.roulette < survives) & (depth + 1 < last))
+        # after the last bounce a lamp may still be met where its own samples do not count for all of its light: they
+        # have a weight, or end at a boundary that is no bounce
+        onward = (depth + 1 - passed < last) | special | scattered | bool(bsdfs.passing)
+        ended = ~(going & (scattered | plain | special) & (vertex.roulette < survives) & onward)
         ended |= ~(most > 0)
+        if media is not None:
+            which = media.behind(hit, turned, which, met)
         next_index = index + dr.select(ended, mi.UInt32(1), mi.UInt32(0))
         fresh = begin(next_index)
         start_point = position + hit.normal * dr.select(scattered, 0, side * RAY_OFFSET_MM)
         return (
             next_index,
-            dr.select(ended, mi.UInt32(0), depth + 1),
+            (
+                dr.select(ended, mi.UInt32(0), depth + 1),
+                dr.select(ended, mi.UInt32(0), passed + dr.select(through, mi.UInt32(1), mi.UInt32(0))),
+                dr.select(ended, mi.UInt32(0), which),
+            ),
             mi.Point3f(dr.select(ended, fresh.o, start_point)),
             mi.Vector3f(dr.select(ended, fresh.d, turned)),
             dr.select(ended, mi.Float(dr.inf), density),
@@ -209,7 +225,8 @@ def _strip(
     zero = dr.zeros(mi.UInt32, count)
     first = begin(zero)
     state = (
-        zero, mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d), dr.full(mi.Float, dr.inf, count),
+        zero, (mi.UInt32(zero), mi.UInt32(zero), mi.UInt32(zero)), mi.Point3f(first.o), mi.Vector3f(first.d),
+        dr.full(mi.Float, dr.inf, count),
         [dr.ones(mi.Float, count) for _ in range(bands)], [dr.zeros(mi.Float, count) for _ in range(bands)],
     )  # fmt: skip
     *_, sums = dr.while_loop(state, lambda index, *_: index < total, body)

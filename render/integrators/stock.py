@@ -7,6 +7,7 @@ instead, each render is exact at three wavelengths. All renders use the same pat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,8 @@ def render_stock(
     groups = np.array_split(np.arange(len(wavelengths)), -(-len(wavelengths) // 3))
     values = np.zeros((batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
     with mi.scoped_set_variant(variant):
-        kind = "path" if scene.medium is None else "volpath"
+        clear = scene.medium is None and all(surface.inside is None for surface in scene.surfaces)
+        kind = "path" if clear else "volpath"
         integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
@@ -69,8 +71,9 @@ def render_stock(
             }
             shares = scene.lamp_shares(three)
             radiances = [_radiance(one, share) for one, share in zip(scene.lamps, shares, strict=True)]
-            loaded = mi.load_dict(scene_dict(scene, paints, each[len(paints) :], radiances), optimize=False)
-            view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium(scene.medium, three)
+            built = scene_dict(scene, paints, each[len(paints) :], radiances, _insides(scene, three))
+            loaded = mi.load_dict(built, optimize=False)
+            view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium("medium", scene.medium, three)
             sensor = mi.load_dict(view)
             for batch in range(batches):
                 picture = mi.render(
@@ -92,16 +95,19 @@ def render_stock(
 
 
 def scene_dict(
-    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectances: Sequence[Any], radiances: Sequence[Any]
-) -> dict[str, Any]:
+    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectances: Sequence[Any], radiances: Sequence[Any],
+    insides: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Any]:  # fmt: skip
     """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided.
 
     reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectances, radiances : those of each
-    lamp's own reflectance and of its radiance.
+    lamp's own reflectance and of its radiance. insides : by surface, further entries of its shape.
     """
-    used = {surface.material for surface in scene.surfaces}
+    used = dict.fromkeys(surface.material for surface in scene.surfaces)
     bsdfs = {name: mi.load_dict(bsdf_dict(scene.materials[name], reflectances[name])) for name in used}
-    shapes = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
+    shapes = {
+        s.name: _mesh(s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}) for s in scene.surfaces
+    }
     for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
         parts = {
             "bsdf": {"type": "diffuse", "reflectance": reflectance},
@@ -160,8 +166,17 @@ def _bitmap(texture: Texture, wavelengths: NDArray) -> dict[str, Any]:
     return {"type": "bitmap", "data": pixels, "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
 
 
-def _medium(medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
-    """The sensor's entry for a medium that fills all space."""
+def _insides(scene: Scene, wavelengths: NDArray) -> dict[str, dict[str, Any]]:
+    """By surface, the media on both sides of one that is filled."""
+    return {
+        s.name: _medium("interior", s.inside, wavelengths) | _medium("exterior", scene.medium, wavelengths)
+        for s in scene.surfaces
+        if s.inside is not None
+    }
+
+
+def _medium(key: str, medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
+    """The entry of a sensor or shape for a medium, none for clear air."""
     if medium is None:
         return {}
     scattering = medium.scattering_per_mm.at(wavelengths)
@@ -172,7 +187,7 @@ def _medium(medium: Medium | None, wavelengths: NDArray) -> dict[str, Any]:
         "albedo": _rgb(scattering / np.maximum(extinction, 1e-12)),
         "phase": {"type": "hg", "g": float(medium.anisotropy)},
     }
-    return {"medium": entry}
+    return {key: entry}
 
 
 def _rgb(values: NDArray) -> dict[str, Any]:

@@ -1,12 +1,12 @@
 """Materials, textures and media for Mitsuba and for the spectral integrators."""
 
 from .bsdf import SpectralBsdfs, bsdf_dict
-from .medium import SpectralMedium
+from .medium import SpectralMedia
 from .textures import SpectralTextures
 
 __all__ = [
     "SpectralBsdfs",
-    "SpectralMedium",
+    "SpectralMedia",
     "SpectralTextures",
     "bsdf_dict",
 ]

@@ -55,6 +55,8 @@ class SpectralBsdfs:
         self._count = len(wavelengths)
         self.materials = [index for index, material in enumerate(materials) if material.bsdf is not None]
         chosen = [materials[index] for index in self.materials]
+        #: Boundaries that light passes without a change of direction: no bounce.
+        self.passing = [i for i in self.materials if (materials[i].bsdf or {}).get("type") == "null"]
         reflectances = np.array([m.reflectance.at(wavelengths) for m in chosen]).reshape(-1, self._count)
         step = wavelengths[1] - wavelengths[0] if self._count > 1 else 1.0
         grid = np.concatenate([[wavelengths[0] - step], wavelengths, [wavelengths[-1] + step]])

@@ -1,63 +1,104 @@
-"""A homogeneous medium: distance sampling and scattering for all wavelengths at once."""
+"""Homogeneous media: distance sampling and scattering for all wavelengths at once."""
 
 from __future__ import annotations
 
 import numpy as np
 from cboxlab.scenes.scene import Medium
+from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
+from ..visibility import Hit, Tracer
 
-__all__ = ["SpectralMedium"]
+__all__ = ["SpectralMedia"]
+
+#: Anisotropies nearer to 0 than this are isotropic.
+_ISOTROPIC = 1e-3
 
 
-class SpectralMedium:
-    """Samples distances for all wavelengths from one exponential density, with one weight per wavelength.
+class SpectralMedia:
+    """What is around the surfaces, number 0, and what fills the insides of closed ones.
 
-    The rate of the density is the smallest extinction of all wavelengths, but at least a quarter of their mean, which
-    bounds the weights.
+    Distances are sampled for all wavelengths from one exponential density, with one weight per wavelength. The rate of
+    the density is the smallest extinction of all wavelengths, but at least a quarter of their mean, which bounds the
+    weights.
     """
 
-    def __init__(self, medium: Medium, wavelengths: np.ndarray) -> None:
-        scattering = medium.scattering_per_mm.at(wavelengths)
-        extinction = scattering + medium.absorption_per_mm.at(wavelengths)
-        rate = max(float(extinction.min()), float(extinction.mean()) / 4, 1e-12)
-        self._rate = dr.opaque(mi.Float, rate)
-        self._extinction = [dr.opaque(mi.Float, float(x)) for x in extinction]
-        self._scattered = [dr.opaque(mi.Float, float(x / rate)) for x in scattering]
-        self._g = float(medium.anisotropy)
+    def __init__(self, tracer: Tracer, wavelengths: NDArray[np.float64]) -> None:
+        scene = tracer.scene
+        media = [scene.medium, *(s.inside for s in scene.surfaces if s.inside is not None)]
+        rows = [_row(medium, wavelengths) for medium in media]
+        self._bands = len(wavelengths)
+        #: Columns: rate, anisotropy, extinctions, scattering over the rate.
+        self._columns = [_column(values) for values in zip(*rows, strict=True)]
+        self.bounded = len(media) > 1
+        numbers = np.cumsum([s.inside is not None for s in scene.surfaces])
+        inside = np.array(
+            [n if s.inside is not None else 0 for n, s in zip(numbers, scene.surfaces, strict=True)]
+        )
+        behind = np.append(inside, 0)[tracer.surface]
+        self._inside = device_array(mi.UInt32, behind)
+
+    def _at(self, column: int, which: mi.UInt32) -> mi.Float:
+        values = self._columns[column]
+        return dr.gather(mi.Float, values, which) if self.bounded else values
+
+    def behind(self, hit: Hit, direction: mi.Vector3f, which: mi.UInt32, met: mi.Bool) -> mi.UInt32:
+        """The medium in which a path goes on along ``direction`` from where it met a surface in medium ``which``."""
+        if not self.bounded:
+            return which
+        inside = dr.gather(mi.UInt32, self._inside, hit.triangle, met)
+        within = dr.select(dr.dot(direction, hit.normal) < 0, inside, 0)
+        return mi.UInt32(dr.select(met & (inside > 0), within, which))
 
     def sample_distance(
-        self, chance: mi.Float, limit: mi.Float, throughput: list[mi.Float]
+        self, which: mi.UInt32, chance: mi.Float, limit: mi.Float, throughput: list[mi.Float]
     ) -> tuple[mi.Float, mi.Bool, list[mi.Float]]:
         """Distance to the next event (mm, at most ``limit``), whether it is a scattering, and the new throughput."""
-        free = -dr.log(1 - chance) / self._rate
+        rate = self._at(0, which)
+        free = -dr.log(1 - chance) / rate
         scattered = free < limit
         distance = dr.minimum(free, limit)
-        passed = [dr.exp((self._rate - e) * distance) for e in self._extinction]
-        carried = [
-            t * p * dr.select(scattered, s, 1)
-            for t, p, s in zip(throughput, passed, self._scattered, strict=True)
-        ]
+        carried = []
+        for k, t in enumerate(throughput):
+            extinction, part = self._at(2 + k, which), self._at(2 + self._bands + k, which)
+            carried.append(t * dr.exp((rate - extinction) * distance) * dr.select(scattered, part, 1))
         return distance, scattered, [dr.select(dr.isfinite(distance), t, 0) for t in carried]
 
-    def transmittance(self, distance: mi.Float) -> list[mi.Float]:
+    def transmittance(self, which: mi.UInt32, distance: mi.Float) -> list[mi.Float]:
         """Transmittance (0 to 1) over a distance (mm), at each wavelength."""
-        return [dr.exp(-e * distance) for e in self._extinction]
+        return [dr.exp(-self._at(2 + k, which) * distance) for k in range(self._bands)]
 
-    def phase(self, cosine: mi.Float) -> mi.Float:
+    def phase(self, which: mi.UInt32, cosine: mi.Float) -> mi.Float:
         """Henyey and Greenstein's phase function, 1/sr. cosine : between old and new direction."""
-        g = self._g
+        g = self._at(1, which)
         root = dr.maximum(1 + g * g - 2 * g * cosine, 1e-12)
         return (1 - g * g) / (4 * dr.pi * root * dr.sqrt(root))
 
-    def sample(self, direction: mi.Vector3f, u: mi.Float, v: mi.Float) -> tuple[mi.Vector3f, mi.Float]:
+    def sample(
+        self, which: mi.UInt32, direction: mi.Vector3f, u: mi.Float, v: mi.Float
+    ) -> tuple[mi.Vector3f, mi.Float]:
         """A new direction, sampled from the phase function, and its density, 1/sr."""
-        g = self._g
-        if abs(g) < 1e-3:
-            cosine = 1 - 2 * u
-        else:
-            cosine = (1 + g * g - dr.square((1 - g * g) / (1 - g + 2 * g * u))) / (2 * g)
+        g = self._at(1, which)
+        even = dr.abs(g) < _ISOTROPIC
+        bent = dr.select(even, 1, g)
+        lobe = (1 + bent * bent - dr.square((1 - bent * bent) / (1 - bent + 2 * bent * u))) / (2 * bent)
+        cosine = dr.select(even, 1 - 2 * u, lobe)
         sine = dr.safe_sqrt(1 - cosine * cosine)
         angle = 2 * dr.pi * v
         local = mi.Vector3f(sine * dr.cos(angle), sine * dr.sin(angle), cosine)
-        return mi.Frame3f(direction).to_world(local), self.phase(cosine)
+        return mi.Frame3f(direction).to_world(local), self.phase(which, cosine)
+
+
+def _row(medium: Medium | None, wavelengths: NDArray[np.float64]) -> list[float]:
+    """Rate, anisotropy, extinctions, scattering over the rate; of clear air where there is no medium."""
+    if medium is None:
+        return [1e-12, 0.0, *np.zeros(2 * len(wavelengths)).tolist()]
+    scattering = medium.scattering_per_mm.at(wavelengths)
+    extinction = scattering + medium.absorption_per_mm.at(wavelengths)
+    # where nothing scatters, no flight has to end: absorption is a factor
+    rate = max(float(extinction.min()), float(extinction.mean()) / 4, 1e-12) if scattering.any() else 1e-12
+    return [rate, float(medium.anisotropy), *extinction.tolist(), *(scattering / rate).tolist()]
+
+
+def _column(values: tuple[float, ...]) -> mi.Float:
+    return device_array(mi.Float, np.array(values)) if len(values) > 1 else dr.opaque(mi.Float, values[0])

@@ -64,14 +64,24 @@ SCENES = {
 }
 
 
+def assert_as_stock(scene, largest_error, max_bounces=None):
+    arguments = {"samples": 128, "batches": BATCHES, "max_bounces": max_bounces}
+    ours = render_general_path_tracer(scene, cornell_camera(16), BANDS, seed=1, **arguments)
+    stock = render_stock(scene, cornell_camera(16), BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
+    assert_equal(ours, stock, largest_error)
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_stock_mitsuba_shows_the_same(name):
     """The mean over all surfaces agrees with Mitsuba's ``path`` or ``volpath`` within the scatter of batches."""
     build, largest_error = SCENES[name]
-    scene, camera = build(), cornell_camera(16)
-    ours = render_general_path_tracer(scene, camera, BANDS, 128, BATCHES, seed=1)
-    stock = render_stock(scene, camera, BANDS, 128, BATCHES, seed=2, variant="llvm_ad_rgb")
-    assert_equal(ours, stock, largest_error)
+    assert_as_stock(build(), largest_error)
+
+
+def test_the_last_bounce_reflects_all_that_it_should():
+    """One bounce off a polished metal: most of the lamp's light is for the samples of directions to find."""
+    metal = {"type": "roughconductor", "alpha": 0.08, "material": "none"}
+    assert_as_stock(with_bsdf(**metal, specular_reflectance="reflectance"), 0.05, max_bounces=1)
 
 
 def test_diffuse_scenes_agree_with_the_path_tracer():

@@ -160,7 +160,10 @@ EFFECTS = {
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
-    """Light is linear in the lamps, under every effect of its transport: the same rays, so to rounding."""
+    """Light is linear in the lamps, under every effect of its transport: the same rays, so to rounding.
+
+    How a dark lamp would shine does not matter.
+    """
     nm = np.arange(400.0, 701.0, 5.0)
     seen = np.isin(nm, BANDS).nonzero()[0]
     weights = np.eye(nm.size)[seen]
@@ -185,4 +188,6 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
     rounding = 1e-4 * scale + 1e-6 * level
     assert np.all(np.abs(whole - sum(alone)) < rounding)
     assert np.all(np.abs(whole - turned) < rounding)
+    aimed = replace(warm, further_lamps=(replace(warm.further_lamps[0], exponent=20.0),))
+    assert np.all(np.abs(lit(aimed)[0] - alone[0]) < rounding)
     assert all(np.abs(part[1]).max() > 1e-2 * scale[1] for part in alone)
