@@ -3,6 +3,7 @@
 from .causes import Cause
 from .diagnosis import Diagnosis, FurtherCaptureFound, Ranked, Step, diagnose
 from .effect_fit import fit_effect, fit_effects
+from .evidence import Limit
 from .further_captures import Separation
 from .linear_model import nuisance_priors
 from .search import judged_by_priors
@@ -11,6 +12,7 @@ __all__ = [
     "Cause",
     "Diagnosis",
     "FurtherCaptureFound",
+    "Limit",
     "Ranked",
     "Separation",
     "Step",

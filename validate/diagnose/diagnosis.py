@@ -16,7 +16,15 @@ from ..explain import Explanation
 from ..model import Model
 from .alternatives import SelectedEffect, groups
 from .causes import Cause, likeliest_causes
-from .evidence import LEAST_EXPLAINED, SHAPE_ERROR, explained_part, prior_pull, something_remains, square
+from .evidence import (
+    LEAST_EXPLAINED,
+    SHAPE_ERROR,
+    Limit,
+    explained_part,
+    prior_pull,
+    something_remains,
+    square,
+)
 from .foreign_side import ForeignSide, foreign_side
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess
@@ -94,7 +102,8 @@ class Diagnosis:
     explanation : what a family of fields says about what no effect explains; None where nothing remains.
     render : what another renderer's picture lacks by itself; None for our own. further : the other captures asked.
     certainty : amplitude over its standard deviation, the least of all effects found, where they are so small that the
-    picture's own errors had to be counted; NaN otherwise.
+    picture's own errors had to be counted; NaN otherwise. limits : where nothing was found, the smallest size at which
+    each effect would have been.
     """
 
     adequate: bool
@@ -114,6 +123,7 @@ class Diagnosis:
     render: ForeignSide | None = None
     further: tuple[FurtherCaptureFound, ...] = ()
     certainty: float = float("nan")
+    limits: tuple[Limit, ...] = ()
 
 
 def diagnose(
@@ -133,7 +143,7 @@ def diagnose(
     progress.stage("trying every effect")
     signatures = signatures_of(first, given, model.render, share(progress, 0.0, 0.6))
     progress.stage("choosing among effects")
-    found = selection(validation, first, signatures, progress)
+    found = by_size = selection(validation, first, signatures, progress)
     if not found.chosen and not something_remains(start, start.residual, start.residual):
         # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
         found = selection(validation, first, signatures, progress, small_errors(first, signatures))
@@ -180,7 +190,7 @@ def diagnose(
         adequate=not selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(residual @ residual) / linearised.model.count,
-        ranking=_ranking(found, known, start, left, selected),
+        ranking=_ranking(by_size.singles, found, known, start, left, selected),
         selected=selected,
         indistinguishable=groups(known),
         path=tuple(steps),
@@ -195,6 +205,7 @@ def diagnose(
         explanation=explanation,
         render=render,
         certainty=_least([] if found.first.errors is None else [one.certainty for one in known]),
+        limits=() if selected else found.limits,
         further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
     )
 
@@ -241,6 +252,7 @@ def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Ca
 
 
 def _ranking(
+    by_size: Sequence[Candidate],
     found: Selection,
     known: Sequence[SelectedEffect],
     start: LinearModel,
@@ -256,7 +268,8 @@ def _ranking(
     # chi2 of the model as given less the gain, in whatever covariance the gain was found
     counted = start.chi2 - found.first.chi2
     unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
-    entries = {c.hypothesis.effect.id: _ranked(c, counted, start.count, 0.0) for c in reversed(singles)}
+    entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
+    entries |= {c.hypothesis.effect.id: _ranked(c, counted, start.count, 0.0) for c in singles}
     if set(selected) - {UNKNOWN}:
         for effect in sorted(known, key=lambda e: e.chi2_without):
             everyone = [effect.candidate, *effect.alternatives]

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ..compare import Nuisances
 from .linear_model import LinearModel, smooth_excess, smooth_part
-from .search import Candidate
+from .search import Candidate, Signature
 
 __all__ = [
-    "CERTAIN",
     "INDISTINGUISHABLE",
     "LEAST_EXPLAINED",
     "LEAST_EXPLAINED_EACH",
     "SHAPE_ERROR",
     "SMALLEST_GAIN",
+    "Limit",
     "dispersion",
     "explained_part",
     "first_significant",
     "largest_gain_of_errors",
     "least_gain",
     "least_gain_of",
+    "limit_of",
     "penalised",
     "prior_pull",
     "something_remains",
@@ -38,7 +41,14 @@ SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
 #: Where the picture's own errors are part of the covariance: an effect's amplitude must be so many times its standard
 #: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 18, of 150
 #: hypotheses each.
-CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 32.0, 0.0005
+_CERTAIN, _SMALLEST_GAIN_OVER_ERRORS = 32.0, 0.0005
+
+#: An effect is tried beside the picture's own errors where they leave this part of its chi2. Of one that they imitate
+#: nearly, noise that the model's pictures share decides what is left.
+_LEAST_BESIDE_ERRORS = 0.1
+
+#: Standard deviations above a threshold at which 90 % lie beyond it.
+_NINE_OF_TEN = 1.2816
 
 #: A relative error e of an effect's shape leaves e^2 of the chi2 that the effect explains. This part allows for an
 #: error of a tenth; between two effects in each other's stead it allows for errors of a twentieth each. A further
@@ -64,6 +74,48 @@ LEAST_EXPLAINED_EACH = 0.25
 INDISTINGUISHABLE = 9.2
 
 
+@dataclass(frozen=True, eq=False)
+class Limit(OwnMappings):
+    """The smallest size of an effect that is found in nine of ten captures like this one, to first order.
+
+    choices : the names among its parameters, by parameter. parameter : its first number. distance : of that from null,
+    in the coordinate of its scale. chi2_per_sample : that it makes. visible : part of it that the picture's own errors
+    leave. beside_errors : whether they are counted, or else the effect is judged by its size.
+    """
+
+    effect: str
+    choices: Mapping[str, str | float]
+    parameter: str
+    unit: str
+    distance: float
+    chi2_per_sample: float
+    visible: float
+    beside_errors: bool
+
+
+def limit_of(known: Signature, plain: LinearModel, counting: LinearModel, scale: float) -> Limit | None:
+    """Of one way for an effect to act, by its first number; None where it changes nothing, or only what priors tell.
+
+    plain, counting : models of a capture without the effect, without and with the picture's own errors counted.
+    scale : of the lamp's power.
+    """
+    if known.changes is None or not known.hypothesis.free:
+        return None
+    change = plain.whiten_used(scale * known.changes[0])
+    whole, left = square(change), square(counting.whiten_used(scale * known.changes[0]))
+    if whole == 0:
+        return None
+    visible, by_size = left / whole, least_gain_of(change, plain)
+    certain = max((_CERTAIN**0.5 + _NINE_OF_TEN) ** 2, largest_gain_of_errors(counting)) / visible
+    beside = visible > _LEAST_BESIDE_ERRORS and certain < by_size
+    gain, parameter = certain if beside else by_size, known.hypothesis.free[0]
+    distance = abs(known.steps[0]) * float(np.sqrt(gain / whole))
+    return Limit(
+        known.hypothesis.effect.id, dict(known.hypothesis.fixed), parameter.name, parameter.unit, distance,
+        gain / plain.count, visible, beside,
+    )  # fmt: skip
+
+
 def first_significant(
     candidates: Sequence[Candidate], residual: NDArray, model: LinearModel, rendered: NDArray
 ) -> Candidate | None:
@@ -84,7 +136,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     if not _beyond_tolerance(candidate):
         return False
     if model.errors is not None:
-        certain = CERTAIN * dispersion(model, candidate.predicted, residual)
+        certain = _CERTAIN * dispersion(model, candidate.predicted, residual)
         return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2

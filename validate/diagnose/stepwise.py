@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
 from ..effects import AppliedEffect
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
-from .evidence import LEAST_EXPLAINED_EACH, explained_part, first_significant, something_remains, square
+from .evidence import (
+    LEAST_EXPLAINED_EACH,
+    Limit,
+    explained_part,
+    first_significant,
+    limit_of,
+    something_remains,
+)
 from .hypotheses import hypotheses
 from .linear_model import LinearModel
 from .linearised_fit import (
@@ -26,7 +33,7 @@ from .linearised_fit import (
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_singles, pairs_replaced
 
-__all__ = ["Selection", "beside_errors", "refitted", "selection", "signatures_of", "small_errors"]
+__all__ = ["Selection", "refitted", "selection", "signatures_of", "small_errors"]
 
 #: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
 _MOST_EFFECTS = 3
@@ -38,17 +45,13 @@ _FITTED_FIRST = 6
 _STALE_PX, _MOST_RENDERINGS = 0.01, 3
 
 
-#: An effect is tried beside the picture's own errors where they leave this part of its chi2. Of one that they imitate
-#: nearly, noise that the model's pictures share decides what is left.
-_LEAST_BESIDE_ERRORS = 0.1
-
-
 @dataclass(frozen=True, eq=False)
 class Selection:
     """Effects selected in one capture.
 
     first : the linear model of the model as given, as it was judged. linearised : the picture with the effects, without
     errors counted. singles : every effect tried alone, best first. known : what is known of those chosen.
+    limits : of every effect, where errors were counted: the smallest that would have been found.
     """
 
     first: LinearModel
@@ -56,6 +59,7 @@ class Selection:
     singles: list[Candidate]
     chosen: list[Candidate]
     known: list[SelectedEffect]
+    limits: tuple[Limit, ...]
 
     def judging(self, linearised: LinearisedFit) -> LinearisedFit:
         """Another capture's picture, judged as the effects were."""
@@ -89,8 +93,12 @@ def selection(
 
     given, settings = first.given, validation.model.render
     plain, linearised = first, judging(first)
+    limits: dict[str, Limit] = {}
     if errors is not None:
-        signatures = [s for s in signatures if beside_errors(s, plain.model, linearised.model)]
+        tried = [(s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures]
+        signatures = [s for s, limit in tried if limit and limit.beside_errors]
+        for limit in sorted((one for _, one in tried if one), key=lambda one: one.chi2_per_sample):
+            limits.setdefault(limit.effect, limit)
     start, residual = linearised.model, linearised.model.residual
     problem = linearised.problem(())
     candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
@@ -126,17 +134,7 @@ def selection(
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
-    return Selection(start, plain, singles, chosen, known)
-
-
-def beside_errors(known: Signature, plain: LinearModel, counting: LinearModel) -> bool:
-    """Whether enough of what an effect changes is left when the picture's own errors are counted."""
-    if known.changes is None:
-        return False
-    whole, left = (
-        sum(square(model.whiten_used(change)) for change in known.changes) for model in (plain, counting)
-    )
-    return left > _LEAST_BESIDE_ERRORS * whole
+    return Selection(start, plain, singles, chosen, known, tuple(limits.values()))
 
 
 def signatures_of(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from cboxlab.scenes.files import replacing
 
-from ..diagnose import Diagnosis, Ranked, Separation, Step
+from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step
 from ..effects import AppliedEffect, catalogue
 from .blocks import with_error
 from .explanation import explanation_record, explanation_sentence
@@ -19,9 +19,13 @@ from .metrics import PathStep
 
 __all__ = [
     "diagnosis_record", "error_sentence", "evidence_sentences", "finding_sentences",
-    "further_sentences", "in_short", "path_steps", "ranked_values", "separation_sentence",
+    "further_sentences", "in_short", "limit_words", "path_steps", "ranked_values", "separation_sentence",
     "step_name", "unexplained_sentences", "values_words", "write_diagnosis",
 ]  # fmt: skip
+
+
+#: So many limits are said; all of them stand in diagnosis.json and the report.
+_LIMITS_SHOWN = 3
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -51,6 +55,8 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "explanation": explanation_record(diagnosis.explanation),
         "render": None if diagnosis.render is None else asdict(diagnosis.render),
         "further": [asdict(one) for one in diagnosis.further],
+        "certainty": _finite(diagnosis.certainty),
+        "limits": [asdict(one) for one in diagnosis.limits],
     }
 
 
@@ -131,7 +137,7 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     if len(diagnosis.path) == 1:
         return f"χ² per degree of freedom is {first.chi2.per_dof:.3g}, mean ΔE*ab {first.delta_e_ab.mean:.2f} {noise}."
     return (
-        f"χ² per degree of freedom falls from {first.chi2.per_dof:.3g} to {last.chi2.per_dof:.3g}, mean ΔE*ab from "
+        f"χ² per degree of freedom falls from {first.chi2.per_dof:.4g} to {last.chi2.per_dof:.4g}, mean ΔE*ab from "
         f"{first.delta_e_ab.mean:.2f} to {last.delta_e_ab.mean:.2f} {noise}."
     )
 
@@ -173,7 +179,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
     """The result in sentences, the finding first."""
     foreign = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
-        return [in_short(diagnosis), *foreign, *further_sentences(diagnosis)]
+        return [in_short(diagnosis), *limit_sentences(diagnosis), *foreign, *further_sentences(diagnosis)]
     return [
         in_short(diagnosis),
         *foreign,
@@ -184,6 +190,19 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         *(separation_sentence(s) for s in diagnosis.separations),
         *evidence_sentences(diagnosis),
     ]
+
+
+def limit_sentences(diagnosis: Diagnosis) -> list[str]:
+    """What would have been found, of the effects that show most easily."""
+    shown = [f"{limit.effect} ({limit_words(limit)})" for limit in diagnosis.limits[:_LIMITS_SHOWN]]
+    return [f"Found nine times in ten would have been, among others: {', '.join(shown)}."] if shown else []
+
+
+def limit_words(limit: Limit) -> str:
+    """Number and size of a limit, and what of."""
+    of = ", ".join(str(choice) for choice in limit.choices.values())
+    unit = "" if limit.unit == "1" else f" {limit.unit}"
+    return f"{limit.parameter} {limit.distance:.2g}{unit} from null{f', {of}' if of else ''}"
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:

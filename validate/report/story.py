@@ -13,11 +13,12 @@ from ..compare import Comparison
 from ..diagnose import Cause, Diagnosis
 from ..effects import catalogue
 from .bands import NamedBand
-from .blocks import Cell, Headline, ReportSection, Story, Table, number
+from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
     in_short,
+    limit_words,
     ranked_values,
     separation_sentence,
     step_name,
@@ -140,10 +141,30 @@ def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return layers
 
 
+def _limits(diagnosis: Diagnosis) -> Table:
+    """The smallest size at which each effect would have been found."""
+    rows = [
+        (
+            limit.effect,
+            Cell(limit_words(limit), words=True),
+            significant(limit.chi2_per_sample),
+            "the picture's errors" if limit.beside_errors else "size",
+        )
+        for limit in diagnosis.limits
+    ]
+    return Table(
+        ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"), rows,
+        "In captures like this one, to first order, in the way in which the effect shows most easily. Small smooth "
+        "changes are not told from errors of the picture: there the size is the limit.",
+    )  # fmt: skip
+
+
 def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
     if diagnosis.adequate:
         return ReportSection(
-            "What is missing", ("Nothing that this capture could show.",), (_ranking(diagnosis),)
+            "What is missing",
+            ("Nothing that this capture could show.",),
+            (*((_limits(diagnosis),) if diagnosis.limits else ()), _ranking(diagnosis)),
         )
     first, *others = diagnosis.causes
     words = evidence_sentences(diagnosis)
