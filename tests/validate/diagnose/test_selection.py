@@ -11,7 +11,7 @@ from cboxlab.validate.diagnose.alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from cboxlab.validate.diagnose.evidence import first_significant
+from cboxlab.validate.diagnose.evidence import first_significant, limit_of
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
 from cboxlab.validate.diagnose.search import Candidate, fit
@@ -94,36 +94,65 @@ def test_what_holds_in_one_corner_only_is_no_cause():
         assert names_of(confirmed_where_held_out(linearised, chosen, alternatives, [known[name]])[0]) == kept
 
 
-def test_beside_the_pictures_errors_what_is_sharp_counts_and_what_is_smooth_does_not():
-    """Errors of 0.15 % of 1000, alike in all bands over cells and regions, noise of 1, 40 draws. By size alone a smooth
-    pattern counts in most; beside the errors in none, since it must be 5.7 standard deviations. A pattern that changes
-    from pixel to pixel, of 0.15, counts in all: 0.15 sqrt(4800) = 10 standard deviations."""
-    checks = np.broadcast_to((-1.0) ** np.indices(SHAPE[1:]).sum(axis=0), SHAPE)
-    linearised, known = laboratory({"sharp": checks, "smooth": waves(1, 1)}, {})
-    coverage = np.ones((*SHAPE[1:], 1))
+def beside_errors():
+    """A picture of 1000 with errors of 0.15 %, alike in all bands over cells and regions, and noise of 1; a smooth
+    pattern, alike in all bands or not. Returns signatures, and what draws fits with so much of the latter."""
+    coloured = waves(1, 1) * np.sqrt(1.5) * np.array([1.0, -1.0, 0.0])[:, None, None]
+    linearised, known = laboratory({"coloured": coloured, "grey": waves(1, 1)}, {})
     fitted = SimpleNamespace(
         fit=linearised.rendered.fit, signal=np.full(SHAPE, 1000.0), variance=np.zeros(SHAPE),
-        image=SimpleNamespace(coverage=coverage),
+        image=SimpleNamespace(coverage=np.ones((*SHAPE[1:], 1))),
     )  # fmt: skip
     rows, columns = np.indices(SHAPE[1:])
-    place = [rows * n // 40 * n + columns * n // 40 for n in (16, 4)]
+    place = {n: rows * n // 40 * n + columns * n // 40 for n in (16, 4)}
     generator = np.random.default_rng(12)
-    by_size, beside, amounts = [], [], []
-    for _ in range(40):
-        errors = sum(1.5 * generator.standard_normal(n * n)[p] for n, p in zip((16, 4), place, strict=True))
-        residual = errors + 0.15 * checks + generator.standard_normal(SHAPE)
+
+    def drawn(amount):
+        errors = sum(1.5 * generator.standard_normal(n * n)[cell] for n, cell in place.items())
+        residual = errors + amount * coloured + generator.standard_normal(SHAPE)
         model = replace(linearised.model, residual=np.append(residual.ravel(), np.zeros(11)))
-        plain = replace(linearised, model=model, rendered=fitted)
-        for judged, found in ((plain, by_size), (plain.counting_errors(()), beside)):
-            problem, start = judged.problem(()), judged.model.residual
-            tried = best_singles(problem, [known["smooth"]], start, 1)
-            found.append(first_significant(tried, start, problem.model, start) is not None)
-        sharp = best_singles(problem, [known["sharp"]], start, 1)
-        assert first_significant(sharp, start, problem.model, start) is not None
-        amounts.append((sharp[0].numbers["amount"] - 0.15) / sharp[0].sigma["amount"])
-    assert np.mean(by_size) > 0.5
-    assert not any(beside)
-    assert 0.5 < np.var(amounts) < 1.7  # of 40: four standard deviations are 0.9; few clusters
+        return replace(linearised, model=model, rendered=fitted)
+
+    return known, drawn
+
+
+def found(judged, signature):
+    """The significant candidate of one signature in a fit, or None."""
+    problem, start = judged.problem(()), judged.model.residual
+    return first_significant(best_singles(problem, [signature], start, 1), start, problem.model, start)
+
+
+def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_does_not():
+    """In 40 draws. By size alone the grey pattern counts in most; beside the errors in none, since it must be 5.7 of
+    its standard deviations. The coloured one, of 0.15, counts in all: 0.15 sqrt(4800) = 10."""
+    known, drawn = beside_errors()
+    by_size, beside, amounts = 0, 0, []
+    for _ in range(40):
+        plain = drawn(0.15)
+        counting = plain.counting_errors(())
+        by_size += found(plain, known["grey"]) is not None
+        beside += found(counting, known["grey"]) is not None
+        coloured = found(counting, known["coloured"])
+        amounts.append((coloured.numbers["amount"] - 0.15) / coloured.sigma["amount"])
+    assert by_size > 20
+    assert beside == 0
+    assert 0.1 < np.var(amounts) < 1.9  # of 40: 1 +- 0.9 is four standard deviations
+
+
+def test_an_effect_of_the_size_of_its_limit_is_found_nine_times_in_ten():
+    """Of 200 draws 180 +- 4.2 expected. The grey pattern has its limit by size."""
+    known, drawn = beside_errors()
+    plain = drawn(0.0)
+    counting = plain.counting_errors(())
+    coloured, grey = (
+        limit_of(known[name], plain.model, counting.model, 1.0) for name in ("coloured", "grey")
+    )
+    assert coloured.beside_errors and not grey.beside_errors
+    assert coloured.visible == pytest.approx(1.0, abs=0.02)
+    assert grey.chi2_per_sample == pytest.approx(0.015, rel=0.1)
+    fits = (drawn(coloured.distance).counting_errors(()) for _ in range(200))
+    times = sum(found(fit, known["coloured"]) is not None for fit in fits)
+    assert abs(times - 180) <= 17  # four standard deviations
 
 
 class Ripples(Patterns):
