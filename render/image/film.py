@@ -49,4 +49,5 @@ def means_by_strips(
                 pictures = np.empty((*pictures.shape[:3], len(sums)), np.float32)
             pictures[batch, rows] = means.numpy().reshape(len(rows), -1, len(sums))
             progress.part((batch + done / len(calls)) / batches)
+    dr.flush_malloc_cache()  # what the strips took
     return pictures

@@ -115,9 +115,13 @@ def _traced(
     dr.eval(direct, escaped, seen, matrix)
     points_seen = np.array(seen)
     scale = 1 / np.maximum(points_seen, 1)
+    form_factors = np.array(matrix).reshape(count, count)
+    form_factors *= scale[:, None]
+    matrix = dr.zeros(mi.Float, 0)  # gives the traced numbers back
+    dr.flush_malloc_cache()
     exchange = Exchange(
         direct=np.stack([np.array(own) * scale for own in direct], axis=1),
-        form_factors=np.array(matrix).reshape(count, count) * scale[:, None],
+        form_factors=form_factors,
         escape=np.array(escaped) * scale,
         slopes=slopes,
     )

@@ -8,21 +8,17 @@ from .maps import write_maps
 from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
 from .pipeline import (
     Predicted,
-    Prepared,
     Rendered,
     Validation,
     band_centres,
     compared,
     failures,
-    prepare,
     refitted_picture,
     rendered_from,
-    solved_light,
-    under_model,
     validate,
     validated,
-    with_picture,
 )
+from .prepared import Prepared, prepare, solved_light, under_model, with_picture
 from .regions import INTERIOR_DISTANCE_PX
 from .stacks import StackComparison, compare_stacks, comparison_record, read_stack, write_comparison
 

@@ -9,36 +9,28 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.colour import LUMINOUS_EFFICACY, FilterWeights
+from cboxlab.calibration.colour import LUMINOUS_EFFICACY
 from cboxlab.calibration.correction import Mask, band_images
-from cboxlab.calibration.geometry import CameraFit
 from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.calibration.result import Calibration, calibrate
 from cboxlab.render.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
 from cboxlab.render.device import variant
 from cboxlab.render.files import AS_STATED, Declared
 from cboxlab.render.image import RenderedImage, light_shares
 from cboxlab.render.perturbation import warp_change
-from cboxlab.render.radiosity import LightField, solve_light
+from cboxlab.render.radiosity import LightField
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress, share
-from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.scene_file import load_scene
-from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import AppliedEffect
-from ..model import Model, seen_through, with_further_distortion
+from ..model import Model, with_further_distortion
 from ..predict import (
     CONVERGENCE,
-    ForeignPicture,
     Picture,
     Predictor,
     build_predictor,
     cached_picture,
-    foreign_picture,
     render_plainly,
     render_to_noise,
     require_level,
@@ -48,12 +40,12 @@ from ..predict import (
 from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
 from .kept_fits import kept_fit
-from .nuisances import NuisanceFit, Nuisances, fit_lamp_scale, held_lamp_scale
+from .nuisances import NuisanceFit, Nuisances
+from .prepared import Prepared, prepare, solved_light, with_picture
 
 __all__ = [
-    "Predicted", "Prepared", "Rendered", "Validation", "band_centres", "compared", "failures", "prepare", "refitted",
-    "refitted_picture", "rendered_from", "solved_light", "under_model", "validate", "validated",
-    "with_picture",
+    "Predicted", "Rendered", "Validation", "band_centres", "compared", "failures", "refitted", "refitted_picture",
+    "rendered_from", "validate", "validated",
 ]  # fmt: skip
 
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
@@ -67,60 +59,9 @@ _DRAFTS = ((0.1, 0.2), (0.2, 0.3))
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
-
-    camera_fit, responses, weights : of the calibration, which has them all. lamp_sigma : relative standard deviation
-    of the lamp's stated power, None if not stated. scene : by Lambert's law, of which changes by effects are predicted.
-    complete : the same with the BSDFs and the medium of the model, which is rendered. picture : another renderer's
-    picture through the calibrated camera, used instead of rendering. cache : folder of rendered pictures, or None.
-    """
-
-    calibration: Calibration
-    camera_fit: CameraFit
-    responses: tuple[BandResponse, ...]
-    weights: FilterWeights
-    scene: Scene
-    lamp_sigma: float | None
-    complete: Scene
-    picture: ForeignPicture | None = None
-    cache: Path | None = None
-
-    @property
-    def calibrated_camera(self) -> Camera:
-        """The camera of the survey, with its covariance."""
-        return self.camera_fit.camera
-
-    def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
-        """The surveyed camera moved by the effects that act on the camera (in its ten parameters), with the
-        covariance of the survey.
-        """
-        return replace(seen_through(self.calibrated_camera, effects), further_distortion=None)
-
-    @property
-    def gathered(self) -> bool:
-        """Whether the picture is gathered from patches, so that its light is known by number of reflections."""
-        return self.picture is None and self.complete.diffuse
-
-    @property
-    def measured(self) -> NDArray[np.float64]:
-        """(band, y, x) DN, the measured signal."""
-        return self.calibration.images.signal.values
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """(band, y, x) True for pixels that the capture does not mask."""
-        return self.calibration.images.mask.values == 0
-
-    def lamp_scale(self, signal: NDArray, variance: NDArray, used: NDArray) -> tuple[float, float]:
-        """As ``fit_lamp_scale``; of another renderer's picture held to what is stated, lest it hides missing light."""
-        scale, sigma = fit_lamp_scale(self.measured, signal, variance, used, self.lamp_sigma)
-        return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
-
-
-@dataclass(frozen=True, eq=False)
 class Rendered:
-    """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error.
+    """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error, of which the
+    image, averaged over its batches, does not tell.
 
     signal : (band, y, x) DN with the model's effects, at the lamp's stated power. used : (band, y, x) True for pixels
     used.
@@ -135,9 +76,13 @@ class Rendered:
 
 @dataclass(frozen=True, eq=False)
 class Predicted(Rendered):
-    """A picture with the predictor of what effects make of it; it takes a compiled variant."""
+    """A picture with the predictor of what effects make of it; it takes a compiled variant.
+
+    pilot : see ``render_to_noise``; None for another renderer's picture.
+    """
 
     predictor: Predictor
+    pilot: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,53 +111,6 @@ class Validation:
         return self.rendered.fit
 
 
-def prepare(folder: Path, model: Model) -> Prepared:
-    """Load and calibrate a capture and put its lamp into the model's scene.
-
-    Raises InputError if the capture lacks data that a comparison with a render needs.
-    """
-    capture = load_capture(folder)
-    calibration = calibrate(capture)
-    manifest = folder / "capture.toml"
-    lamp = capture.manifest.lamp
-    camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights
-    lacking = [
-        name
-        for name, value in (
-            ("[geometry] with points", camera_fit),
-            ("[lamp] with radiance", lamp),
-            ("data for the sensor equation (gain, lens, quantum efficiency, filters)", responses),
-        )
-        if value is None
-    ]
-    if camera_fit is None or lamp is None or responses is None or weights is None:
-        raise InputError(
-            manifest,
-            f"no {'; no '.join(lacking)}",
-            "these data, which a comparison with a render needs",
-            "A calibration does not need them.",
-        )
-    scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
-    return Prepared(
-        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
-    )
-
-
-def under_model(prepared: Prepared, model: Model) -> Prepared:
-    """The same calibrated capture with another model's scene."""
-    scene = load_scene(model.scene).with_lamp(prepared.scene.lamp.radiance)
-    return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
-
-
-def solved_light(
-    prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]
-) -> LightField:
-    """The radiosity solution of the scene with the effects that act on scene or settings."""
-    scene = after_stage(prepared.scene, effects, "scene")
-    settings = after_stage(settings, effects, "settings")
-    return solve_light(scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
-
-
 def validate(
     folder: Path, model: Model, progress: Progress = QUIET, picture: Path | None = None,
     cache: Path | None = None, declared: Declared = AS_STATED,
@@ -233,15 +131,6 @@ def validate(
     return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
 
 
-def with_picture(prepared: Prepared, path: Path, declared: Declared, settings: RenderSettings) -> Prepared:
-    """The capture with another renderer's cube in place of our picture.
-
-    settings : of our own picture, by whose spectra the cube is brought to all wavelengths.
-    """
-    light, camera = solved_light(prepared, settings, ()), prepared.calibrated_camera
-    return replace(prepared, picture=foreign_picture(path, prepared.scene, camera, light, declared))
-
-
 def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:
     """Render a model of a prepared capture's scene, fit the nuisances, compare.
 
@@ -256,20 +145,28 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
         return Validation(prepared, model, plain, comparison, time.perf_counter() - start)
     light = solved_light(prepared, model.render, model.effects)
     camera = prepared.expected_camera(model.effects)
+    pilot = None
     for first, last in _DRAFTS:
-        settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
-        part = share(progress, first, last)
-        rendered = rendered_from(prepared, light, camera, settings, model.effects, part)
-        if prepared.picture is not None:
-            seen = prepared.measured[rendered.used].sum() / rendered.signal[rendered.used].sum()
-            require_level(prepared.picture.path, float(seen))
-        camera = refitted(prepared, rendered, model.effects).camera
-    final = rendered_from(prepared, light, camera, model.render, model.effects, share(progress, 0.3, 0.9))
+        camera, pilot = _fitted_to_draft(prepared, model, light, camera, pilot, share(progress, first, last))
+    part = share(progress, 0.3, 0.9)
+    final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
     progress.stage("comparing")
     rendered = refitted_picture(prepared, final, model.effects)
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     progress.part(1.0)
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
+
+
+def _fitted_to_draft(
+    prepared: Prepared, model: Model, light: LightField, camera: Camera, pilot: float | None, progress: Progress
+) -> tuple[Camera, float | None]:  # fmt: skip
+    """The camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
+    settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
+    draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
+    if prepared.picture is not None:
+        seen = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
+        require_level(prepared.picture.path, float(seen))
+    return refitted(prepared, draft, model.effects).camera, draft.pilot
 
 
 def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
@@ -301,11 +198,12 @@ def _scaled(
 
 def rendered_from(
     prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
-    progress: Progress = QUIET,
+    progress: Progress = QUIET, pilot: float | None = None,
 ) -> Predicted:  # fmt: skip
     """Render the picture through ``camera`` to the noise of the settings, and fit the lamp's scale.
 
-    light : of the same effects (see ``solved_light``).
+    light : of the same effects (see ``solved_light``). pilot : of a picture of the same light from nearly this camera,
+    see ``render_to_noise``.
     """
     calibration, responses = prepared.calibration, prepared.responses
     if prepared.picture is not None:
@@ -313,16 +211,17 @@ def rendered_from(
         bands = render_bands(image, responses)
     else:
         picture, noise, convergence = _own_picture(prepared, light, camera, settings, effects)
-        image, bands = render_to_noise(
+        image, bands, pilot = render_to_noise(
             picture, responses, calibration.predicted_variance, prepared.usable,
-            noise=noise, convergence=convergence, progress=progress,
+            noise=noise, convergence=convergence, pilot=pilot, progress=progress,
         )  # fmt: skip
         included = [e for e in effects if e.stage in stages_between("scene", "settings")]
+    image = image.averaged()  # the bands' variance has been taken from its batches
     predictor = build_predictor(
         light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
     )
     plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
-    return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, predictor)
+    return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, predictor, pilot)
 
 
 def _own_picture(

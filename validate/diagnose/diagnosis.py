@@ -137,16 +137,9 @@ def diagnose(
     """
     validation, render = foreign_side(validation)
     prepared, model = validation.prepared, validation.model
-    given = model.effects
-    first = linearised_fit(prepared, validation.rendered, given)
+    first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    progress.stage("trying every effect")
-    signatures = signatures_of(first, given, model.render, share(progress, 0.0, 0.6))
-    progress.stage("choosing among effects")
-    found = by_size = selection(validation, first, signatures, progress)
-    if not found.chosen and not something_remains(start, start.residual, start.residual):
-        # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
-        found = selection(validation, first, signatures, progress, small_errors(first, signatures))
+    by_size, found = _searched(validation, first, progress)
     linearised, chosen, known = found.linearised, found.chosen, found.known
     others = [_further_fit(validation, one, chosen) for one in further]
     if chosen and others:
@@ -160,7 +153,7 @@ def diagnose(
     progress.stage("explaining what remains")
     explanation: Explanation | None = None
     by_effects = start.chi2 - square(residual)
-    remains = explained(prepared, linearised, residual)
+    remains = explained(prepared, linearised, residual, share(progress, 0.95, 0.97))
     if left or stands_out(remains, linearised.model, residual, by_effects):
         left, explanation = True, remains
     selected = tuple(c.hypothesis.effect.id for c in chosen)
@@ -168,7 +161,7 @@ def diagnose(
         enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
-        whole = explained(prepared, first, start.residual)
+        whole = explained(prepared, first, start.residual, share(progress, 0.97, 0.99))
         if selected == (UNKNOWN,) or beats(whole, start, chosen, square(residual)):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
@@ -208,6 +201,21 @@ def diagnose(
         limits=() if selected else found.limits,
         further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
     )
+
+
+def _searched(
+    validation: Validation, first: LinearisedFit, progress: Progress
+) -> tuple[Selection, Selection]:
+    """The effects selected by size, and those found in the end. The signatures, much of the memory, end here."""
+    start = first.model
+    progress.stage("trying every effect")
+    signatures = signatures_of(first, first.given, validation.model.render, share(progress, 0.0, 0.6))
+    progress.stage("choosing among effects")
+    found = by_size = selection(validation, first, signatures, progress)
+    if not found.chosen and not something_remains(start, start.residual, start.residual):
+        # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
+        found = selection(validation, first, signatures, progress, small_errors(first, signatures))
+    return by_size, found
 
 
 def _further_fit(validation: Validation, other: Validation, chosen: Sequence[Candidate]) -> FurtherFit:

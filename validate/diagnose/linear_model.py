@@ -121,10 +121,16 @@ class LinearModel:
     def without_shared_errors(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """A residual (n + 11,), projected, less what errors shared by a band or a face explain of it, each at most
         two standard deviations large."""
-        shared = self.shared_errors.astype(float)
-        shared -= self.basis @ (self.basis.T @ shared)
+        shared = self.projected_shared_errors()
         size = np.linalg.solve(np.eye(shared.shape[1]) + shared.T @ shared, shared.T @ residual)
         return residual - shared @ np.clip(size, -_SHARED_MOST, _SHARED_MOST)
+
+    def projected_shared_errors(self) -> NDArray[np.float64]:
+        """(n + 11, m) ``shared_errors``, projected; in place, for there are dozens of them."""
+        shared = self.shared_errors.astype(float)
+        for column in shared.T:
+            column -= self.basis @ (self.basis.T @ column)
+        return shared
 
     def camera_change(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """A change (10,) of the camera's parameters, projected.
@@ -140,7 +146,7 @@ class LinearModel:
         """Sum of squares with the nuisances at their best."""
         return float(self.residual @ self.residual)
 
-    def image(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    def image(self, vector: NDArray[np.floating]) -> NDArray[np.float64]:
         """The pixel part of a whitened vector as (band, y, x), NaN where unused."""
         picture = np.full(self.used.shape, np.nan)
         picture[self.used] = vector[: self.count]
@@ -213,7 +219,8 @@ def build_linear_model(
     residual = np.zeros(count + Nuisances.count)
     residual[:count] = (measured - fit.lamp_scale * base)[used] / sigma
     residual[count:] = priors @ fit.missed(calibrated).vector
-    basis = np.linalg.qr(design / np.linalg.norm(design, axis=0))[0]
+    design /= np.linalg.norm(design, axis=0)
+    basis = np.linalg.qr(design)[0]
     projected = residual - basis @ (basis.T @ residual)
     rows, columns = np.indices(used.shape[1:]) * _PATCHES // np.array(used.shape[1:])[:, None, None]
     patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]

@@ -43,7 +43,7 @@ class LinearisedFit:
     given: tuple[AppliedEffect, ...]
     base: NDArray[np.float64]
     refit_change: NDArray[np.float64]
-    derivative: NDArray[np.float64]
+    derivative: NDArray[np.float32]
 
     @property
     def scale(self) -> float:
@@ -99,7 +99,8 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
         lamp_sigma=prepared.lamp_sigma,
         band_errors=tabulation_errors(prepared.responses, lamp),
     )  # fmt: skip
-    return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, derivative)
+    single = derivative.astype(np.float32)
+    return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, single)
 
 
 def residual_with(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:

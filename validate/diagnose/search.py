@@ -45,13 +45,14 @@ _MOST_FURTHER_GAIN = 2.0
 @dataclass(frozen=True, eq=False)
 class Candidate(OwnMappings):
     """A hypothesis with numbers. numbers : fitted. sigma : their standard deviations. chi2 : minimised over the
-    nuisances. predicted : (n + 11,) projected change it makes, over sigma. by_priors : see ``judged_by_priors``."""
+    nuisances. predicted : (n + 11,) projected change it makes, over sigma, in single precision once it is judged: there
+    is one for every effect. by_priors : see ``judged_by_priors``."""
 
     hypothesis: Hypothesis
     numbers: Mapping[str, float]
     sigma: Mapping[str, float]
     chi2: float
-    predicted: NDArray[np.float64]
+    predicted: NDArray[np.floating]
     by_priors: bool = False
 
     @property
@@ -266,7 +267,7 @@ def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64])
     predicted = columns @ amplitude
     left = residual - predicted
     chi2 = float(left @ left + smoothed @ amplitude)
-    return Candidate(hypothesis, numbers, sigma, chi2, predicted, known.by_priors)
+    return Candidate(hypothesis, numbers, sigma, chi2, predicted.astype(np.float32), known.by_priors)
 
 
 def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
@@ -333,7 +334,7 @@ def fit(
                 break
         if not improved:
             break
-    return best
+    return replace(best, predicted=best.predicted.astype(np.float32))
 
 
 def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, float]]:

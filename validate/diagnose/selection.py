@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from .evidence import largest_gain_of_errors, least_gain, penalised, square
@@ -24,16 +25,21 @@ _LEAST_PROMISING = 0.4
 
 
 def best_singles(
-    problem: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int, known: float = np.inf
-) -> list[Candidate]:
+    problem: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int, known: float = np.inf,
+    progress: Progress = QUIET,
+) -> list[Candidate]:  # fmt: skip
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 
     Those that gain much less to first order than the best known fit are not fitted. known : chi2 of a fit that is
     known already.
     """
     best: dict[str, Candidate] = {}
-    for candidate in sorted((screen(problem, s, residual) for s in signatures), key=penalised):
-        best.setdefault(candidate.hypothesis.effect.id, candidate)
+    for index, one in enumerate(signatures, 1):
+        candidate = screen(problem, one, residual)
+        progress.part(0.5 * index / len(signatures))
+        rival = best.setdefault(candidate.hypothesis.effect.id, candidate)
+        if penalised(candidate) < penalised(rival):
+            best[rival.hypothesis.effect.id] = candidate
     ranked = sorted(best.values(), key=penalised)
     start = square(problem.model.project(residual))
     done: list[Candidate] = []
@@ -42,6 +48,7 @@ def best_singles(
         if np.isfinite(lowest) and start - candidate.chi2 < _LEAST_PROMISING * (start - lowest):
             break
         done.append(fit(problem, candidate, residual, lowest))
+        progress.part(0.5 + 0.5 * len(done) / refined)
     return sorted([*done, *ranked[len(done) :]], key=penalised)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.render.chain import RenderSettings, after_stage, stages_between
-from cboxlab.scenes.progress import Progress, share
+from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
@@ -101,15 +101,17 @@ def selection(
             limits.setdefault(limit.effect, limit)
     start, residual = linearised.model, linearised.model.residual
     problem = linearised.problem(())
-    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST)
-    progress.part(0.75)
+    part = share(progress, 0.6, 0.75)
+    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST, progress=part)
     chosen: list[Candidate] = []
     while (
         best := first_significant(
             candidates, residual, problem.model, residual_with_rendered(linearised, chosen)
         )
     ) is not None:
-        plain = refitted(validation, plain, [*chosen, best])
+        reached = 0.75 + 0.2 * (len(chosen) + 1) / _MOST_EFFECTS
+        part = share(progress, reached - 0.2 / _MOST_EFFECTS, reached)
+        plain = refitted(validation, plain, [*chosen, best], part)
         linearised = judging(plain)
         chosen = refitted_together(linearised, [*chosen, best])
         residual = residual_with(linearised, chosen)
@@ -118,7 +120,6 @@ def selection(
         if hopeless and something_remains(plain.model, left, residual_with_rendered(plain, chosen)):
             plain, linearised, chosen = first, judging(first), []
             break
-        reached = 0.75 + 0.2 * len(chosen) / _MOST_EFFECTS
         progress.part(reached)
         if len(chosen) == _MOST_EFFECTS:
             break
@@ -130,7 +131,7 @@ def selection(
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         problem = linearised.problem(chosen)
-        candidates = best_singles(problem, rest, residual, 3)
+        candidates = best_singles(problem, rest, residual, 3, progress=share(progress, reached, reached))
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
@@ -153,7 +154,9 @@ def signatures_of(
     return found
 
 
-def refitted(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> LinearisedFit:
+def refitted(
+    validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = QUIET
+) -> LinearisedFit:
     """Refit the camera with these effects in the model; render again where it moved or the light changed."""
     prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.predictor
     effects = (*linearised.given, *(c.applied for c in chosen))
@@ -170,7 +173,7 @@ def refitted(validation: Validation, linearised: LinearisedFit, chosen: Sequence
         light = light or solved_light(prepared, settings, effects)
         camera, resolve = altered.fit.camera, False
         altered = refitted_picture(
-            prepared, rendered_from(prepared, light, camera, settings, effects), effects
+            prepared, rendered_from(prepared, light, camera, settings, effects, progress), effects
         )
     # the signatures hold the pixels that were used at first
     return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given)

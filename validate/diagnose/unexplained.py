@@ -10,7 +10,9 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.render.chain import after_stage
 from cboxlab.render.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
+from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from ..compare import Prepared
 from ..effects import catalogue
@@ -29,9 +31,11 @@ _FALSE_ALARM = 0.005
 _SHAPES_LEAVE = 0.03
 
 
-def explained(prepared: Prepared, linearised: LinearisedFit, residual: NDArray[np.float64]) -> Explanation:
+def explained(
+    prepared: Prepared, linearised: LinearisedFit, residual: NDArray[np.float64], progress: Progress = QUIET
+) -> Explanation:
     """The family that explains a residual (n + 11,), projected, over sigma."""
-    return explain(excess_of(linearised, residual, prepared.calibration.capture))
+    return explain(excess_of(linearised, residual, prepared.calibration.capture), progress)
 
 
 def beats(
@@ -79,19 +83,17 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
 def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
     """The arrays that the families need."""
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
-    columns, left = _nuisance_columns(model, residual)
+    nuisances, left = _nuisance_columns(model, residual)
     used, image = model.used, rendered.image
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
-    stack = np.zeros((*used.shape, columns.shape[1]))
-    stack[used] = columns
     return Excess(
         residual=_filled(residual[: model.count], used).astype(np.float32),
         weighed=_filled(left, used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,
-        nuisances=stack,
+        nuisances=nuisances,
         unknown=model.basis.shape[1],
         moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),
         flat=predictor.sensing.flat,
@@ -109,18 +111,21 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
 
 def _nuisance_columns(
     model: LinearModel, residual: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, m) columns W of the ``Excess``, and the residual (n,) less what shared errors explain of it.
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """(band, y, x, m) columns W of the ``Excess``, and the residual (n,) less what shared errors explain of it.
 
     Camera and lamp are projected out already; errors shared by bands or faces have unit variance, which the Woodbury
     identity takes off the information.
     """
-    shared = model.shared_errors.astype(float)
-    shared -= model.basis @ (model.basis.T @ shared)
+    shared = model.projected_shared_errors()
     factor = np.linalg.cholesky(np.eye(shared.shape[1]) + shared.T @ shared)
-    shared = np.linalg.solve(factor, shared.T).T
+    shared = solve_triangular(factor, shared.T, lower=True, overwrite_b=True).T
     left = residual - shared @ (shared.T @ residual)
-    return np.hstack([model.basis, shared])[: model.count], left[: model.count]
+    known = model.basis.shape[1]
+    columns = np.zeros((*model.used.shape, known + shared.shape[1]), np.float32)
+    columns[model.used, :known] = model.basis[: model.count]
+    columns[model.used, known:] = shared[: model.count]
+    return columns, left[: model.count]
 
 
 def _repeats(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

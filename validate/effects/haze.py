@@ -87,7 +87,8 @@ def _attenuated(transport: PatchTransport, lamp_centres: list[NDArray], sigma: f
 
 def _attenuated_gather(transport: PatchTransport, sigma: float) -> csr_array:
     """G of the fragments, each entry times the share of the light that passes the air between."""
-    gather = transport.gather.copy()
+    given = transport.gather
+    gather = csr_array((given.data.copy(), given.indices, given.indptr), shape=given.shape)
     position = transport.position.astype(np.float32)
     centre = transport.light.patches.centre.astype(np.float32)
     for first in range(0, len(position), _FRAGMENTS):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from ..fields import FittedField
@@ -107,12 +108,17 @@ class Explanation:
         return self.rivals[1].family if len(self.rivals) > 1 else None
 
 
-def explain(excess: Excess) -> Explanation:
+def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     """Fit all families to the excess and judge them."""
     spot = hot_spot(excess)
-    forms = [
-        *sensor_forms(excess, spot), *optics_forms(excess), *order_forms(excess), *surface_forms(excess, spot),
-    ]  # fmt: skip
+    kinds = (
+        sensor_forms(excess, spot), optics_forms(excess), order_forms(excess), surface_forms(excess, spot),
+    )  # fmt: skip
+    forms: list[Form] = []
+    for done, some in enumerate(kinds):
+        for form in some:
+            forms.append(form)
+            progress.part(done / len(kinds))  # again and again: how many forms there are is not known before
     total = max(excess.chi2 - noise_level(excess) * excess.count, 1.0)
     scores = _scores(excess, forms)
     best: dict[str, tuple[float, Form]] = {}

@@ -39,6 +39,9 @@ _UNSEEN = 1e-7
 #: Part of a nuisance that a field may leave at the least: below it products of single precision tell nothing.
 _LEAST_LEFT = 1e-5
 
+#: Pixels whose columns are taken in double precision at once.
+_TOGETHER = 2**15
+
 #: Rounds of the alternating fit of map and spectrum.
 _ROUNDS = 6
 
@@ -59,15 +62,29 @@ class Normal:
 
 def normal(excess: Excess, columns: NDArray[Any] | csr_matrix, band: int) -> tuple[NDArray[np.float64], ...]:
     """The parts a, b, c, own_a, own_b of the equations of columns (k, pixel), DN, in one band."""
-    weight = excess.weight[band].ravel()
-    residual = excess.weighed[band].ravel()
+    pixels = excess.used[band].size
+    if isinstance(columns, csr_matrix):
+        return _normal_of(excess, columns, band, slice(0, pixels))
+    several = (
+        _normal_of(excess, columns[:, start : start + _TOGETHER], band, slice(start, start + _TOGETHER))
+        for start in range(0, pixels, _TOGETHER)
+    )
+    return tuple(sum(part) for part in zip(*several, strict=True))
+
+
+def _normal_of(
+    excess: Excess, columns: NDArray[Any] | csr_matrix, band: int, pixels: slice
+) -> tuple[NDArray[np.float64], ...]:
+    """What some pixels add to the parts of ``normal``."""
+    weight = excess.weight[band].ravel()[pixels]
+    residual = excess.weighed[band].ravel()[pixels]
     if isinstance(columns, csr_matrix):
         whitened = columns.multiply(weight[None, :]).tocsr()
     else:
         whitened = columns.astype(np.float64) * weight
-    own = np.flatnonzero(~excess.half.ravel())
+    own = np.flatnonzero(~excess.half.ravel()[pixels])
     seen = whitened[:, own]
-    nuisances = excess.nuisances[band].reshape(len(residual), -1)
+    nuisances = excess.nuisances[band].reshape(excess.used[band].size, -1)[pixels]
     parts = (
         whitened @ whitened.T,
         whitened @ residual,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from ..fields import WaveMap
@@ -25,57 +27,98 @@ _FLAT = 0.01
 class Maps:
     """Smooth maps on every surface; the first of each surface is 1 everywhere on it.
 
-    surface : (k,) index of each map's surface, in order. waves : (k,) the maps. reflectance : (band, k, pixel) DN for a
-    relative change of the reflectance by the map. light : (band, k, pixel) DN for irradiance over pi, relative to the
-    lamp's radiance. seen : (k, pixel) the maps as the camera sees them, without further reflections. dn : (band,) DN
-    per radiance relative to the lamp's.
+    surface : (k,) index of each map's surface, in order. waves : (k,) the maps. dn : (band,) DN per radiance relative
+    to the lamp's. What the maps change is computed where it is needed: all of it would be a hundred pictures a band.
     """
 
     surface: NDArray[np.int64]
     waves: tuple[WaveMap, ...]
-    reflectance: NDArray[np.float32]
-    light: NDArray[np.float32]
-    seen: NDArray[np.float32]
     dn: NDArray[np.float64]
+    _transport: Transport
+    _pixels: int
+    _fragments: Mapping[int, NDArray[np.int64]]
+    _values: tuple[NDArray[np.float64], ...]
+    _onward: Mapping[str, NDArray[np.float32]]
+    _coarse: csr_array
+    _nearest: NDArray[np.int64]
+
+    def reflectance(self, band: int, some: Sequence[int]) -> NDArray[np.float32]:
+        """(some, pixel) DN of a band for a relative change of the reflectance by some of the maps."""
+        return self._changed("reflectance", band, some, self._transport.arriving[:, band])
+
+    def light(self, band: int, some: Sequence[int]) -> NDArray[np.float32]:
+        """(some, pixel) DN of a band for irradiance over pi by some of the maps, relative to the lamp's radiance."""
+        return self._changed("light", band, some, np.ones(len(self._nearest)))
+
+    def seen(self, some: Sequence[int]) -> NDArray[np.float32]:
+        """(some, pixel) the maps as the camera sees them, without further reflections."""
+        found = np.empty((len(some), self._pixels), np.float32)
+        for row, k in zip(found, some, strict=True):
+            row[:] = self._picture(self._spread(k))
+        return found
+
+    def _changed(
+        self, what: str, band: int, some: Sequence[int], here: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        rho = self._transport.reflectance[self._transport.material, band]
+        reflected = self._coarse @ self._onward[what][band][:, some]
+        found = np.empty((len(some), self._pixels), np.float32)
+        for row, k, further in zip(found, some, reflected.T, strict=True):
+            row[:] = self.dn[band] * self._picture(rho * (self._spread(k) * here + further[self._nearest]))
+        return found
+
+    def _spread(self, k: int) -> NDArray[np.float64]:
+        """(f,) one map at the fragments, 0 on other surfaces."""
+        found = np.zeros(len(self._nearest))
+        found[self._fragments[int(self.surface[k])]] = self._values[k]
+        return found
+
+    def _picture(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
+        t = self._transport
+        return np.bincount(t.pixel, t.coverage * values, minlength=self._pixels).astype(np.float32)
 
 
 def surface_maps(excess: Excess) -> Maps:
     """All maps of all surfaces that the picture shows."""
     t = excess.transport
-    everything = np.concatenate([t.position, t.patch_position])
-    owner = np.concatenate([t.surface, t.patch_surface])
-    found, surfaces, waves = [], [], []
-    for index in range(len(excess.names)):
-        if not (t.surface == index).any():
-            continue
-        own = owner == index
-        for wave in _smooth(excess.names[index], everything[own]):
-            image = np.zeros(len(owner))
-            image[own] = wave.at(everything[own])
-            found.append(image)
+    fragments = {
+        i: np.flatnonzero(t.surface == i) for i in range(len(excess.names)) if (t.surface == i).any()
+    }
+    surfaces, waves, values, on_patches = [], [], [], []
+    for index, own in fragments.items():
+        on_surface = t.patch_surface == index
+        position = np.concatenate([t.position[own], t.patch_position[on_surface]])
+        for wave in _smooth(excess.names[index], position):
+            there, patches = np.split(wave.at(position), [len(own)])
+            image = np.zeros(len(on_surface))
+            image[on_surface] = patches
             surfaces.append(index)
             waves.append(wave)
-    fragments, patches = np.split(np.array(found).T, [len(t.surface)])
+            values.append(there)
+            on_patches.append(image)
     height, width = excess.shape
-    bands = len(excess.bands)
-    shape = bands, len(surfaces), height * width
-    reflectance, light = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    seen = _pixels(t, fragments, height * width)
     some, nearest = _every_fourth(t, width)
-    dn = np.array([lamp_dn(excess, b) for b in range(bands)])
-    for b in range(bands):
-        rho, patch_rho = t.reflectance[t.material, b], t.reflectance[t.patch_material, b]
+    bands = range(len(excess.bands))
+    onward = _reflected_on(t, np.array(on_patches).T, len(bands))
+    return Maps(
+        np.array(surfaces), tuple(waves), np.array([lamp_dn(excess, band) for band in bands]), t, height * width,
+        fragments, tuple(values), onward, t.gather[some], nearest,
+    )  # fmt: skip
+
+
+def _reflected_on(t: Transport, patches: NDArray[np.float64], bands: int) -> dict[str, NDArray[np.float32]]:
+    """(band, p, k) radiance that maps (p, k) add to the patches' after all reflections, as changes of reflectance and
+    as light."""
+    found = {name: np.empty((bands, *patches.shape), np.float32) for name in ("reflectance", "light")}
+    for band in range(bands):
+        rho = t.reflectance[t.patch_material, band]
         factors = lu_factor(
-            np.eye(len(patch_rho), dtype=np.float32) - patch_rho.astype(np.float32)[:, None] * t.form_factors
+            np.eye(len(rho), dtype=np.float32) - rho.astype(np.float32)[:, None] * t.form_factors
         )
-        for target, here, there in (
-            (reflectance, t.arriving[:, b], t.patch_arriving[:, b]),
-            (light, np.ones(len(rho)), np.ones(len(patch_rho))),
-        ):
-            onward = lu_solve(factors, (patches * (patch_rho * there)[:, None]).astype(np.float32))
-            values = rho[:, None] * (fragments * here[:, None] + (t.gather[some] @ onward)[nearest])
-            target[b] = dn[b] * _pixels(t, values, height * width)
-    return Maps(np.array(surfaces), tuple(waves), reflectance, light, seen, dn)
+        for name, there in (("reflectance", t.patch_arriving[:, band]), ("light", np.ones(len(rho)))):
+            source = (patches * (rho * there)[:, None]).astype(np.float32)
+            found[name][band] = lu_solve(factors, source)
+    return found
 
 
 def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -99,14 +142,6 @@ def lamp_dn(excess: Excess, band: int) -> float:
     picture, signal = excess.transport.picture[band], excess.signal[band]
     lit = excess.used[band] & (picture > 0.05 * np.median(picture))
     return float(np.median(signal[lit] / picture[lit]))
-
-
-def _pixels(t: Transport, values: NDArray[Any], count: int) -> NDArray[np.float32]:
-    weighted = t.coverage[:, None] * values
-    return np.array(
-        [np.bincount(t.pixel, column, minlength=count) for column in weighted.T],
-        np.float32,
-    )
 
 
 def _smooth(name: str, position: NDArray[Any]) -> list[WaveMap]:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ..fields import ImageMaps, WaveMap
+from ..fields import ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
 from .form import Columns, Form, equations, scaled
 from .spot_cells import Spot, cells
-from .surface_bases import lamp_dn, surface_maps
+from .surface_bases import Maps, lamp_dn, surface_maps
 
 __all__ = ["surface_forms"]
 
@@ -27,38 +28,38 @@ def surface_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
     """All forms that act on surfaces."""
     maps = surface_maps(excess)
     surfaces, first, counts = np.unique(maps.surface, return_index=True, return_counts=True)
-    yield from _paints(excess, surfaces, maps.reflectance[:, first], [maps.waves[i] for i in first])
+    yield from _paints(excess, surfaces, maps, first)
     for index, start, count in zip(surfaces, first, counts, strict=True):
-        own = slice(start, start + count)
+        own = range(start, start + count)
         name = excess.names[index]
-        made = _taken(maps.reflectance[:, own])
-        n = equations(excess, made)
-        several, waves = len(first), maps.waves[own]
+        changed: Columns = partial(maps.reflectance, some=own)
+        n = equations(excess, changed)
+        several, waves = len(first), maps.waves[start : start + count]
         fit = free_spectrum(n)
-        yield Form("reflectance-map", "a smooth map", fit, made, "reflectance", waves, name, choices=several)
-        made = _alike(maps.seen[own], maps.dn)
+        yield Form(
+            "reflectance-map", "a smooth map", fit, changed, "reflectance", waves, name, choices=several
+        )
+        made = _alike(maps.seen(own), maps.dn)
         n = equations(excess, made)
         fit = fixed_spectrum(n, np.ones(len(excess.bands)))
         yield Form("reflection-lobe", "a sheen", fit, made, "radiance", waves, name, choices=several)
-    made = _taken(maps.light)
-    fit = free_spectrum(equations(excess, made))
+    lit: Columns = partial(maps.light, some=range(len(maps.waves)))
+    fit = free_spectrum(equations(excess, lit))
     words = "light that falls on several surfaces"
-    yield Form("extra-light", words, fit, made, "irradiance", maps.waves)
+    yield Form("extra-light", words, fit, lit, "irradiance", maps.waves)
     if spot is not None:
         yield from _spots(excess, spot)
 
 
-def _taken(columns: NDArray[Any]) -> Columns:
-    return lambda band: columns[band]
+def _together(maps: Maps, some: Sequence[int]) -> Columns:
+    return lambda band: maps.reflectance(band, some).sum(axis=0, keepdims=True)
 
 
 def _alike(columns: NDArray[Any], factors: NDArray[Any]) -> Columns:
     return lambda band: columns * np.float32(factors[band])
 
 
-def _paints(
-    excess: Excess, surfaces: NDArray[Any], columns: NDArray[Any], waves: Sequence[WaveMap]
-) -> Iterator[Form]:
+def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[np.int64]) -> Iterator[Form]:
     """Free spectra of each surface's paint, and of each material on all of its surfaces."""
     t = excess.transport
     paint = np.array([t.material[np.argmax(t.surface == s)] for s in surfaces])
@@ -68,10 +69,10 @@ def _paints(
         if len(same) > 1:
             groups.append((name, same))
     for name, own in groups:
-        made = _taken(columns[:, own].sum(axis=1, keepdims=True))
+        made = _together(maps, [int(first[i]) for i in own])
         n = equations(excess, made)
         surface = name if len(own) == 1 else None
-        even = tuple(waves[i] for i in own)
+        even = tuple(maps.waves[i] for i in first[own])
         words = f"the paint of {name}"
         yield Form(
             "paint-spectrum", words, each_band(n), made, "reflectance", even, surface, choices=len(groups)

@@ -25,6 +25,9 @@ _CELL_ERROR, _REGION_ERROR = 0.0015, 0.0015
 #: Cells and regions of the image across and down.
 _CELLS, _REGIONS = 16, 4
 
+#: Samples whose columns are taken in double precision at once.
+_TOGETHER = 2**15
+
 #: A region with fewer pixels is left to its cells.
 _LEAST_PIXELS = 20
 
@@ -44,7 +47,13 @@ class PictureErrors:
     def whitened(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """A vector (n,) over sigma, times the inverse square root of the covariance that these errors make of I."""
         apart = self._by_cells(pixels)
-        return apart - self.common @ (self.part * (self.common.T @ apart))
+        blocks = _blocks(len(apart))
+        along = self.part * sum(
+            (self.common[some].T @ apart[some] for some in blocks), np.zeros(len(self.part))
+        )
+        for some in blocks:
+            apart[some] -= self.common[some] @ along
+        return apart
 
     def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         sums = np.bincount(self.cell, self.weight * pixels, len(self.shrink))
@@ -83,12 +92,24 @@ def picture_errors(
     )
     region = places(_REGIONS)
     large = np.flatnonzero(np.bincount(region) >= _LEAST_PIXELS * len(used))
-    regions = [np.where(region == number, _REGION_ERROR * level, 0.0) for number in large]
-    common = np.array([cells.whitened(column) for column in (*others, *regions)], np.float32).T
-    values, vectors = np.linalg.eigh(common.T.astype(float) @ common)
+    common = np.empty((len(cell), len(others) + len(large)), np.float32)
+    for column, other in zip(common.T, others, strict=False):
+        column[:] = cells.whitened(other)
+    for column, number in zip(common.T[len(others) :], large, strict=True):
+        column[:] = cells.whitened(np.where(region == number, _REGION_ERROR * level, 0.0))
+    blocks = _blocks(len(cell))
+    none = np.zeros((common.shape[1], common.shape[1]))
+    values, vectors = np.linalg.eigh(
+        sum((common[some].T.astype(float) @ common[some] for some in blocks), none)
+    )
     seen = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
     values, vectors = values[seen], vectors[:, seen]
-    return PictureErrors(
-        cells.cell, cells.weight, shrink, (common @ (vectors / np.sqrt(values))).astype(np.float32),
-        1 - 1 / np.sqrt(1 + values),
-    )  # fmt: skip
+    orthonormal = np.empty((len(cell), len(values)), np.float32)
+    for some in blocks:
+        orthonormal[some] = common[some] @ (vectors / np.sqrt(values))
+    return PictureErrors(cells.cell, cells.weight, shrink, orthonormal, 1 - 1 / np.sqrt(1 + values))
+
+
+def _blocks(count: int) -> list[slice]:
+    """Parts of the samples."""
+    return [slice(start, start + _TOGETHER) for start in range(0, count, _TOGETHER)]

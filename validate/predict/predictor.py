@@ -8,8 +8,9 @@ change the ten fitted camera parameters, which are nuisances; only distortion be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from cboxlab.calibration.radiometry import sensor_matrix
@@ -57,7 +58,14 @@ _DRAFT_SAMPLES = 64
 #: block moved by 1 mm to a sixth; 2.0 would blur the edges of shadows.
 _NEIGHBOURS_PX = 1.0
 
+#: So many transports, pictures by them, and maps of faces are kept; a transport has some 1000 bytes a pixel. A geometry
+#: takes two transports where the lamp's pattern is a mixture, and effects of two geometries are tried in turn.
+_MOST_TRANSPORTS, _MOST_PICTURES, _MOST_FACES = 4, 12, 12
+
 _SCENE_STAGES = stages_between("scene", "transport")
+
+
+_T = TypeVar("_T")
 
 
 class _Traced:
@@ -160,12 +168,7 @@ class Predictor:
 
     def patch_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """(band, y, x) DN: the picture by patch transport."""
-        key = _key(effects)
-        if key not in self._pictures:
-            if len(self._pictures) > 40:
-                self._pictures.clear()
-            self._pictures[key] = self._mixed_picture(effects)
-        return self._pictures[key]
+        return _kept(self._pictures, _key(effects), _MOST_PICTURES, lambda: self._mixed_picture(effects))
 
     def _mixed_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         scene = after_stage(self.scene, effects, "scene")
@@ -180,14 +183,15 @@ class Predictor:
     def _faces(self, effects: Sequence[AppliedEffect]) -> NDArray[np.int64]:
         """(y, x) index of the one flat face that a pixel sees, -1 for several; one array for each geometry."""
         scene = after_stage(self.scene, effects, "scene")
-        key = _meshes(scene)
-        if key not in self._traced.faces:
+
+        def found() -> NDArray[np.int64]:
             transport = self._transport(_with_edge(scene, 1.0))
             face = np.full(transport.covered.shape, -1)
             alone = transport.coverage == 1
             face.flat[transport.pixel[alone]] = transport.face[alone]
-            self._traced.faces[key] = face
-        return self._traced.faces[key]
+            return face
+
+        return _kept(self._traced.faces, _meshes(scene), _MOST_FACES, found)
 
     def patch_picture_of(self, scene: Scene, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
         """The picture by patch transport of a scene that has the effects of the scene stage."""
@@ -205,14 +209,20 @@ class Predictor:
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
-        if key not in self._traced.transports:
-            if len(self._traced.transports) > 6:
-                for old in list(self._traced.transports)[1:]:  # the first belongs to the base picture
-                    del self._traced.transports[old]
-            self._traced.transports[key] = _coarse_transport(
-                scene, self.effective_nm, self.camera, self.settings.seed, self.gather_samples
-            )
-        return self._traced.transports[key]
+        of = (scene, self.effective_nm, self.camera, self.settings.seed, self.gather_samples)
+        return _kept(self._traced.transports, key, _MOST_TRANSPORTS, lambda: _coarse_transport(*of))
+
+
+def _kept(store: dict[tuple, _T], key: tuple, most: int, made: Callable[[], _T]) -> _T:
+    """What ``made`` gives for a key, or gave before. Beyond ``most`` the one not used for longest goes, but never the
+    first, which belongs to the base picture."""
+    if key not in store:
+        if len(store) >= most:
+            del store[list(store)[1]]
+        store[key] = made()
+    elif key != next(iter(store)):
+        store[key] = store.pop(key)
+    return store[key]
 
 
 def _key(effects: Sequence[AppliedEffect]) -> tuple:

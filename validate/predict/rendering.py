@@ -38,24 +38,28 @@ def render_to_noise(
     *,
     noise: float,
     convergence: float,
+    pilot: float | None = None,
     progress: Progress = QUIET,
-) -> tuple[RenderedImage, xr.Dataset]:
+) -> tuple[RenderedImage, xr.Dataset, float]:
     """Render until the median ratio of the render's to the sensor's standard deviation is ``noise``.
 
     A pilot of few samples tells how many it takes. sensor_variance : from expected signals (band, y, x) to DN^2.
     usable : (band, y, x) pixels that count. convergence : the power of the samples by which the error falls.
-    Returns the image and its band signals.
+    pilot : the ratio that a pilot reached before, of the same light from nearly the same camera; None renders one.
+    Returns the image, its band signals, and the pilot's ratio.
     """
 
     def rendered(samples: int, batches: int, report: Progress) -> tuple[RenderedImage, xr.Dataset]:
         image = picture(samples, batches, report)
         return image, render_bands(image, responses)
 
-    image, bands = rendered(PILOT_SAMPLES, BATCHES, share(progress, 0.0, 0.0))
-    ratio = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
-    if ratio <= noise:
-        return image, bands
-    wanted = PILOT_SAMPLES * (ratio / noise) ** (1 / convergence)
+    if pilot is None:
+        image, bands = rendered(PILOT_SAMPLES, BATCHES, share(progress, 0.0, 0.0))
+        pilot = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
+        if pilot <= noise:
+            return image, bands, pilot
+        del image, bands  # the next picture has as many batches
+    wanted = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
     samples = int(np.clip(2 ** np.floor(np.log2(wanted)), PILOT_SAMPLES, _MOST_SAMPLES))
-    expected = ratio * (PILOT_SAMPLES / samples) ** convergence
-    return rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress)
+    expected = pilot * (PILOT_SAMPLES / samples) ** convergence
+    return *rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress), pilot

@@ -153,7 +153,7 @@ def test_nothing_is_missing_where_nothing_is_hidden(result, monkeypatch):
     """The diagnosis invents no cause. Those in the scene, which take long to screen, do not compete here."""
     stages = ("camera", "filter", "optics", "counts")
     monkeypatch.setattr(
-        "cboxlab.validate.diagnose.diagnosis.hypotheses",
+        "cboxlab.validate.diagnose.stepwise.hypotheses",
         lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
     )
     assert diagnose(result).adequate

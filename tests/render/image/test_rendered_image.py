@@ -1,0 +1,28 @@
+"""A rendered image and its average over batches."""
+
+import numpy as np
+from cboxlab.render.image import RenderedImage
+
+
+def drawn(batches):
+    generator = np.random.default_rng(5)
+    return RenderedImage(
+        coefficients=generator.random((batches, 6, 9, 4)).astype(np.float32),
+        spectra=generator.random((4, 31)),
+        wavelength_nm=np.linspace(400, 700, 31),
+        coverage=np.ones((6, 9, 2), np.float32),
+        facet_surface=np.array([0]),
+        surface_names=("wall",),
+    )
+
+
+def test_the_average_over_batches_has_the_same_mean_and_no_variance():
+    image, weights = drawn(7), np.random.default_rng(6).random((31, 3))
+    exact = np.einsum("byxn,nw,wq->yxq", image.coefficients.astype(float), image.spectra, weights) / 7
+    np.testing.assert_allclose(image.mean(weights), exact, rtol=1e-12)
+    averaged = image.averaged()
+    assert averaged.coefficients.nbytes == image.coefficients.nbytes / 7
+    mean, variance = averaged.project(weights)
+    assert np.isnan(variance).all()
+    for found in (averaged.mean(weights), mean):
+        np.testing.assert_allclose(found, exact, rtol=1e-6)
