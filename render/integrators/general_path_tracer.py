@@ -22,6 +22,7 @@ from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_rad
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays, visible
 from .path_points import PathPoints
 from .path_tracer import HIGHEST_SURVIVAL, ROULETTE_START, UNLIMITED
+from .shadow_rays import shadow_through
 
 __all__ = ["render_general_path_tracer"]
 
@@ -51,7 +52,9 @@ def render_general_path_tracer(
         lamps = build_lamp_samplers(tracer)
         bsdfs = SpectralBsdfs(scene, wavelengths)
         textures = SpectralTextures(tracer, wavelengths)
-        filled = scene.medium is not None or any(s.inside is not None for s in scene.surfaces)
+        filled = (
+            scene.medium is not None or any(s.inside is not None for s in scene.surfaces) or bsdfs.passing
+        )
         media = SpectralMedia(tracer, wavelengths) if filled else None
 
         def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
@@ -104,13 +107,15 @@ def _strip(
 
     def body(
         index: mi.UInt32, state: tuple[mi.UInt32, mi.UInt32, mi.UInt32], origin: mi.Point3f, direction: mi.Vector3f,
-        density: mi.Float, throughput: list[mi.Float], sums: list[mi.Float],
+        reach: tuple[mi.Float, mi.Float], throughput: list[mi.Float], sums: list[mi.Float],
     ) -> tuple:  # fmt: skip
         """state : how many vertices the path has, how many of them were no bounce, and the medium that it is in.
 
-        density : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there.
+        reach : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there; and how far
+        the path has come in it, through boundaries that are no bounce, mm.
         """
         depth, passed, which = state
+        before, travelled = reach
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         chance = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2)
         lobe = mi.sample_tea_float32(own_seed + index * 0x9E3779B9, depth * 2 + 1)
@@ -124,8 +129,8 @@ def _strip(
         position = mi.Point3f(dr.select(met | scattered, position, origin))
         material = hit.material
         for lamp, own in zip(lamps, mixed, strict=True):
-            by_lamp = dr.square(hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
-            share = dr.select(dr.isinf(density), one, density / (density + by_lamp))
+            by_lamp = dr.square(travelled + hit.distance) / (lamp.area * -dr.dot(direction, lamp.normal))
+            share = dr.select(dr.isinf(before), one, before / (before + by_lamp))
             emitted = dr.select(met, lamp_seen(lamp, hit, direction) * share, 0)
             sums = [
                 s + dr.select(emitted > 0, emitted * m * t, 0)
@@ -160,20 +165,28 @@ def _strip(
                 arriving = [dr.select(scattered, phase, old) for old in arriving]
                 by_bsdf = dr.select(scattered, phase, by_bsdf)
             in_medium = mi.Bool(around) | (which > 0)
-            sampled = going & (scattered | special | (plain & in_medium))
             weight = dr.select(plain, radiance / by_lamp, radiance / (by_lamp + by_bsdf))
-            asked = sampled & (by_lamp > 0)
-            free = visible(tracer, lifted, position + way * far, asked, enclosed=not around)
-            weight = dr.select(free, weight, 0)
-            light = [t * a * weight for t, a in zip(throughput, arriving, strict=True)]
+            asked = going & (scattered | (special & ~through) | (plain & in_medium)) & (by_lamp > 0)
+            target, beyond, crossed = position + way * far, which, mi.Bool(False)
             if media is not None:
-                light = [x * part for x, part in zip(light, media.transmittance(which, far), strict=True)]
+                beyond = media.behind(hit, way, which, met)
+            if bsdfs.passing and media is not None:
+                asked |= plain & (by_lamp > 0)
+                shadow = shadow_through(
+                    tracer, media, passing, beyond, lifted, target, bands=bands, active=asked
+                )
+                free, parts, crossed = shadow.free, shadow.transmittance, shadow.boundaries > 0
+            else:
+                free = visible(tracer, lifted, target, asked, enclosed=not around)
+                parts = [one] * bands if media is None else media.transmittance(beyond, far)
+            weight = dr.select(free, weight, 0)
+            light = [t * a * p * weight for t, a, p in zip(throughput, arriving, parts, strict=True)]
             if not around:
                 analytic = direct_light(
                     tracer, lamp, hit.position, hit.normal, vertex.light_u, vertex.light_v, plain & ~in_medium
                 )
                 light = [
-                    dr.select(plain & ~in_medium, t * r * analytic, x)
+                    dr.select(plain & ~in_medium, t * r * analytic + dr.select(crossed, x, 0), x)
                     for x, t, r in zip(light, throughput, rho, strict=True)
                 ]
             sums = [s + m * x for s, m, x in zip(sums, own, light, strict=True)]
@@ -193,14 +206,14 @@ def _strip(
             turned = mi.Vector3f(dr.select(scattered, toward, turned))
             factors = [dr.select(scattered, one, old) for old in factors]
             density = dr.select(scattered, phase, density)
+        density = dr.select(through, before, density)
         carried = [t * f for t, f in zip(throughput, factors, strict=True)]
         most = carried[0]
         for value in carried[1:]:
             most = dr.maximum(most, value)
         survives = dr.select(depth < ROULETTE_START, one, dr.minimum(most, HIGHEST_SURVIVAL))
-        # after the last bounce a lamp may still be met where its own samples do not count for all of its light: they
-        # have a weight, or end at a boundary that is no bounce
-        onward = (depth + 1 - passed < last) | special | scattered | bool(bsdfs.passing)
+        # after the last bounce a lamp may still be met where its own samples do not count for all of its light
+        onward = (depth + 1 - passed < last) | special | scattered
         ended = ~(going & (scattered | plain | special) & (vertex.roulette < survives) & onward)
         ended |= ~(most > 0)
         if media is not None:
@@ -217,7 +230,10 @@ def _strip(
             ),
             mi.Point3f(dr.select(ended, fresh.o, start_point)),
             mi.Vector3f(dr.select(ended, fresh.d, turned)),
-            dr.select(ended, mi.Float(dr.inf), density),
+            (
+                dr.select(ended, mi.Float(dr.inf), density),
+                dr.select(through & ~ended, travelled + hit.distance, 0),
+            ),
             [dr.select(ended, one, t / survives) for t in carried],
             sums,
         )
@@ -226,7 +242,7 @@ def _strip(
     first = begin(zero)
     state = (
         zero, (mi.UInt32(zero), mi.UInt32(zero), mi.UInt32(zero)), mi.Point3f(first.o), mi.Vector3f(first.d),
-        dr.full(mi.Float, dr.inf, count),
+        (dr.full(mi.Float, dr.inf, count), dr.zeros(mi.Float, count)),
         [dr.ones(mi.Float, count) for _ in range(bands)], [dr.zeros(mi.Float, count) for _ in range(bands)],
     )  # fmt: skip
     *_, sums = dr.while_loop(state, lambda index, *_: index < total, body)

@@ -73,24 +73,50 @@ def test_stock_mitsuba_shows_the_same(name, max_bounces):
     assert_agree(ours, stock, 0.05)
 
 
-def test_what_shines_through_ink_follows_beers_law():
-    """A lamp behind an absorbing block, seen straight through it: exp(-absorption times the path in it)."""
+def under_the_lamp(bsdf, floor=None):
+    """A black box whose ceiling shines, and a block of ink 200 mm thick under it; the floor, of metal where asked."""
     box = box_with_lamp(0.0, lamp_half=450.0)
     block = Surface("block", "skin", *box_mesh([500.0, 700.0, 500.0], [400.0, 200.0, 400.0], 0.0), inside=INK)
-    materials = {**box.materials, "skin": Material("skin", FLAT.scaled(0.5), NULL)}
-    scene = replace(box, surfaces=(*box.surfaces, block), materials=materials)
-    camera = replace(camera_inside(8), focal_length_px=24.0)
-    looking_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    camera = replace(
-        camera,
-        rotation=looking_up * np.array([[-1.0], [1.0], [1.0]]),
-        position_mm=np.array([500.0, 100.0, 500.0]),
+    own = {"skin": Material("skin", FLAT.scaled(0.5), bsdf), "metal": Material("metal", FLAT, floor or NULL)}
+    surfaces = [replace(s, material="metal") if floor and s.name == "floor" else s for s in box.surfaces]
+    return replace(box, surfaces=(*surfaces, block), materials={**box.materials, **own})
+
+
+def looking_up():
+    upwards = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    return replace(
+        camera_inside(8), focal_length_px=24.0, rotation=upwards, position_mm=np.array([500.0, 100.0, 500.0])
     )
-    image = render_general_path_tracer(scene, camera, BANDS, samples=64, batches=1, seed=1)
+
+
+def test_what_shines_through_ink_follows_beers_law():
+    """A lamp behind an absorbing block, seen straight through it: exp(-absorption times the path in it)."""
+    camera = looking_up()
+    image = render_general_path_tracer(under_the_lamp(NULL), camera, BANDS, samples=64, batches=1, seed=1)
     v, u = np.mgrid[0:8, 0:8].astype(float)
     cosine = camera.directions(u, v)[..., 1]
     expected = np.exp(-200.0 / cosine[..., None] * INK.absorption_per_mm.at(BANDS))
     np.testing.assert_allclose(image.coefficients[0], expected, rtol=2e-3)
+
+
+def test_a_lamp_through_rough_glass_and_its_glint_past_a_boundary_are_stocks():
+    """Seen through ink in rough glass; and in a metal floor, past ink without refraction close to the lamp."""
+    rough = {"type": "roughdielectric", "alpha": 0.5, "int_ior": 1.6}
+    metal = {"type": "roughconductor", "alpha": 0.3, "material": "none"}
+    for scene, camera in (
+        (under_the_lamp(rough), looking_up()),
+        (under_the_lamp(NULL, metal), replace(camera_inside(10), position_mm=np.array([500.0, 300.0, 50.0]))),
+    ):
+        arguments = {"samples": 256, "batches": BATCHES}
+        ours = render_general_path_tracer(scene, camera, BANDS, seed=1, **arguments)
+        stock = render_stock(scene, camera, BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
+        a, b = (
+            image.coefficients[:, ~ours.sees_lamp & ~stock.sees_lamp].mean(axis=1) for image in (ours, stock)
+        )
+        error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
+        assert np.all(error < 0.01 * a.mean(axis=0))
+        limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error
+        assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < limit)
 
 
 @pytest.mark.parametrize("bsdf", [NULL, GLASS])

@@ -16,7 +16,7 @@ from cboxlab.render.integrators.general_path_tracer import render_general_path_t
 from cboxlab.render.laboratory.capture_writer import tungsten_lamp
 from cboxlab.render.laboratory.photographer import CaptureSettings
 from cboxlab.render.radiosity.final_gather import solve_light
-from cboxlab.scenes import Medium, Spectrum, cornell_box, cornell_camera, load_scene
+from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.progress import QUIET
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.compare.pipeline import validate
@@ -55,12 +55,39 @@ def coated(folder):
     return path
 
 
-@pytest.mark.parametrize("kind", ["coat", "haze"])
+def painted(scene):
+    """A picture of two paints on the back wall, a second lamp on the left one, and a block full of milk."""
+    share = np.random.default_rng(3).random((4, 5, 1))
+    paints = tuple(scene.materials[name].reflectance for name in ("white", "green"))
+    picture = Texture(np.concatenate([share, 1 - share], axis=2), paints)
+    skin = Material("skin", paints[0], {"type": "null"})
+    own = {"poster": Material("poster", picture.mean, texture=picture), "skin": skin}
+    milk, corners = (
+        Medium(HAZE.scaled(20.0), HAZE, 0.6),
+        np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+    )
+    changed = {
+        "back": {"material": "poster", "texture_uv": corners},
+        "short-block": {"material": "skin", "inside": milk},
+    }
+    surfaces = tuple(replace(s, **changed.get(s.name, {})) for s in scene.surfaces)
+    place = scene.lamp.surface.vertices_mm[::-1][:, [1, 0, 2]] * [0.0, 0.5, 1.0] + [540.0, 150.0, 0.0]
+    level = float(scene.lamp.radiance.at(550.0))
+    blue = Spectrum(np.array([400.0, 700.0]), level * np.array([3.0, 0.2]))
+    second = replace(
+        scene.lamp, surface=replace(scene.lamp.surface, name="second", vertices_mm=place), radiance=blue
+    )
+    return replace(scene, surfaces=surfaces, materials={**scene.materials, **own}, further_lamps=(second,))
+
+
+@pytest.mark.parametrize("kind", ["coat", "haze", "picture and milk"])
 def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
     """The mean over all surfaces, at wavelengths half-way between the traced ones."""
     scene = load_scene(coated(tmp_path))
     if kind == "haze":
         scene = replace(scene.lambertian, medium=Medium(HAZE, HAZE.scaled(0.3), 0.4))
+    if kind == "picture and milk":
+        scene = painted(scene.lambertian)
     between, camera = np.array([405.0, 475.0, 545.0, 695.0]), cornell_camera(16)
     image = picture_of(scene, camera, 256, BATCHES // 4)
     exact = render_general_path_tracer(scene, camera, between, 64, BATCHES, seed=9)

@@ -96,11 +96,11 @@ def test_the_lamp_reflects_as_ours(reflecting_box, renderer, tmp_path):
 
 @pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "radiance", "luxcore", "pbrt"])
 def test_two_lamps_have_their_own_spectra(renderer, tmp_path):
-    """A second lamp above a table in the box, bright where the first is dark; means at both wavelengths."""
+    """A second lamp on the back wall, bright where the first is dark; means at both wavelengths."""
     if lacking := missing(renderer):
         pytest.skip(lacking)
     box = box_with_lamp(0.6)
-    corners = square(np.array([300.0, 500.0, 500.0]), 120.0, 1, -1)
+    corners = square(np.array([300.0, 500.0, 999.0]), 120.0, 2, -1)
     sloped = (Spectrum(np.array([500.0, 600.0]), np.array(ends)) for ends in ([1.0, 3.0], [9.0, 0.5]))
     lamp = replace(box.lamp, radiance=next(sloped))
     scene = replace(box, lamp=lamp, further_lamps=(Lamp(quad("second", corners), next(sloped)),))
