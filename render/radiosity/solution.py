@@ -72,7 +72,8 @@ def trace_exchange(
     warnings.warn(f"{fault}; traced once more, it differs in {differences}", RuntimeWarning, stacklevel=2)
     fault = _energy_fault(again, seen_again)
     if fault is not None:
-        raise ArithmeticError(fault)
+        lost = np.count_nonzero(~np.isfinite(patches.centre).all(axis=1) | ~(patches.area > 0))
+        raise ArithmeticError(f"{fault}; {lost} patches have no place or no area")
     return again
 
 
