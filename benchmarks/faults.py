@@ -34,20 +34,28 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from faults_commands import COMMANDS, MADE, Command
+from faults_forked import Forked, import_all
 
 #: Dates and seconds of computation, which any two runs have different.
 TIMES = re.compile(rb"\d{4}-\d\d-\d\d[ T][0-9:.+]+|\b\d+(\.\d+)? s\b|\"(seconds|cpu_s|wall_s)[^,}]*")
+
+#: Whether commands are run in forks of this process.
+FORKED = False
 
 #: Words of refusals: the result is there already, or another one was first.
 TAKEN = ("exists already", "is there already", "another content than when")
 
 
-def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen:
+def start(
+    place: Path, command: Command, prepare: Callable[[], None] | None = None
+) -> subprocess.Popen | Forked:
     """One program in ``place``, with a cache of its own there."""
     place.mkdir(parents=True, exist_ok=True)
     for name in command.laid:
         lay(place, name)
     environment = {**os.environ, "XDG_CACHE_HOME": str(place / "cache"), "OPENBLAS_NUM_THREADS": "1"}
+    if FORKED:
+        return Forked(command.words, place, environment, prepare)
     plain = sys.executable if command.words[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
     return subprocess.Popen(
         [plain, *command.words], cwd=place, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -291,9 +299,14 @@ def main() -> None:
         "--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"})
     )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--forked", action="store_true", help="many cases, of commands that do not render")
     given = parser.parse_args()
     work = given.work.resolve()
     prepare(work)
+    if given.forked:
+        import_all()
+        global FORKED
+        FORKED = True
     record = work / "faults.jsonl"
     lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
     done = {(c["command"], c["kind"], c["number"]): c["fault"] for c in map(json.loads, lines)}

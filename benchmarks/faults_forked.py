@@ -1,0 +1,83 @@
+"""Commands in forks of a process that has imported the program: each takes tenths of a second."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+from cboxlab.validate.commands.cli import main
+
+#: Packages that commands import while they run. Dr.Jit is none of them: its threads do not survive a fork.
+PACKAGES = (
+    "calibration", "render.export", "render.files", "validate.compare", "validate.effects", "validate.fields",
+    "validate.commands", "validate.model", "validate.regress", "validate.results",
+)  # fmt: skip
+
+
+def import_all() -> None:
+    for package in PACKAGES:
+        importlib.import_module(f"cboxlab.{package}")
+        for module in Path(importlib.import_module(f"cboxlab.{package}").__file__ or "").parent.glob(
+            "[a-z]*.py"
+        ):
+            importlib.import_module(f"cboxlab.{package}.{module.stem}")
+
+
+class Forked:
+    """What is used of ``subprocess.Popen``, for a ``cbox`` in a fork of this process, which has imported it."""
+
+    def __init__(
+        self,
+        words: tuple[str, ...],
+        place: Path,
+        environment: dict[str, str],
+        prepare: Callable[[], None] | None,
+    ) -> None:
+        self.said = tempfile.TemporaryFile()  # noqa: SIM115
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid:
+            return
+        code = 1
+        try:
+            os.setsid()
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.dup2(self.said.fileno(), 2)
+            os.chdir(place)
+            os.environ.update(environment)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            sys.argv = ["cbox", *words]
+            if prepare is not None:
+                prepare()
+            main(words)
+            code = 0
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else 1
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+
+    def poll(self) -> int | None:
+        if self.returncode is None:
+            ended, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if ended else None
+        return self.returncode
+
+    def communicate(self, timeout: float = 900) -> tuple[str, str]:
+        limit = time.monotonic() + timeout
+        while self.poll() is None and time.monotonic() < limit:
+            time.sleep(0.005)
+        self.said.seek(0)
+        return "", self.said.read().decode(errors="replace")
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
