@@ -6,7 +6,6 @@ import importlib
 import os
 import signal
 import sys
-import tempfile
 import time
 import traceback
 from collections.abc import Callable
@@ -40,16 +39,18 @@ class Forked:
         environment: dict[str, str],
         prepare: Callable[[], None] | None,
     ) -> None:
-        self.said = tempfile.TemporaryFile()  # noqa: SIM115
+        self.said, said = os.pipe()  # no file, which a limit of file size would cut
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid:
+            os.close(said)
             return
         code = 1
         try:
             os.setsid()
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            os.dup2(self.said.fileno(), 2)
+            os.dup2(said, 2)
+            sys.stdout, sys.stderr = (os.fdopen(number, "w", closefd=False) for number in (1, 2))
             os.chdir(place)
             os.environ.update(environment)
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -76,8 +77,8 @@ class Forked:
         limit = time.monotonic() + timeout
         while self.poll() is None and time.monotonic() < limit:
             time.sleep(0.005)
-        self.said.seek(0)
-        return "", self.said.read().decode(errors="replace")
+        with os.fdopen(self.said, "rb") as said:
+            return "", said.read().decode(errors="replace")
 
     def send_signal(self, number: int) -> None:
         os.kill(self.pid, number)

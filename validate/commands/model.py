@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -74,14 +76,13 @@ def add(
     if current.scene.endswith(".toml"):
         current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     grown = current.with_effect(applied)
-    if _content(model) != found:
-        raise InputError(
-            model,
-            "another content than when the command began",
-            "a model that nothing else changes",
-            "Run it again.",
-        )
-    write_model(model, grown)
+    with _alone(model.parent):
+        if _content(model) != found:
+            raise InputError(
+                model, "another content than when the command began", "a model that nothing else changes",
+                "Run it again.",
+            )  # fmt: skip
+        write_model(model, grown)
     shown = ", ".join(
         f"{key} = {value if isinstance(value, str) else format(value, '.5g')}"
         + (f" ± {applied.sigma[key]:.2g}" if key in applied.sigma else "")
@@ -90,6 +91,21 @@ def add(
     own = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
     give_json(json, {"model": model, "added": own, "effects": [e.id for e in grown.effects], **before_after})
     say(f"{model}: added {applied.id} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """One process at a time: others that come here for the same folder wait. The lock is the folder's, and no file."""
+    import fcntl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # file systems without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _content(path: Path) -> bytes | None:
