@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.scenes import InputError
 from cboxlab.validate.commands import console
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
+from cboxlab.validate.commands.model import _alone as alone
 from cboxlab.validate.model import named_effect
 from cboxlab.validate.model.model_file import load_model
 from cboxlab.validate.synthetic.blind import open_seal
@@ -225,6 +227,22 @@ def test_a_model_that_changed_meanwhile_is_not_overwritten(tmp_path, cbox, monke
     monkeypatch.setattr("cboxlab.validate.model.named_effect", slow)
     assert_one_line_of_help(cbox("add", path, "ghost", "fraction=0.01"), "another content")
     assert path.read_bytes() == other
+
+
+def test_writers_of_a_model_take_turns(tmp_path):
+    order = []
+
+    def later():
+        with alone(tmp_path):
+            order.append("second")
+
+    other = threading.Thread(target=later)
+    with alone(tmp_path):
+        other.start()
+        other.join(0.2)
+        order.append("first")
+    other.join()
+    assert order == ["first", "second"]
 
 
 def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):
