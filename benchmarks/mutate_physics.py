@@ -7,8 +7,11 @@ A mutant changes one sign, factor, power, axis, transpose, unit, half pixel, qua
 degree of freedom, or takes energy for quanta. Modules take turns, so that each has its share. A module's tests are
 its own file of tests, then those of its package, others that name it or what it defines, and those of packages that
 use it. They have a minute of processor time (``--limit``); a mutant whose tests take longer counts as escaped. A test
-that fails without the mutant, too, finds nothing. Every result is a line of the file, from which a stopped run goes
-on; a line taken out is looked at again. Prints what escapes; exit code 1 if more than one in twenty does. Changes
+that fails without the mutant, too, finds nothing. Code is exchanged in this process, which saves new ones; one that
+hangs in a kernel is stopped by hand, and counts as escaped.
+
+Every result is a line of the file, the last of a mutant counts, and a stopped run goes on from there; mutants whose
+lines are taken out are looked at again. Prints what escapes; exit code 1 if more than one in twenty does. Changes
 known to change nothing (EQUIVALENT) are told and not counted.
 """
 
@@ -17,16 +20,17 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import os
 import random
 import re
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
-from planted_faults import ROOMS, ROOT, OutOfTime, copy_tree, run_tests
+from exchanged_code import OutOfTime, exchanged, run_here
+from planted_faults import ROOMS, ROOT
 
 PHYSICS = (
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
@@ -205,13 +209,13 @@ def sample(count: int, seed: int, only: str) -> list[Mutant]:
 
 
 @cache
-def tests_of(file: str, folder: Path) -> tuple[tuple[str, ...], ...]:
-    """Files of tests of a copy in the order they run.
+def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
+    """Files of tests in the order they run.
 
     The module's own; those of its package, first the ones that name it or what it defines; others that do; those of
     packages that use it.
     """
-    tree = ast.parse((folder / file).read_text(encoding="utf-8"))
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
     defined = [
         n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"
     ]
@@ -219,11 +223,11 @@ def tests_of(file: str, folder: Path) -> tuple[tuple[str, ...], ...]:
     words = re.compile(rf"\b({'|'.join((stem, stem.replace('_', '-'), *defined))})\b")
 
     def mentions(path: Path) -> int:
-        return len(words.findall((folder / path).read_text(encoding="utf-8")))
+        return len(words.findall((ROOT / path).read_text(encoding="utf-8")))
 
-    tests = [path.relative_to(folder) for path in sorted((folder / "tests").glob("*/*/**/test_*.py"))]
+    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").glob("*/*/**/test_*.py"))]
     tests.sort(key=mentions, reverse=True)
-    sources = [path.relative_to(folder) for room in ROOMS for path in (folder / room).glob("*/*.py")]
+    sources = [path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).glob("*/*.py")]
     users = {"tests" / path.parent for path in sources if mentions(path)}
     left = dict.fromkeys(tests)
     stages = []
@@ -239,37 +243,29 @@ def tests_of(file: str, folder: Path) -> tuple[tuple[str, ...], ...]:
     return tuple(stage for stage in stages if stage)
 
 
-def verdict_of(mutant: Mutant, folder: Path, limit_s: float, unsound: dict[str, bool]) -> str:
-    """``found by TEST``, ``ESCAPED`` or ``no answer in time``, of a copy of the sources; mends the copy.
+def verdict_of(mutant: Mutant, limit_s: float, unsound: dict[str, bool]) -> str:
+    """``found by TEST``, ``ESCAPED`` or ``no answer in time``.
 
     limit_s : of processor time. unsound : of tests that failed before, whether they fail without a mutant, too; grows.
     """
-    path = folder / mutant.file
-    source = path.read_text(encoding="utf-8")
-    end = mutant.start + len(mutant.text)
-    if source[mutant.start : end] != mutant.text:
-        raise ValueError(f"{mutant.file} line {mutant.line} is not {mutant.text}")
-    mutated = source[: mutant.start] + mutant.mutated + source[end:]
+    source = (ROOT / mutant.file).read_text(encoding="utf-8")
+    mutated = source[: mutant.start] + mutant.mutated + source[mutant.start + len(mutant.text) :]
+    module = "cboxlab." + mutant.file.removesuffix(".py").replace("/", ".")
     left = limit_s
     try:
-        for stage in tests_of(mutant.file, folder):
-            path.write_text(mutated, encoding="utf-8")
-            while True:
+        for stage in tests_of(mutant.file):
+            failure: str | None = ""
+            while failure is not None:
                 skipped = [test for test, fails in unsound.items() if fails]
-                failure, spent = run_tests(folder, stage, left, skipped)
+                with exchanged(module, source, mutated):
+                    failure, spent = run_here(stage, left, skipped)
                 left -= spent
-                if failure is None:
-                    break
-                path.write_text(source, encoding="utf-8")
-                if failure not in unsound:
-                    unsound[failure] = run_tests(folder, [failure])[0] is not None
-                if not unsound[failure]:
+                if failure is not None and failure not in unsound:
+                    unsound[failure] = run_here([failure], limit_s)[0] is not None
+                if failure is not None and not unsound[failure]:
                     return f"found by {failure}"
-                path.write_text(mutated, encoding="utf-8")
     except OutOfTime:
         return "no answer in time"
-    finally:
-        path.write_text(source, encoding="utf-8")
     return "ESCAPED"
 
 
@@ -283,22 +279,22 @@ def main() -> int:
     options.add_argument("--only", default="", help="start of the files' paths")
     options.add_argument("--limit", type=float, default=60.0, help="processor time of a mutant's tests in s")
     asked = options.parse_args()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     lines = asked.out.read_text(encoding="utf-8").splitlines() if asked.out.exists() else []
     results = {entry["name"]: entry["verdict"] for entry in map(json.loads, lines)}
     chosen = sample(asked.count, asked.seed, asked.only)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / ROOT.name
-        copy_tree(folder)
-        unsound: dict[str, bool] = {}
+    os.chdir(ROOT)
+    unsound: dict[str, bool] = {}
+    with asked.out.open("a", encoding="utf-8", buffering=1) as file:
         for mutant in chosen:
-            if mutant.name not in results:
-                reason = EQUIVALENT.get((mutant.file, mutant.text))
-                results[mutant.name] = (
-                    f"equivalent: {reason}" if reason else verdict_of(mutant, folder, asked.limit, unsound)
-                )
-                entry = {"name": mutant.name, "verdict": results[mutant.name], **asdict(mutant)}
-                with asked.out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(entry) + "\n")
+            if mutant.name in results:
+                continue
+            entry = {"name": mutant.name, "verdict": "no answer in time", **asdict(mutant)}
+            file.write(json.dumps(entry) + "\n")  # one that hangs in a kernel is not run again
+            reason = EQUIVALENT.get((mutant.file, mutant.text))
+            verdict = f"equivalent: {reason}" if reason else verdict_of(mutant, asked.limit, unsound)
+            results[mutant.name] = verdict
+            file.write(json.dumps(entry | {"verdict": verdict}) + "\n")
     found = [mutant for mutant in chosen if results[mutant.name].startswith("found")]
     equivalent = [mutant for mutant in chosen if results[mutant.name].startswith("equivalent")]
     for mutant in chosen:

@@ -9,21 +9,15 @@ text of a source file that must occur there exactly once, so that a moved line i
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
-import resource
 import shutil
-import signal
+import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, NoReturn
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("scenes", "calibration", "render", "validate")
@@ -225,94 +219,28 @@ def copy_tree(folder: Path) -> None:
         (folder / "tree" / "cboxlab" / path.name).symlink_to(path)
 
 
-class OutOfTime(Exception):
-    """Tests that took more processor time than they had."""
+def run_tests(folder: Path, paths: Sequence[str], limit_s: float | None = None) -> str | None:
+    """The first test of the copy that fails; None if all pass.
 
-
-def _load_libraries() -> None:
-    """What most tests import, once for all runs; nothing of this package, nothing that starts threads."""
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for name in (
-        "scipy.optimize",
-        "scipy.stats",
-        "xarray",
-        "pydantic",
-        "cv2",
-        "colour",
-        "h5py",
-        "trimesh",
-        "hypothesis",
-    ):
-        importlib.import_module(name)
-
-
-def _become_pytest(
-    folder: Path, arguments: Sequence[str], limit_s: float | None, output: IO[str]
-) -> NoReturn:
-    """In a child process: the tests of the copy, then its end."""
-    code = 3
-    try:
-        os.setpgid(0, 0)
-        os.dup2(output.fileno(), 1)
-        os.dup2(output.fileno(), 2)
-        if limit_s is not None:
-            resource.setrlimit(resource.RLIMIT_CPU, (max(1, round(limit_s)), resource.RLIM_INFINITY))
-        os.chdir(folder)
-        tree = str(folder / "tree")
-        os.environ |= {"PYTHONPATH": tree, "PYTHONDONTWRITEBYTECODE": "1"}
-        sys.dont_write_bytecode = True
-        sys.path[:] = [tree, *(path for path in sys.path if Path(path).resolve() != Path(__file__).parent)]
-        code = int(pytest.main([*arguments]))
-    finally:
-        sys.stdout.flush()
-        os._exit(code)
-
-
-def run_tests(
-    folder: Path, paths: Sequence[str], limit_s: float | None = None, skipped: Sequence[str] = ()
-) -> tuple[str | None, float]:
-    """The first test of the copy that fails, None if all pass; and the processor time in s, of all threads.
-
-    limit_s : of processor time; ten times as much may pass. skipped : tests that do not count, and do not run.
-
-    Raises RuntimeError where pytest could not run, OutOfTime after the limit.
+    Raises RuntimeError where pytest could not run, subprocess.TimeoutExpired after the limit.
     """
-    _load_libraries()
-    arguments = ["-x", "-n", "0", "-p", "no:cacheprovider", "-rfE", *paths]
-    arguments += [f"--deselect={test}" for test in skipped]
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as output:
-        started = time.monotonic()
-        child = os.fork()
-        if child == 0:
-            _become_pytest(folder, arguments, limit_s, output)
-        while True:
-            ended, status, used = os.wait4(child, os.WNOHANG)
-            if ended:
-                break
-            if limit_s is not None and time.monotonic() - started > 10 * limit_s:
-                os.killpg(child, signal.SIGKILL)
-                os.waitpid(child, 0)
-                raise OutOfTime
-            time.sleep(0.05)
-        code = os.waitstatus_to_exitcode(status)
-        if code == -signal.SIGXCPU:
-            raise OutOfTime
-        spent = used.ru_utime + used.ru_stime
-        if code in (0, 5):  # 5: no test left
-            return None, spent
-        output.seek(0)
-        printed = output.read()
-    named = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", printed, re.MULTILINE)
-    if named is None and code != 1:
-        raise RuntimeError(f"pytest {' '.join(paths)}: exit code {code}: {printed[-4000:]}")
-    return (named.group(1) if named else "(a failure without a name)"), spent
+    settings = {**os.environ, "PYTHONPATH": str(folder / "tree"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-rfE", *paths]
+    result = subprocess.run(
+        command, cwd=folder, env=settings, capture_output=True, text=True, check=False, timeout=limit_s
+    )
+    if result.returncode == 0:
+        return None
+    named = re.search(r"^(?:FAILED|ERROR) (\S+)", result.stdout, re.MULTILINE)
+    if named is None and result.returncode != 1:
+        raise RuntimeError(f"pytest {' '.join(paths)}: {result.stdout[-2000:]}{result.stderr[-2000:]}")
+    return named.group(1) if named else "(a failure without a name)"
 
 
 def first_failure(folder: Path, tests: tuple[str, ...]) -> str | None:
     """The first test that fails; None if all pass. Raises RuntimeError where pytest could not run."""
     for path in tests:
-        failure, _ = run_tests(folder, [f"tests/{path}"])
+        failure = run_tests(folder, [f"tests/{path}"])
         if failure is not None:
             return failure
     return None

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
+from cboxlab.calibration.detector.response_points import _middle, response_points
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
-from helpers.fake_capture import DISTANCE_MM, F_NUMBER, FakeCapture
+from helpers.fake_capture import DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 
 TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
 
@@ -75,6 +77,19 @@ def test_the_slopes_are_the_sensor_equation(straight):
     table = next(r for r in straight.capture.manifest.reference if "sphere0.1" in r.radiance)
     expected = straight.radiometry.nominal * table.exposure_s / (F_NUMBER * DISTANCE_MM) ** 2
     assert abs(fit.slope - expected) < 4.5 * fit.slope_sigma
+
+
+def test_a_points_error_is_that_of_a_mean(straight):
+    """Shot noise of the middle's pixels over the root of their number; read noise of frame and darks at most thrice."""
+    capture = straight.capture
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    points = response_points(capture, correct_bands(capture, dark, noise), dark, noise)
+    pixels = _middle(capture.shape).sum()
+    floor = (READ_NOISE / GAIN) ** 2 + 1 / 12
+    for point in points:
+        shot = point.signal_dn / GAIN / point.frames / pixels
+        assert 0.9 * shot < point.sigma_dn**2 < 1.1 * (shot + 3 * floor / pixels)
 
 
 def test_the_curve_is_a_line_on_a_linear_camera(straight):
