@@ -60,6 +60,7 @@ EQUIVALENT = {
     ("validate/compare/maps.py", "measured - rendered + 0 * relative[1]"): "the sign of nothing",
     ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "what is told of the progress",
     ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
+    ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
 }  # fmt: skip
 

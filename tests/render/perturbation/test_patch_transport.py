@@ -37,6 +37,27 @@ def light_of(transport, scene, wavelength_nm, max_bounces=None):
     )
 
 
+def test_a_fragment_lies_where_the_pixels_central_ray_meets_its_face():
+    """Pixels that see one face alone: its plane holds the point, and the camera shows it at the pixel's centre."""
+    scene, camera = (
+        cornell_box(),
+        replace(cornell_camera(12), k1=-0.1, position_mm=np.array([290.0, 250.0, -700.0])),
+    )
+    light = solve_light(scene, BANDS[1:2], patch_edge_mm=400.0, patch_samples=4)
+    transport = build_patch_transport(light, camera, 4)
+    alone = transport.coverage == 1
+    assert alone.sum() > 60
+    row, column = np.divmod(transport.pixel[alone], 12)
+    off = np.abs(camera.project(transport.position[alone]) - np.stack([column, row], axis=1)).max(axis=1)
+    assert (
+        np.mean(off < 1e-6) > 0.9 and off.max() < 0.1
+    )  # points beyond a face's extent are moved to its border
+    for face, point in zip(transport.face[alone], transport.position[alone], strict=True):
+        corners = light.tracer.vertices[light.tracer.facet == face].reshape(-1, 3)
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        assert abs((point - corners[0]) @ normal) < 1e-6 * np.linalg.norm(normal)
+
+
 @pytest.fixture(scope="module")
 def published():
     """The box, its camera, and exchanges traced with several seeds over one radiosity solution."""

@@ -3,6 +3,7 @@
 import json
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cboxlab.validate.commands import console
 from cboxlab.validate.commands.demo import run_demo
 from cboxlab.validate.compare.pipeline import validated
 from cboxlab.validate.diagnose.alternatives import SelectedEffect
+from cboxlab.validate.diagnose.diagnosis import _shares
 from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
 from cboxlab.validate.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validate.diagnose.hypotheses import hypotheses
@@ -37,6 +39,15 @@ from helpers.raw_frames import read_raw
 from PIL import Image
 from scipy import stats
 from scipy.ndimage import convolve
+
+
+def test_probabilities_follow_the_difference_of_chi2():
+    """exp(-d / 2) over what differences scatter by: the dispersion, and a hundredth of what the best one explains."""
+    tried = [SimpleNamespace(chi2=chi2) for chi2 in (510.0, 514.0, 540.0)]
+    scatter = 2.0 + 0.01 * (1510.0 - 510.0)
+    weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
+    assert _shares(tried, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
+    assert _shares(tried[:1], 100.0, 1.0) == [1.0]
 
 
 @pytest.fixture(scope="module")

@@ -184,3 +184,14 @@ def test_a_number_without_null_is_fitted_unless_it_is_held():
     one = np.append(Ripples({}).signal([known.at({"amount": 1.0})]).ravel() - 1000.0, np.zeros(11))
     assert held.numbers["amount"] == pytest.approx(float(one @ residual) / float(one @ one), rel=1e-6)
     assert held.chi2 > free.chi2 + 50
+
+
+def test_an_effects_certainty_is_its_amount_over_its_error():
+    """In noise of 1 the fit's own standard deviation, 1 over the norm of the pattern; less where chi2 scatters more."""
+    linearised, known = laboratory({"one": waves(1, 0)}, {"one": 0.3})
+    (found,) = with_alternatives(linearised, taken(linearised, known, "one"), [])
+    sigma = 1 / np.sqrt(np.sum(waves(1, 0) ** 2))
+    amount = found.candidate.numbers["amount"]
+    assert replace(found, dispersion=1.0).certainty == pytest.approx(amount / sigma, rel=1e-6)
+    assert replace(found, dispersion=4.0).certainty == pytest.approx(amount / sigma / 2, rel=1e-6)
+    assert replace(found, chi2_without=0.0, dispersion=1.0).certainty == 0.0

@@ -1,0 +1,63 @@
+"""Effects of one's own choice, fitted to patterns over noise: the amounts of least squares."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.scenes import InputError, cornell_box
+from cboxlab.validate.diagnose import effect_fit
+from cboxlab.validate.effects import AppliedEffect
+from cboxlab.validate.model import Model
+from helpers.patterns import COUNT, laboratory, waves
+
+PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third": waves(2, 1)}
+
+
+@pytest.fixture
+def fitted(monkeypatch):
+    """A function of start amounts by name and of those that are fitted, to the amounts found; and the residual."""
+    linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": -0.4})
+    band = SimpleNamespace(f_number=8.0)
+    capture = SimpleNamespace(manifest=SimpleNamespace(band=[band]))
+    prepared = SimpleNamespace(scene=cornell_box(), calibration=SimpleNamespace(capture=capture))
+    validation = SimpleNamespace(
+        model=Model(), prepared=prepared, rendered=None, comparison=SimpleNamespace(bands=("a", "b", "c"))
+    )
+    monkeypatch.setattr(effect_fit, "linearised_fit", lambda prepared, rendered, given: linearised)
+
+    def fit(start, chosen):
+        effects = [AppliedEffect(known[name].hypothesis.effect, {"amount": a}) for name, a in start.items()]
+        found = effect_fit.fit_effects([validation], effects, [list(start).index(name) for name in chosen])
+        return {effect.id: effect for effect in found}
+
+    return fit, linearised.model.residual[:COUNT]
+
+
+def amounts(names, residual):
+    design = np.array([PATTERNS[name].ravel() for name in names]).T
+    return dict(zip(names, np.linalg.lstsq(design, residual)[0], strict=True))
+
+
+@pytest.mark.parametrize("start", [0.1, 5.0])
+def test_one_effect_has_the_amount_of_least_squares_and_its_error(fitted, start):
+    fit, residual = fitted
+    found = fit({"one": start}, ["one"])["one"]
+    assert found.values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
+    assert found.sigma["amount"] == pytest.approx(COUNT**-0.5, rel=1e-5)
+
+
+def test_two_effects_are_fitted_with_each_other_in_place(fitted):
+    """Two rounds leave the part of a part that their likeness of 0.3 makes: a hundredth of the error."""
+    fit, residual = fitted
+    found = fit({"one": 0.1, "two": 0.1}, ["one", "two"])
+    for name, wanted in amounts(["one", "two"], residual).items():
+        assert found[name].values["amount"] == pytest.approx(wanted, abs=0.02)
+
+
+def test_the_last_of_two_knows_the_first_and_what_is_not_chosen_stays(fitted):
+    fit, residual = fitted
+    found = fit({"one": 0.5, "third": 0.25}, ["one"])
+    assert found["third"].values["amount"] == 0.25 and not found["third"].sigma
+    assert found["one"].values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
+    with pytest.raises(InputError, match="no effect"):
+        fit({"one": 0.5}, [])
