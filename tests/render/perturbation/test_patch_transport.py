@@ -52,7 +52,8 @@ def test_a_fragment_lies_where_the_pixels_central_ray_meets_its_face():
     assert (
         np.mean(off < 1e-6) > 0.9 and off.max() < 0.1
     )  # points beyond a face's extent are moved to its border
-    for face, point in zip(transport.face[alone], transport.position[alone], strict=True):
+    inside = np.flatnonzero(alone)[off < 1e-6]
+    for face, point in zip(transport.face[inside], transport.position[inside], strict=True):
         corners = light.tracer.vertices[light.tracer.facet == face].reshape(-1, 3)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         assert abs((point - corners[0]) @ normal) < 1e-6 * np.linalg.norm(normal)
