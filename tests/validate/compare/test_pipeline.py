@@ -6,7 +6,8 @@ folder ``shared``) was made by another simulator, with an effect that its answer
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +16,14 @@ from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.integrators.passes import Job
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
-from cboxlab.scenes import Camera, InputError, cornell_box
+from cboxlab.scenes import Camera, InputError, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validate.compare import pipeline
 from cboxlab.validate.compare.maps import read_map
-from cboxlab.validate.compare.pipeline import rendered_from, validate, validated
+from cboxlab.validate.compare.nuisances import NuisanceFit, fit_lamp_scale
+from cboxlab.validate.compare.pipeline import Predicted, rendered_from, validate, validated
 from cboxlab.validate.diagnose.diagnosis import diagnose
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit
@@ -37,6 +40,34 @@ SEED = 5
 
 #: 99.9% point of chi-square with the camera's ten parameters.
 LARGEST_DISTANCE = float(stats.chi2.isf(1e-3, 10))
+
+
+def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(monkeypatch):
+    """The measured picture is 1.1 times the moved one: the lamp's factor, and the picture at its stated power."""
+    random, shape = np.random.default_rng(4), (2, 6, 8)
+    signal, change = random.uniform(100, 200, shape), random.uniform(-20, 20, shape)
+    empty = dict.fromkeys(field.name for field in fields(Predicted))
+    predictor = SimpleNamespace(warp="warp")
+    rendered = Predicted(
+        **{
+            **empty,
+            "signal": signal,
+            "variance": 0 * signal,
+            "used": np.ones(shape, bool),
+            "predictor": predictor,
+        }
+    )
+    camera = cornell_camera(8)
+    monkeypatch.setattr(pipeline, "refitted", lambda *_: NuisanceFit(camera, 1.0, 0.1))
+    monkeypatch.setattr(pipeline, "warp_change", lambda warp, there: change if there is camera else None)
+    measured = 1.1 * (signal + change)
+    prepared = SimpleNamespace(
+        calibration=SimpleNamespace(predicted_variance=lambda expected: expected),
+        lamp_scale=lambda values, variance, used: fit_lamp_scale(measured, values, variance, used, None),
+    )
+    found = pipeline.refitted_picture(prepared, rendered, ())
+    np.testing.assert_allclose(found.signal, signal + change)
+    assert found.fit.lamp_scale == pytest.approx(1.1) and found.fit.camera is camera
 
 
 @pytest.fixture(scope="session")

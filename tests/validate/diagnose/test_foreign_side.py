@@ -3,6 +3,9 @@
 The capture is photographed without any effect; the pictures in place of ours are ours, complete or cut.
 """
 
+import importlib
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.render.chain import RenderSettings
@@ -16,10 +19,34 @@ from cboxlab.validate.diagnose.foreign_side import foreign_side
 from cboxlab.validate.model import Model
 from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
+foreign_side_module = importlib.import_module("cboxlab.validate.diagnose.foreign_side")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, SEED = 32, 3
 GRID = np.arange(400.0, 701.0, 20.0)
+
+
+@pytest.mark.parametrize(("excess", "found"), [(None, None), (0.0, 3), (0.6, 3), (3.0, None)])
+def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, excess, found):
+    """Ratios by depth are known; the truth is complete, or lacks what is beyond three reflections, and more errors.
+
+    excess : chi2 by other errors over that of the missing light; a quarter is passed below 3.
+    """
+    rng, shape = np.random.default_rng(2), (2, 40, 40)
+    signal = rng.uniform(500, 1500, shape)
+    ratios = {depth: 1 + rng.uniform(0, 0.1 / depth, shape) for depth in (1, 2, 3, 4)}
+    variance = np.full(shape, 25.0)
+    truth = signal if excess is None else signal * ratios[3]
+    measured = truth + 5 * rng.standard_normal(shape)
+    if excess:
+        # a pattern alike for all depths, within what a residual may count
+        size = np.sqrt(excess * np.mean((signal * (ratios[3] - np.mean(ratios[3]))) ** 2))
+        measured = measured + size * np.where(np.indices(shape).sum(axis=0) % 2, 1.0, -1.0)
+    calibration = SimpleNamespace(predicted_variance=lambda values: variance)
+    prepared = SimpleNamespace(measured=measured, calibration=calibration, lamp_sigma=None)
+    rendered = SimpleNamespace(signal=signal, variance=0 * variance, used=np.ones(shape, bool))
+    monkeypatch.setattr(foreign_side_module, "_ratios", lambda validation, rendered: ratios)
+    assert foreign_side_module._depth(SimpleNamespace(prepared=prepared), rendered) == found
 
 
 @pytest.fixture(scope="module")

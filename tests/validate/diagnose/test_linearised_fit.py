@@ -1,7 +1,12 @@
 """What is left of a residual with effects in place, and what a further effect is fitted to then."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from cboxlab.validate.diagnose import linearised_fit
+from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
 from cboxlab.validate.diagnose.search import Candidate
 from helpers.patterns import COUNT, laboratory, waves
@@ -40,3 +45,28 @@ def test_effects_fitted_in_turn_end_where_they_fit_together(scale):
     own = rest.change(known["two"].hypothesis.at({"amount": 1.0}))
     size = float(np.sum(waves(0, 2) ** 2))
     assert float(own @ own) == pytest.approx(scale**2 * size, rel=1e-6)  # less what is like the first
+
+
+def test_errors_shared_and_further_ones_are_counted_each_over_sigma(monkeypatch):
+    """What is handed on as one standard deviation: two errors that the model shares, and one more in DN."""
+    random = np.random.default_rng(3)
+    linearised, _ = laboratory(PATTERNS, {}, scale=0.8)
+    sigma, shared = random.uniform(1, 2, COUNT), random.standard_normal((COUNT + 11, 2))
+    signal, more = random.uniform(1, 2, linearised.base.shape), random.standard_normal(COUNT)
+    rendered = SimpleNamespace(
+        fit=SimpleNamespace(lamp_scale=0.8), signal=signal, image=SimpleNamespace(coverage="c")
+    )
+    linearised = replace(
+        linearised, rendered=rendered, model=replace(linearised.model, sigma=sigma, shared_errors=shared)
+    )
+    given = {}
+
+    def errors(*arguments):
+        given.update(zip(("signal", "coverage", "used", "sigma", "others"), arguments, strict=True))
+        return "errors"
+
+    monkeypatch.setattr(linearised_fit, "picture_errors", errors)
+    monkeypatch.setattr(LinearModel, "counting", lambda model, found: found)
+    assert linearised.counting_errors([more]).model == "errors"
+    np.testing.assert_allclose(given["signal"], 0.8 * signal)
+    np.testing.assert_array_equal(given["others"], [shared[:COUNT, 0], shared[:COUNT, 1], more / sigma])
