@@ -1,5 +1,8 @@
 """A picture from patches, written out by hand: few patches with numbers at random, all sums as dense matrices."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.render.perturbation import with_albedo
@@ -92,6 +95,29 @@ def test_another_albedo_for_diffuse_and_for_direct_light():
     )
     np.testing.assert_allclose(after.patch_radiance(), expected, rtol=3e-6)
     np.testing.assert_array_equal(after.fragment_reflectance, light.fragment_reflectance)
+
+
+def test_each_lamps_light_meets_the_albedo_at_its_own_angle():
+    """Two lamps of other colours: rho cosine of each on the paint, less the half that diffuse light meets."""
+    light = fake_patch_light()
+    field, random = light.transport.light, np.random.default_rng(6)
+    second = SimpleNamespace(centre=np.array([100.0, 500.0, 80.0]))
+    direct = random.uniform(0.1, 0.3, (3, 2)).astype(np.float32)
+    exchange = replace(field.exchange, direct=direct)
+    transport = replace(
+        light.transport, light=replace(field, lamps=(*field.lamps, second), exchange=exchange)
+    )
+    shares = np.array([[0.4, 0.9, 1.2], [1.6, 1.1, 0.8]])
+    own = list(light.scene.materials).index("white")
+    two = light.change(transport=transport, lamp_shares=shares)
+    after = with_albedo(two, own, lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
+    for k in np.flatnonzero(field.patches.material == own):
+        wanted = np.zeros(len(NM))
+        for lamp, arriving, share in zip(transport.light.lamps, direct[k], shares, strict=True):
+            way = lamp.centre - field.patches.centre[k]
+            cosine = float(way @ field.patches.normal[k]) / float(np.sqrt(way @ way))
+            wanted += light.patch_reflectance[k] * (cosine - 0.5) * arriving * share
+        np.testing.assert_allclose(after.patch_emission[k], wanted, rtol=1e-6)
 
 
 def test_where_light_is_reflected_once_patches_reflect_nothing():

@@ -3,13 +3,21 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.correction.band_images import Mask, band_images
-from cboxlab.validate.compare.comparison import compare
+from cboxlab.validate.compare.comparison import ChiSquare, compare
 from cboxlab.validate.report.verdict import verdict, warnings
 from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 
 BOX = FakeBox()
+
+
+def test_chi2_and_what_noise_makes_of_it():
+    """30 of 20 degrees: 1.5 each, 10 more than expected, with a chance of 0.07 (tables of chi-square)."""
+    found = ChiSquare(30.0, 24, 20.0)
+    assert (found.per_dof, found.excess) == (1.5, 10.0)
+    assert found.per_dof_sigma == pytest.approx(0.3162, abs=1e-4)
+    assert found.p_value == pytest.approx(0.0699, abs=1e-4)
 
 
 def test_chi2_of_pure_noise_is_one():
