@@ -143,13 +143,12 @@ def drawn(
 
 @dataclass(frozen=True)
 class Laboratory:
-    """A box, a camera, the rest of the laboratory, and how strong effects are in it."""
+    """A box, a camera, and the rest of the laboratory."""
 
     model: Model
     scene: Scene
     camera: Camera
     settings: CaptureSettings
-    scale: Scale
 
 
 @cache
@@ -158,9 +157,14 @@ def laboratory(seed: int, box: str, instrument: str) -> Laboratory:
     size, changed = INSTRUMENTS[instrument]
     model = Model(scene_of(box))
     camera, settings = perturbed_camera(size, seed), changed(varied_settings(seed))
-    return Laboratory(
-        model, photographed_scene(model), camera, settings, scale_of(model, camera, settings, seed)
-    )
+    return Laboratory(model, photographed_scene(model), camera, settings)
+
+
+@cache
+def strengths(seed: int, box: str, instrument: str) -> Scale:
+    """How strong effects are in a laboratory."""
+    place = laboratory(seed, box, instrument)
+    return scale_of(place.model, place.camera, place.settings, seed)
 
 
 @cache
@@ -186,8 +190,9 @@ def run(case: Case) -> dict[str, Any] | None:
         effects = [AppliedEffect(truncating[0], {p.name: np.inf for p in truncating[0].parameters})]
         bounces = effects[0].apply(given.render).max_bounces
     elif case.names:
+        scale = strengths(case.laboratory, case.box, case.instrument)
         for name in case.names:
-            one = drawn(name, case.strength, generator, place.scale, place.scene, bands)
+            one = drawn(name, case.strength, generator, scale, place.scene, bands)
             if one is None:
                 return None
             effects.append(one)
