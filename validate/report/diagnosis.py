@@ -194,15 +194,19 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def limit_sentences(diagnosis: Diagnosis) -> list[str]:
     """What would have been found, of the effects that show most easily."""
-    shown = [f"{limit.effect} ({limit_words(limit)})" for limit in diagnosis.limits[:_LIMITS_SHOWN]]
-    return [f"Found nine times in ten would have been, among others: {', '.join(shown)}."] if shown else []
+    shown = [f"{limit.effect} with {limit_words(limit)}" for limit in diagnosis.limits[:_LIMITS_SHOWN]]
+    return (
+        [f"Nine times in ten this capture would have shown, among others: {'; '.join(shown)}."]
+        if shown
+        else []
+    )
 
 
 def limit_words(limit: Limit) -> str:
     """Number and size of a limit, and what of."""
-    of = ", ".join(str(choice) for choice in limit.choices.values())
+    of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
     unit = "" if limit.unit == "1" else f" {limit.unit}"
-    return f"{limit.parameter} {limit.distance:.2g}{unit} from null{f', {of}' if of else ''}"
+    return f"{limit.parameter} off by {limit.distance:.2g}{unit}{f' ({of})' if of else ''}"
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:

@@ -153,7 +153,7 @@ def _limits(diagnosis: Diagnosis) -> Table:
         for limit in diagnosis.limits
     ]
     return Table(
-        ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"), rows,
+        ("effect", "found nine times in ten with", "χ² per pixel and band", "limited by"), rows,
         "In captures like this one, to first order, in the way in which the effect shows most easily. Small smooth "
         "changes are not told from errors of the picture: there the size is the limit.",
     )  # fmt: skip
