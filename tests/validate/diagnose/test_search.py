@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validate.diagnose.evidence import first_significant
+from cboxlab.validate.diagnose.evidence import first_significant, penalised
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linear_model import LinearModel, smooth_part
 from cboxlab.validate.diagnose.search import (
@@ -122,6 +122,16 @@ def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     for away, counts in ((0.13, False), (0.17, True)):
         moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
         assert (first_significant([moved], change, SQUARE, change) is moved) is counts
+
+
+def test_each_free_number_costs_half_of_what_tells_two_effects_apart():
+    """Odds of 100 to 1 are 9.2 of chi2; an effect without numbers pays nothing."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings(max_bounces=2))}
+    for name, numbers in (("camera-pose", 6), ("defocus", 1), ("interreflection", 0)):
+        assert len(known[name].free) == numbers
+        assert penalised(Candidate(known[name], {}, {}, 100.0, np.zeros(1))) == pytest.approx(
+            100 + 4.6 * numbers
+        )
 
 
 def test_screening_leaves_out_what_averaging_noise_would_gain():
