@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
@@ -24,7 +25,7 @@ _FLAT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Maps:
+class Maps(OwnMappings):
     """Smooth maps on every surface; the first of each surface is 1 everywhere on it.
 
     surface : (k,) index of each map's surface, in order. waves : (k,) the maps. dn : (band,) DN per radiance relative

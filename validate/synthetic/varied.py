@@ -44,7 +44,8 @@ class BlockOffset(NamedTuple):
 def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
     """Random offset of each block of a scene from its surveyed position, repeatable by ``seed``."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
-    scatter = np.array([p.tolerance for p in catalogue()["block-pose"].numbers])
+    moves_blocks = next(e for e in catalogue().values() if any(p.kind == "block" for p in e.parameters))
+    scatter = np.array([p.tolerance for p in moves_blocks.numbers])
     return {
         block: BlockOffset(*map(float, scatter * draw.standard_normal(3)))
         for block in names_in(scene)["block"]
