@@ -27,7 +27,7 @@ from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.compare import validate
 from cboxlab.validate.diagnose.evidence import Limit, least_gain_of, limit_of
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.stepwise import signatures_of, small_errors
+from cboxlab.validate.diagnose.stepwise import limits_of, signatures_of, small_errors
 from cboxlab.validate.model import Model
 from cboxlab.validate.model.model_file import load_model
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
@@ -43,15 +43,14 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
     known = signatures_of(plain, model.effects, model.render, QUIET)
     counting, count = plain.counting_errors(small_errors(plain, known)).model, plain.model.count
-    best: dict[str, tuple[Limit, float]] = {}
-    for one in known:
-        limit = limit_of(one, plain.model, counting, plain.scale)
-        if limit and (
-            limit.effect not in best or limit.chi2_per_sample < best[limit.effect][0].chi2_per_sample
-        ):
+    tried = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in known]
+    sizes: dict[str, float] = {}
+    for one, limit in tried:
+        if limit:
             size = least_gain_of(plain.model.whiten_used(plain.scale * one.changes[0]), plain.model) / count
-            best[limit.effect] = limit, size
-    return _FIVE_NINE_TIMES_IN_TEN**2 / count, sorted(best.values(), key=lambda row: row[0].chi2_per_sample)
+            sizes[limit.effect] = min(size, sizes.get(limit.effect, size))
+    found = limits_of(plain, counting, [(one, limit) for one, limit in tried if limit])
+    return _FIVE_NINE_TIMES_IN_TEN**2 / count, [(limit, sizes[limit.effect]) for limit in found]
 
 
 def main() -> None:

@@ -110,6 +110,9 @@ def limit_of(known: Signature, plain: LinearModel, counting: LinearModel, scale:
     beside = visible > _LEAST_BESIDE_ERRORS and certain < by_size
     gain, parameter = certain if beside else by_size, known.hypothesis.free[0]
     distance = abs(known.steps[0]) * float(np.sqrt(gain / whole))
+    tolerated = parameter.tolerance * _beyond_chance(sum(p.tolerance > 0 for p in known.hypothesis.free))
+    if distance < tolerated:
+        distance, gain = tolerated, gain * (tolerated / distance) ** 2
     return Limit(
         known.hypothesis.effect.id, dict(known.hypothesis.fixed), parameter.name, parameter.unit, distance,
         gain / plain.count, visible, beside,
@@ -153,7 +156,12 @@ def _beyond_tolerance(candidate: Candidate) -> bool:
         for p in candidate.hypothesis.free
         if p.tolerance
     ]
-    return not pulls or float(np.sum(np.square(pulls))) > chi2.isf(_PRIOR_CHANCE, len(pulls))
+    return not pulls or float(np.linalg.norm(pulls)) > _beyond_chance(len(pulls))
+
+
+def _beyond_chance(count: int) -> float:
+    """Distance from null, in tolerances, that so many numbers together exceed by chance in few captures; 0 for none."""
+    return float(np.sqrt(chi2.isf(_PRIOR_CHANCE, count))) if count else 0.0
 
 
 def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:

@@ -33,7 +33,7 @@ from .linearised_fit import (
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_singles, pairs_replaced
 
-__all__ = ["Selection", "refitted", "selection", "signatures_of", "small_errors"]
+__all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "small_errors"]
 
 #: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
 _MOST_EFFECTS = 3
@@ -93,12 +93,11 @@ def selection(
 
     given, settings = first.given, validation.model.render
     plain, linearised = first, judging(first)
-    limits: dict[str, Limit] = {}
+    tried: list[tuple[Signature, Limit]] = []
     if errors is not None:
-        tried = [(s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures]
-        signatures = [s for s, limit in tried if limit and limit.beside_errors]
-        for limit in sorted((one for _, one in tried if one), key=lambda one: one.chi2_per_sample):
-            limits.setdefault(limit.effect, limit)
+        limits = ((s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures)
+        tried = [(s, limit) for s, limit in limits if limit]
+        signatures = [s for s, limit in tried if limit.beside_errors]
     start, residual = linearised.model, linearised.model.residual
     problem = linearised.problem(())
     part = share(progress, 0.6, 0.75)
@@ -135,7 +134,34 @@ def selection(
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
-    return Selection(start, plain, singles, chosen, known, tuple(limits.values()))
+    return Selection(
+        start, plain, singles, chosen, known, () if chosen else limits_of(first, linearised.model, tried)
+    )
+
+
+def limits_of(
+    first: LinearisedFit, counting: LinearModel, tried: Sequence[tuple[Signature, Limit]]
+) -> tuple[Limit, ...]:
+    """The limit of each effect in the way in which it shows most easily, the smallest first.
+
+    tried : every signature with the limit that follows from it. The effect is computed once more at that size: a blur
+    grows with a higher power of its width than the first.
+    """
+    best: dict[str, tuple[Signature, Limit]] = {}
+    for known, limit in sorted(tried, key=lambda one: one[1].chi2_per_sample):
+        best.setdefault(limit.effect, (known, limit))
+    rough, found = first.predictor.rough(), []
+    for known, limit in best.values():
+        (number, *others), step = known.hypothesis.free, abs(known.steps[0])
+        there = replace(known.hypothesis, free=(replace(number, step=limit.distance), *others))
+        near = signature(rough, first.given, first.rendered.used, there)
+        again = near and limit_of(near, first.model, counting, first.scale)
+        if again:
+            closer = np.log(again.distance / limit.distance)
+            power = 1 + closer / np.log(step / limit.distance)
+            limit = replace(limit, distance=limit.distance * float(np.exp(closer / max(1.0, power))))
+        found.append(limit)
+    return tuple(found)
 
 
 def signatures_of(

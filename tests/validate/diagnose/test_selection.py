@@ -14,8 +14,9 @@ from cboxlab.validate.diagnose.alternatives import (
 from cboxlab.validate.diagnose.evidence import first_significant, limit_of
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
-from cboxlab.validate.diagnose.search import Candidate, fit
+from cboxlab.validate.diagnose.search import Candidate, fit, signature
 from cboxlab.validate.diagnose.selection import backward_elimination, best_singles, pairs_replaced
+from cboxlab.validate.diagnose.stepwise import limits_of
 from cboxlab.validate.effects import Effect, Parameter
 from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, waves
 
@@ -153,6 +154,32 @@ def test_an_effect_of_the_size_of_its_limit_is_found_nine_times_in_ten():
     fits = (drawn(coloured.distance).counting_errors(()) for _ in range(200))
     times = sum(found(fit, known["coloured"]) is not None for fit in fits)
     assert abs(times - 180) <= 17  # four standard deviations
+
+
+class Squares(Patterns):
+    """Patterns that grow with the square of the effects' amounts, as an edge's blur does with its width."""
+
+    def signal(self, effects):
+        return 1000.0 + sum((e.values["amount"] ** 2 * self.patterns[e.id] for e in effects), np.zeros(SHAPE))
+
+    def rough(self):
+        return self
+
+
+def test_limits_of_what_grows_with_a_square():
+    """0.015 of chi2 per sample is an amplitude of 0.1225 of the grey pattern, an amount of its root."""
+    _, drawn = beside_errors()
+    plain = drawn(0.0)
+    predictor = Squares({"grey": waves(1, 1)})
+    seen = SimpleNamespace(**vars(plain.rendered), used=np.ones(SHAPE, bool))
+    first = replace(plain, predictor=predictor, rendered=seen)
+    effect = Effect("grey", "filter", "grey", (AMOUNT,), lambda value, amount: value, "")
+    known = signature(predictor, (), seen.used, Hypothesis(effect, (AMOUNT,), {}))
+    counting = plain.counting_errors(()).model
+    limit = limit_of(known, plain.model, counting, 1.0)
+    (found,) = limits_of(first, counting, [(known, limit)])
+    assert found.distance == pytest.approx(found.chi2_per_sample**0.25, rel=1e-3)
+    assert limit.distance > 3 * found.distance
 
 
 class Ripples(Patterns):
