@@ -27,7 +27,7 @@ from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.compare import validate
 from cboxlab.validate.diagnose.evidence import Limit, least_gain_of, limit_of
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.stepwise import limits_of, signatures_of, small_errors
+from cboxlab.validate.diagnose.stepwise import limits_of, signatures_of, tolerated_changes
 from cboxlab.validate.model import Model
 from cboxlab.validate.model.model_file import load_model
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
@@ -42,7 +42,7 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
     validation = validate(capture, model)
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
     known = signatures_of(plain, model.effects, model.render, QUIET)
-    counting, count = plain.counting_errors(small_errors(plain, known)).model, plain.model.count
+    counting, count = plain.counting_errors(tolerated_changes(plain, known)).model, plain.model.count
     tried = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in known]
     sizes: dict[str, float] = {}
     for one, limit in tried:

@@ -37,7 +37,7 @@ from .linearised_fit import (
 )
 from .search import Candidate
 from .several_captures import FurtherFit, same_camera, settled
-from .stepwise import Selection, refitted, selection, signatures_of, small_errors
+from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import beats, explained, stands_out
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
@@ -214,7 +214,7 @@ def _searched(
     found = by_size = selection(validation, first, signatures, progress)
     if not found.chosen and not something_remains(start, start.residual, start.residual):
         # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
-        found = selection(validation, first, signatures, progress, small_errors(first, signatures))
+        found = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
     return by_size, found
 
 

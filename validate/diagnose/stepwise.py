@@ -33,7 +33,7 @@ from .linearised_fit import (
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_singles, pairs_replaced
 
-__all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "small_errors"]
+__all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
 #: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
 _MOST_EFFECTS = 3
@@ -66,8 +66,10 @@ class Selection:
         return linearised if self.first.errors is None else linearised.counting_errors(())
 
 
-def small_errors(linearised: LinearisedFit, signatures: Sequence[Signature]) -> list[NDArray[np.float64]]:
-    """(n,) DN each: what setting up the box may leave, one standard deviation."""
+def tolerated_changes(
+    linearised: LinearisedFit, signatures: Sequence[Signature]
+) -> list[NDArray[np.float64]]:
+    """(n,) DN each, one standard deviation: what effects within their parameters' tolerance change."""
     return [
         p.tolerance / step * linearised.scale * change
         for s in signatures
@@ -84,8 +86,8 @@ def selection(
     """Effects enter one after the other, the picture made anew with each; those that later ones made superfluous leave,
     and every one left is tested against all others in its stead, and where it was not fitted.
 
-    errors : see ``small_errors``; the picture's own errors are then counted in the covariance, and effects judged by
-    how certain they are. Without, they are judged by their size.
+    errors : see ``tolerated_changes``; these and the picture's own errors are then counted in the covariance, and
+    effects judged by how certain they are. Without, they are judged by their size.
     """
 
     def judging(linearised: LinearisedFit) -> LinearisedFit:

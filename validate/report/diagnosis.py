@@ -203,10 +203,14 @@ def limit_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def limit_words(limit: Limit) -> str:
-    """Number and size of a limit, and what of."""
+    """Number and size of a limit, and what of. A number that is searched by its inverse square has its value."""
     of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
     unit = "" if limit.unit == "1" else f" {limit.unit}"
-    return f"{limit.parameter} off by {limit.distance:.2g}{unit}{f' ({of})' if of else ''}"
+    known = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
+    size = f"off by {limit.distance:.2g}"
+    if known.scale != "linear":
+        size = f"of {known.from_coordinate(known.null_coordinate + limit.distance):.3g}"
+    return f"{limit.parameter} {size}{unit}{f' ({of})' if of else ''}"
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import Cause, Diagnosis, Ranked, Separation, Step
+from cboxlab.validate.diagnose import Cause, Diagnosis, Limit, Ranked, Separation, Step
 from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model
+from cboxlab.validate.report.diagnosis import limit_words
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import pooled, story
 from helpers.fake_box import BANDS, FakeBox
@@ -98,3 +99,17 @@ def test_bands_together_have_the_noise_of_one():
     noise[0, :10] = np.nan
     assert pooled(noise).std() == pytest.approx(1, abs=0.05)
     assert np.isnan(pooled(np.full((2, 3, 3), np.nan))).all()
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "unit", "distance", "words"),
+    [
+        ("veiling-glare", "fraction", "1", 9.4e-5, "fraction off by 9.4e-05"),
+        ("dark-offset", "dn", "DN", 0.086, "dn off by 0.086 DN"),
+        ("filter-shift", "effective_index", "1", 0.0025, "effective_index of 20"),  # 20^-2
+    ],
+)
+def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, words):
+    assert limit_words(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == words
+    of = Limit(effect, {"material": "white", "albedo": 0.9}, parameter, unit, distance, 1e-3, 0.8, True)
+    assert limit_words(of) == f"{words} (white, albedo 0.9)"
