@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validate.diagnose.evidence import first_significant, penalised
+from cboxlab.validate.diagnose.evidence import dispersion, first_significant, penalised
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linear_model import LinearModel, smooth_part
 from cboxlab.validate.diagnose.search import (
@@ -111,6 +111,23 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
         found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change)
         assert (found is not None) is gains
+
+
+def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitude():
+    """Errors of 0.5 common to the 30 samples of a patch beside noise of 1: a patch's sum has 1 + 30 (0.5)^2 = 8.5 times
+    its variance, less one number fitted to 64 patches. The mean of 60 draws has a standard error of 2.4 %."""
+    generator = np.random.default_rng(5)
+    patch = np.repeat(np.arange(PATCHES), EACH)
+    model = SimpleNamespace(count=PATCHES * EACH, patch=patch, errors="counted")
+    shape = np.append(np.tile([1.0, -1.0], PATCHES // 2)[patch], np.zeros(11))
+    found = []
+    for _ in range(60):
+        together = 0.5 * generator.standard_normal(PATCHES)[patch]
+        residual = np.append(together + generator.standard_normal(PATCHES * EACH), np.zeros(11))
+        predicted = shape * (shape @ residual) / (shape @ shape)
+        found.append(dispersion(model, predicted, residual))
+    assert np.mean(found) == pytest.approx(8.5 * 63 / 64, rel=0.1)  # four standard errors
+    assert dispersion(SimpleNamespace(errors=None), shape, residual) == 1.0
 
 
 def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
