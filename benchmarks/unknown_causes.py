@@ -96,7 +96,8 @@ def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
         "family": None if found is None else found.family, "surface": None if found is None else found.surface,
         "centre": place, "bands": [] if found is None else list(found.bands),
         "share": 0.0 if found is None else found.share, "runner_up": None if found is None else found.runner_up,
-        "told_apart": found is not None and found.told_apart, "chi2": diagnosis.chi2_per_dof, "seconds": seconds,
+        "told_apart": found is not None and found.told_apart, "chi2_per_dof": diagnosis.chi2_per_dof,
+        "seconds": seconds,
     }  # fmt: skip
     return {**row, **_score(row)}
 
