@@ -3,7 +3,7 @@
 from .colour_pictures import COLOUR_SPACES
 from .cube_camera import camera_attribute, camera_of_attribute
 from .cube_checks import RADIANCE_UNIT
-from .cube_files import READABLE, WRITABLE, open_cube, read_cube, read_picture, write_cube
+from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
 from .cube_strips import strip_cameras, write_strips
 from .declared import AS_STATED, DECLARABLE, NOTES, Declared, declared_for, require_used
 from .dng import write_dng
@@ -23,6 +23,7 @@ __all__ = [
     "camera_attribute",
     "camera_of_attribute",
     "declared_for",
+    "files_of",
     "open_cube",
     "raw_to_srgb",
     "read_cube",

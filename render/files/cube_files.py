@@ -23,7 +23,7 @@ from PIL import Image
 from .colour_pictures import colour_channels, picture_of_colours
 from .cube_checks import negative_pixels, require_cube, require_numbers, require_stored, with_units
 from .declared import AS_STATED, Declared, with_notes
-from .envi import is_envi, map_envi, read_envi, write_envi
+from .envi import data_file, is_envi, map_envi, read_envi, write_envi
 from .exr_channels import read_channels
 from .netcdf import open_netcdf, read_netcdf, write_netcdf
 from .previews import cube_to_srgb
@@ -31,7 +31,7 @@ from .radiance_hdr import is_radiance, read_radiance
 from .specfilm import cube_of_bands
 from .spectral_exr import cube_of_spectral_channels, spectral_channels, write_exr
 
-__all__ = ["READABLE", "WRITABLE", "open_cube", "read_cube", "read_picture", "write_cube"]
+__all__ = ["READABLE", "WRITABLE", "files_of", "open_cube", "read_cube", "read_picture", "write_cube"]
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,12 @@ def write_cube(path: Path, cube: xr.Dataset) -> None:
         write(path, with_units(cube) if "radiance" in cube else cube)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), "a file that can be written") from None
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """The file of a picture, and the data file beside an ENVI header."""
+    samples = data_file(path) if path.suffix.lower() == ".hdr" and is_envi(path) else None
+    return (path,) if samples is None else (path, samples)
 
 
 def read_cube(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:

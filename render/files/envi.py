@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples
 from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, told
 
-__all__ = ["is_envi", "map_envi", "read_envi", "write_envi"]
+__all__ = ["data_file", "is_envi", "map_envi", "read_envi", "write_envi"]
 
 _TYPES = {1: "u1", 2: "i2", 4: "f4", 5: "f8", 12: "u2"}
 _ORDERS = {
@@ -77,6 +77,11 @@ def _require_plain_values(path: Path, header: dict[str, str]) -> None:
             raise InputError(f"{path}: {key}", header[key], f"{plain:g}: samples that are the radiance", hint)
 
 
+def data_file(path: Path) -> Path | None:
+    """The file of samples beside a header, if there is one."""
+    return next((p for p in (path.with_suffix(s) for s in (".img", ".raw", ".dat", "")) if p.is_file()), None)
+
+
 def is_envi(path: Path) -> bool:
     """Whether the file begins as ENVI's headers do."""
     with path.open("rb") as file:
@@ -113,7 +118,7 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         raise InputError(
             f"{path}: wavelength", f"{wavelength.size} values", f"{size['wavelength']}, the value of bands"
         )
-    raw = next((p for p in (path.with_suffix(s) for s in (".img", ".raw", ".dat", "")) if p.is_file()), None)
+    raw = data_file(path)
     if raw is None:
         raise InputError(path, "no data file beside it", f"{path.stem}.img, .raw or .dat")
     if (byte_order := whole("byte order", 0)) not in (0, 1):

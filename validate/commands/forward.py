@@ -104,11 +104,11 @@ def render(
     or, where it is large, strip (CUBE.strips).
     """
     choose_device(device)
-    from cboxlab.render.files import WRITABLE
+    from cboxlab.render.files import WRITABLE, files_of
     from cboxlab.scenes.cornell_box import cornell_camera
 
     from ..model import load_model
-    from ..results import CubeSettings, render_file
+    from ..results import CubeSettings, render_file, write_manifest
 
     if out.suffix.lower() not in WRITABLE:
         raise InputError(out, f"the ending '{out.suffix}'", f"one of {', '.join(WRITABLE)}")
@@ -119,6 +119,8 @@ def render(
     settings = CubeSettings(grid, error, percentile, samples, seed, scheduler, this_run.command)
     with options(scheduler="--scheduler"), bar("rendering") as report:
         size_px, notes = render_file(out, chosen, camera or cornell_camera(size), settings, report)
+        inputs = [*chosen.files, Path(model), *([] if camera is None else [camera])]
+        write_manifest(out, files_of(out), inputs, seed=chosen.render.seed if seed is None else seed)
     for note in notes:
         say(f"• {note}")
     found = {"cube": out, "width_px": size_px[0], "height_px": size_px[1], "wavelength_nm": grid.tolist()}

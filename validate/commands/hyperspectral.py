@@ -52,8 +52,10 @@ def hyperspectral(
     from cboxlab.calibration.capture import band_channels, load_capture
     from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
     from cboxlab.calibration.radiometry import as_scene, hyperspectral_cube, region_mask
-    from cboxlab.render.files import WRITABLE, write_cube
+    from cboxlab.render.files import WRITABLE, files_of, write_cube
     from cboxlab.scenes.files import origin
+
+    from ..results import write_manifest
 
     if out.suffix.lower() not in set(WRITABLE) - {".png"}:
         raise InputError("--out", f"'{out}'", "a cube's file name, ending in .nc, .exr or .hdr")
@@ -70,6 +72,7 @@ def hyperspectral(
         )
     made = (as_scene(found.cube) if scene else found.cube).assign_attrs(origin(capture=str(capture)))
     write_cube(out, made)
+    write_manifest(out, files_of(out), [capture, Path(reading.rpartition(":")[0])])
     _print_bands(found)
     for note in dict.fromkeys((*noise.notes, *bands.notes, *found.notes)):
         say(f"• {note}")

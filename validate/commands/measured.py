@@ -287,25 +287,26 @@ def _print_comparison(comparison: StackComparison) -> None:
 
 
 def verify(
-    folder: Annotated[
+    results: Annotated[
         Path,
         typer.Argument(
-            help="Results of validate, diagnose, calibrate, demo, compare or renderers.", show_default=False
+            help="A folder of results, a cube, a raw frame, or what regress wrote with --json or --junit.",
+            show_default=False,
         ),
     ],
     *,
     json: JsonOption = None,
 ) -> None:
-    """Check that results, and the inputs they were made from, are those of their manifest.json.
+    """Check that results, and the inputs they were made from, are those of their manifest.
 
     Exit code 0 unchanged, 1 something changed or is gone, 2 no manifest.
     """
     from ..results import verify as run
 
-    found = run(folder)
+    found = run(results)
     for line in found.lines():
         say(line)
     give_json(json, {"sound": found.sound, **asdict(found)})
     if not found.sound:
         raise typer.Exit(1)
-    say(f"{folder}: {found.outputs} results and {found.inputs} inputs are unchanged.")
+    say(f"{results}: {found.outputs} results and {found.inputs} inputs are unchanged.")

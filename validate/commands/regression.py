@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..terminal import STANDARD_OUTPUT
 from .console import (
     DeclareOption,
     JsonOption,
@@ -62,7 +63,8 @@ def regress(
     declare: DeclareOption = None,
 ) -> None:
     """Test whether a rendering algorithm changed its result. Exit code 0 same, 1 different, 2 bad input."""
-    from ..regress import github_lines, regress_inputs, write_junit
+    from ..regress import github_lines, input_files, regress_inputs, write_junit
+    from ..results import write_manifest
 
     declared = declared_files(declare)
     for path in (json, junit):
@@ -73,6 +75,10 @@ def regress(
     give_json(json, outcome.to_dict())
     if junit is not None:
         write_junit(junit, outcome)
+    inputs = [path for text in (baseline, candidate, *filter(None, [model])) for path in input_files(text)]
+    for path in (json, junit):
+        if path is not None and path != STANDARD_OUTPUT:
+            write_manifest(path, [path], [*inputs, *([] if camera is None else [camera])])
     _print(outcome)
     if os.environ.get("GITHUB_ACTIONS"):
         for line in github_lines(outcome):

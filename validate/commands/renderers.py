@@ -109,7 +109,7 @@ def renderers(
 ) -> None:
     """Run other renderers on a box and compare each with our reference: differences, noise, time, named cause."""
     if collect is not None:
-        _collect(collect)
+        _collect(collect, json)
         return
     if references:
         _references(json)
@@ -156,7 +156,7 @@ def _names(text: str) -> list[str]:
     return names
 
 
-def _collect(folder: Path) -> None:
+def _collect(folder: Path, json: Path | None) -> None:
     from cboxlab.render.export import FORMATS, read_rendered
     from cboxlab.render.files import write_cube
     from cboxlab.scenes.files import origin
@@ -164,10 +164,13 @@ def _collect(folder: Path) -> None:
     done = [name for name in FORMATS if (folder / name / "out").is_dir()]
     if not done:
         raise InputError(folder, "nothing rendered", "an export with pictures in RENDERER/out")
-    for name in done:
-        path = folder / f"{name}.nc"
+    if json is not None:
+        require_folder(json.parent)
+    cubes = {name: folder / f"{name}.nc" for name in done}
+    for name, path in cubes.items():
         write_cube(path, read_rendered(folder, name).assign_attrs(origin(renderer=name)))
         say(f"Cube: {path}")
+    give_json(json, {"cubes": cubes})
 
 
 def _references(json: Path | None) -> None:

@@ -63,7 +63,7 @@ def simulate(
     json: JsonOption = None,
 ) -> None:
     """Simulate raw sensor output from spectral cubes."""
-    from cboxlab.render.files import declared_for, open_cube, require_used
+    from cboxlab.render.files import declared_for, files_of, open_cube, require_used
     from cboxlab.render.sensor import load_camera
 
     targets, pictures = _targets(cubes, out, ("", ".tif", ".tiff", ".dng")), [None] * len(cubes)
@@ -86,8 +86,9 @@ def simulate(
             with open_cube(path, declared) as cube:
                 require_used(declared, declared_for(cube))
                 told, record = _one(
-                    cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index
-                )
+                    cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,
+                    inputs=[*files_of(path), Path(camera)],
+                )  # fmt: skip
             lines += told
             frames.append({"cube": path, **record})
             report.part((index + 1) / len(cubes))
@@ -121,14 +122,19 @@ def _one(
     channel: str | None,
     *,
     seed: int,
+    inputs: list[Path],
 ) -> tuple[list[str], dict[str, Any]]:
     """One cube's files, what to tell of them, and the same as a record."""
     from cboxlab.render.laboratory import write_cube_capture
+    from cboxlab.scenes.files import replacing_folder
 
     from ..results import simulate as run
+    from ..results import write_manifest
 
     if not target.suffix:
-        write_cube_capture(target, cube, camera, exposure_s, seed, name)
+        with replacing_folder(target) as whole:
+            write_cube_capture(whole, cube, camera, exposure_s, seed, name)
+            write_manifest(whole, [*whole.iterdir()], inputs, seed=seed)
         return [f"Capture: {target} ({camera.name})"], {"capture": target, "camera": camera.name}
     frame = run(cube, camera, exposure_s=exposure_s, channel=channel, seed=seed)
     frame.write_counts(target)
@@ -137,4 +143,5 @@ def _one(
     if picture is not None:
         frame.write_preview(picture)
         told.append(f"Preview: {picture}")
+    write_manifest(target, [target], inputs, seed=seed)
     return told, {"file": target, **frame.to_dict()}

@@ -1,7 +1,7 @@
 """Did a change of a rendering algorithm change its answer, and how?"""
 
 from .grids import Common
-from .inputs import View, assert_same_light, regress_inputs, regress_pictures
+from .inputs import View, assert_same_light, input_files, regress_inputs, regress_pictures
 from .outcome import NamedChange, Outcome
 from .pooled import SYSTEMATIC, PooledMean
 from .reports import github_lines, summary, write_junit
@@ -23,6 +23,7 @@ __all__ = [
     "cube_paths",
     "github_lines",
     "in_common_quantity",
+    "input_files",
     "read_side",
     "regress_inputs",
     "regress_pictures",

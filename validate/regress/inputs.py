@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.files import AS_STATED, Declared, require_used
+from cboxlab.render.files import AS_STATED, Declared, files_of, require_used
 from cboxlab.render.integrators import BATCHES, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -27,7 +27,7 @@ from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
 
-__all__ = ["assert_same_light", "regress_inputs", "regress_pictures"]
+__all__ = ["assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
 
 #: Pictures that deviate less from the published box's (see ``mismatch``) show it.
 _RECOGNISED = 0.05
@@ -138,6 +138,15 @@ def assert_same_light(
     ]
     lines += [f"  named: {n.change} {n.parameters} ({n.probability:.2f})" for n in outcome.named[:3]]
     raise AssertionError("\n".join(lines))
+
+
+def input_files(text: str) -> tuple[Path, ...]:
+    """The files that a side of a comparison is read from; none for a command and for a packaged scene."""
+    if _OUT in text:
+        return ()
+    if _is_model(text):
+        return () if text in packaged_scenes() else (Path(text), *load_model(text).files)
+    return tuple(file for path in cube_paths(text) for file in files_of(path))
 
 
 def _read(text: str, declared: Declared) -> Side:

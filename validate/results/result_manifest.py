@@ -1,4 +1,7 @@
-"""manifest.json beside a command's results: from which inputs, with which versions, they were made; and its check."""
+"""The manifest of a command's results: from which inputs, with which versions, they were made; and its check.
+
+It is manifest.json in a folder of results, and NAME.manifest.json beside a single file.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ _FORMAT = "result-manifest/1"
 #: What the figures depend on beside the program itself.
 _PACKAGES = ("cboxlab", "drjit", "mitsuba", "numpy", "opencv-contrib-python-headless", "scipy")
 
-_EXPECTED = "the manifest.json that cbox validate, diagnose, calibrate, demo, compare or renderers writes"
+_EXPECTED = "the manifest that cbox writes with its results"
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,15 @@ class Verification:
 
 
 def write_manifest(
-    folder: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None
+    results: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None
 ) -> Path:
-    """Write ``MANIFEST`` into a folder of results. Its files are given relative to it, inputs by absolute paths.
+    """Write the manifest of a folder of results, or of a file. Outputs are given relative to its folder, inputs by
+    absolute paths.
 
-    outputs : files below ``folder``, or folders there. inputs : the same anywhere; a packaged model's name, which is no
-    file, is left out. seed : of the render.
+    outputs : files below the manifest's folder, or folders there. inputs : the same anywhere; a packaged model's name,
+    which is no file, is left out. seed : of the render, or of the noise.
     """
+    place = _place(results)
     mitsuba = sys.modules.get("mitsuba")
     content = {
         "format": _FORMAT,
@@ -75,25 +80,27 @@ def write_manifest(
         "seed": seed,
         "inputs": {str(path): _content(path) for one in inputs for path in _files(one.resolve())},
         "outputs": {
-            path.relative_to(folder).as_posix(): _content(path) for one in outputs for path in _files(one)
+            path.relative_to(place.parent).as_posix(): _content(path)
+            for one in outputs
+            for path in _files(one)
         },
     }
-    with replacing(folder / MANIFEST) as temporary:
+    with replacing(place) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    return folder / MANIFEST
+    return place
 
 
-def verify(folder: Path) -> Verification:
-    """Compare a folder of results, and the inputs that they were made from, with its manifest.
+def verify(results: Path) -> Verification:
+    """Compare a folder of results, or a file, and the inputs that they were made from, with the manifest.
 
     Raises InputError where there is no manifest, or something else in its place.
     """
-    place = folder / MANIFEST
+    place = _place(results)
     content = read_json(place, _EXPECTED)
     outputs, inputs = (_entries(content, key, place) for key in ("outputs", "inputs"))
     if any(Path(name).is_absolute() or ".." in Path(name).parts for name in outputs):
         raise InputError(place, "results outside the folder", _EXPECTED)
-    changed, missing = _compared({name: folder / name for name in outputs}, outputs)
+    changed, missing = _compared({name: place.parent / name for name in outputs}, outputs)
     changed_inputs, missing_inputs = _compared({name: Path(name) for name in inputs}, inputs)
     return Verification(len(outputs), len(inputs), changed, missing, changed_inputs, missing_inputs)
 
@@ -105,6 +112,10 @@ def is_current(folder: Path, command: str) -> bool:
         return isinstance(content, dict) and content.get("command") == command and verify(folder).sound
     except InputError:
         return False
+
+
+def _place(results: Path) -> Path:
+    return results / MANIFEST if results.is_dir() else results.with_name(f"{results.name}.{MANIFEST}")
 
 
 def _files(path: Path) -> list[Path]:

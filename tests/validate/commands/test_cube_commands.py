@@ -57,6 +57,38 @@ def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
         assert load_model(tmp_path / "model.toml").scene == "cornell-box"
 
 
+def test_cubes_frames_and_verdicts_are_verified(cubes, tmp_path, cbox):
+    """Each has a manifest beside it, or, being a folder, in it; a result or an input that changed is named."""
+    one, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
+    one.write_bytes((cubes / "1.nc").read_bytes())
+    assert (
+        cbox("render", "cornell-box", "--size", 8, "--wavelengths", "500,600", "--samples", 4, "--out", envi)[
+            0
+        ]
+        == 0
+    )
+    assert cbox("simulate", one, "--out", frame, "--seed", 3)[0] == 0
+    assert cbox("simulate", one, "--out", folder)[0] == 0
+    verdict, table = tmp_path / "verdict.json", tmp_path / "verdict.xml"
+    code = cbox("regress", one, cubes / "2.nc", "--json", verdict, "--junit", table)[0]
+    assert code in (0, 1)
+    for path in (cubes / "2.nc", envi, frame, folder, verdict, table):
+        code, said, _ = cbox("verify", path)
+        assert code == 0 and "are unchanged" in said
+    assert json.loads((tmp_path / "frame.tif.manifest.json").read_text())["seed"] == 3
+    envi.with_suffix(".img").write_bytes(b"")
+    one.write_bytes(b"")
+    for path, words in (
+        (envi, "cube.img: this result has changed"),
+        (frame, "1.nc: this input has changed since"),
+        (folder, "1.nc: this input has changed since"),
+        (table, "1.nc: this input has changed since"),
+    ):
+        code, said, _ = cbox("verify", path)
+        assert code == 1 and words in said
+    assert_one_line_of_help(cbox("verify", one), ["1.nc.manifest.json"])
+
+
 def test_cubes_of_other_cameras_are_refused(cubes, tmp_path, cbox):
     """32 pixels see 39 degrees: half a degree is 0.4 px, which is noted; two degrees are 1.6 px, which is refused."""
     for degrees in (0.5, 2.0):

@@ -75,8 +75,11 @@ def test_renderers_are_run_and_what_they_wrote_is_collected(tmp_path, cbox, monk
     assert cbox("verify", out)[0] == 0
     first = read_cube(out / "mitsuba.nc")
     (out / "mitsuba.nc").unlink()
-    code, said, err = cbox("renderers", "--collect", out)
+    code, said, err = cbox("renderers", "--collect", out, "--json", tmp_path / "collected.json")
     assert code == 0 and "mitsuba.nc" in said
+    assert json.loads((tmp_path / "collected.json").read_text())["cubes"]["mitsuba"] == str(
+        out / "mitsuba.nc"
+    )
     assert np.array_equal(read_cube(out / "mitsuba.nc")["radiance"], first["radiance"])
 
 
