@@ -1,6 +1,6 @@
 """Which effect the model lacks: hypotheses, screening, fits, selection, held-out tests."""
 
-from .causes import Cause
+from .alternatives import Cause
 from .diagnosis import Diagnosis, FurtherCaptureFound, Ranked, Step, diagnose
 from .effect_fit import fit_effect, fit_effects
 from .evidence import Limit

@@ -1,14 +1,16 @@
 """Every selected effect against the others of the catalogue in its stead, and in pixels and bands held out.
 
-The amplitude of a true cause is the same in all pixels and bands; that of an effect which resembles it is not.
+The amplitude of a true cause is the same in all pixels and bands; that of an effect which resembles it is not. And what
+the likeliest causes, each tried alone, would do to the picture, beside what it shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
@@ -19,14 +21,19 @@ from .search import Candidate, Signature
 from .selection import best_singles
 
 __all__ = [
+    "Cause",
     "SelectedEffect",
     "confirmed_where_held_out",
     "groups",
     "heldout_bands",
     "heldout_pixels",
+    "likeliest_causes",
     "with_alternatives",
     "with_better_alternatives",
 ]
+
+#: So many causes are shown.
+_SHOWN = 3
 
 #: So many of the effects that could stand in a selected one's stead are fitted in full.
 _MOST_FITTED = 3
@@ -195,3 +202,45 @@ def _amplitude(residual: NDArray, predicted: NDArray) -> float:
 
 def _gain(residual: NDArray, predicted: NDArray, amplitude: float) -> float:
     return float(2 * amplitude * (predicted @ residual) - amplitude**2 * (predicted @ predicted))
+
+
+@dataclass(frozen=True, eq=False)
+class Cause(OwnMappings):
+    """One effect, tried alone. values, sigma : its parameters and the standard deviations of those fitted.
+
+    signature : (band, y, x) the change that it makes, over sigma, without what camera and lamp can imitate; NaN where
+    a pixel is not used. cosine : between signature and residual, -1 to 1; noise keeps it below 1.
+    cosine_with_first : between its signature and the first cause's. behind_sigma : square root of the chi2 that it
+    leaves more than the first cause; 0 where it leaves less.
+    """
+
+    effect: str
+    values: Mapping[str, str | float]
+    sigma: Mapping[str, float]
+    signature: NDArray[np.float32]
+    cosine: float
+    cosine_with_first: float
+    behind_sigma: float
+
+
+def likeliest_causes(
+    model: LinearModel, tried: Sequence[Candidate], first: Sequence[str]
+) -> tuple[Cause, ...]:
+    """The first three causes of those tried alone, best first. first : identifiers that stand before all others."""
+    named = [next((c for c in tried if c.hypothesis.effect.id == name), None) for name in first]
+    before = [c for c in named if c is not None]
+    shown = [*before, *(c for c in tried if c.hypothesis.effect.id not in first)][:_SHOWN]
+    return tuple(
+        Cause(
+            c.hypothesis.effect.id, dict(c.applied.values), dict(c.sigma),
+            model.image(c.predicted).astype(np.float32), _cosine(c.predicted, model.residual),
+            _cosine(c.predicted, shown[0].predicted), float(np.sqrt(max(c.chi2 - shown[0].chi2, 0.0))),
+        )
+        for c in shown
+    )  # fmt: skip
+
+
+def _cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    a, b = a.astype(float), b.astype(float)
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size > 0 else float("nan")

@@ -14,8 +14,7 @@ from ..compare import Comparison, Validation, compared
 from ..effects import AppliedEffect
 from ..explain import Explanation
 from ..model import Model
-from .alternatives import SelectedEffect, groups
-from .causes import Cause, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
     LEAST_EXPLAINED,
     SHAPE_ERROR,

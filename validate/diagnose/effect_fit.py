@@ -12,9 +12,10 @@ from cboxlab.scenes.progress import QUIET, Progress
 
 from ..compare import Validation
 from ..effects import AppliedEffect, Effect
+from .fitting import fit
 from .hypotheses import Hypothesis, hypotheses
 from .linearised_fit import linearised_fit
-from .search import Candidate, FitProblem, Signature, fit, judged_by_priors, screen, signature
+from .search import Candidate, FitProblem, Signature, judged_by_priors, screen, signature
 from .several_captures import JointFit
 
 __all__ = ["fit_effect", "fit_effects"]

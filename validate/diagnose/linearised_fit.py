@@ -19,8 +19,14 @@ from ..compare import Predicted, Prepared, Rendered, camera_jacobian
 from ..effects import AppliedEffect
 from ..model import displacement
 from ..predict import Predictor, picture_errors
+from .fitting import Fitted, fit, gauss_newton, with_all_numbers
 from .linear_model import LinearModel, build_linear_model, model_variance
-from .search import Candidate, Problem, build_problem, fit, steps_of
+from .search import (
+    Candidate,
+    Problem,
+    build_problem,
+    steps_of,
+)
 
 __all__ = ["LinearisedFit", "linearised_fit", "refitted_together", "residual_with", "residual_with_rendered"]
 
@@ -119,14 +125,26 @@ def residual_with_rendered(linearised: LinearisedFit, chosen: Sequence[Candidate
     return residual_with(linearised, [c for c in chosen if c.hypothesis.effect.stage in _RENDERED])
 
 
-def refitted_together(
-    linearised: LinearisedFit, chosen: Sequence[Candidate], rounds: int = 2
-) -> list[Candidate]:
-    """Fit all chosen effects' numbers in turn, each with the others in place."""
-    current = list(chosen)
-    for _ in range(rounds if len(current) > 1 else 1):
-        for index, candidate in enumerate(current):
-            others = [c for i, c in enumerate(current) if i != index]
-            left = residual_with(linearised, others)
-            current[index] = fit(linearised.problem(others), candidate, left)
-    return current
+def refitted_together(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Fit all chosen effects' numbers together. Each one's ``predicted`` is then what it changes that the others'
+    numbers cannot; ``chi2`` is that of all together."""
+    problem = linearised.problem(())
+    if len(chosen) == 1:
+        return [fit(problem, chosen[0], linearised.model.residual)]
+
+    def evaluate(candidates: Sequence[Candidate]) -> Fitted:
+        averaged = problem.noise_averaging_gain(*(c.applied for c in candidates))
+        return Fitted(tuple(candidates), residual_with(linearised, candidates), averaged)
+
+    start = evaluate([with_all_numbers(c) for c in chosen])
+    best, derivatives = gauss_newton(evaluate, linearised.model, start)
+    owner = np.repeat(
+        np.arange(len(chosen)), [len(c.numbers) if c.hypothesis.free else 0 for c in best.candidates]
+    )
+    found = []
+    for index, candidate in enumerate(best.candidates):
+        others = [c for i, c in enumerate(best.candidates) if i != index]
+        theirs, change = derivatives[:, owner != index], residual_with(linearised, others) - best.left
+        own = change - theirs @ np.linalg.lstsq(theirs, change)[0]
+        found.append(replace(candidate, chi2=best.chi2, predicted=own.astype(np.float32)))
+    return found

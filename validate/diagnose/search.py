@@ -27,19 +27,12 @@ __all__ = [
     "Problem",
     "Signature",
     "build_problem",
-    "fit",
     "judged_by_priors",
-    "parameter_variance",
+    "least_squares",
     "screen",
     "signature",
     "steps_of",
 ]
-
-#: Rounds of Gauss-Newton at most.
-_ROUNDS = 4
-
-#: All further rounds together are taken to gain at most this multiple of the gain of the last one.
-_MOST_FURTHER_GAIN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,28 +81,6 @@ def steps_of(candidate: Candidate) -> list[NumberStep]:
             numbers = {**candidate.numbers, p.name: p.from_coordinate(here + size)}
             found.append(NumberStep(p, size, replace(candidate, numbers=numbers)))
     return found
-
-
-def _moved(candidate: Candidate, steps: Sequence[NumberStep], by: NDArray[np.float64]) -> Candidate:
-    """A candidate with its numbers moved by multiples of steps, inside their bounds."""
-    numbers = dict(candidate.numbers)
-    for step, times in zip(steps, by, strict=True):
-        p = step.parameter
-        there = np.clip(p.to_coordinate(numbers[p.name]) + times * step.size, *p.coordinate_bounds)
-        numbers[p.name] = p.from_coordinate(float(there))
-    return replace(candidate, numbers=numbers)
-
-
-def _deviations(
-    candidate: Candidate, steps: Sequence[NumberStep], variance: NDArray[np.float64]
-) -> dict[str, float]:
-    """Standard deviations of its numbers from the variances of the multiples of steps."""
-    return {
-        s.parameter.name: s.parameter.deviation(
-            candidate.numbers[s.parameter.name], abs(s.size) * float(np.sqrt(max(v, 0.0)))
-        )
-        for s, v in zip(steps, variance, strict=True)
-    }
 
 
 def _in_picture(applied: AppliedEffect, camera: Camera) -> bool:
@@ -178,11 +149,11 @@ class Problem:
             return np.zeros_like(self.model.residual)
         return self.model.camera_change(displacement(self.predictor.camera, self.others, (applied,)))
 
-    def noise_averaging_gain(self, applied: AppliedEffect) -> float:
-        """Chi2 that an effect gains by averaging the base picture's noise, as a blur does of any picture."""
-        if applied.stage not in stages_between("optics", "counts"):
+    def noise_averaging_gain(self, *applied: AppliedEffect) -> float:
+        """Chi2 that effects gain by averaging the base picture's noise, as a blur does of any picture."""
+        if not any(effect.stage in stages_between("optics", "counts") for effect in applied):
             return 0.0
-        return self._own_noise - self._noise_with(self.others, applied)
+        return self._own_noise - self._noise_with(self.others, *applied)
 
     @cached_property
     def _own_noise(self) -> float:
@@ -249,7 +220,7 @@ def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64])
             [model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
         ).T
     smoothed = np.array([problem.noise_averaging_gain(effect) for effect in known.stepped])
-    amplitude, covariance = _solve(columns, residual, smoothed)
+    amplitude, covariance = least_squares(columns, residual, smoothed)
     if not hypothesis.free:
         amplitude = np.ones(1)
     elif len(amplitude) == 1:
@@ -270,89 +241,10 @@ def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64])
     return Candidate(hypothesis, numbers, sigma, chi2, predicted.astype(np.float32), known.by_priors)
 
 
-def _solve(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
+def least_squares(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
     """The a that minimises |residual - columns a|^2 + slope a, and the inverse of half the second derivatives."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     unit = columns / size
     covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
     return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
-
-
-def parameter_variance(
-    model: FitModel, design: NDArray, inverse: NDArray, residual: NDArray
-) -> NDArray[np.float64]:
-    """(parameter,) variances by noise, by residuals correlated within patches of the image, and by shared errors.
-
-    Correlated residuals are counted with patches, over all bands, as clusters: Liang and Zeger, "Longitudinal data
-    analysis using generalized linear models", Biometrika 73(1), 1986. Errors that a band or a face shares may be fitted
-    away by the numbers and leave no residual, so they are added at their known size.
-    """
-    scores = design[: model.count] * residual[: model.count, None]
-    sums = np.array([np.bincount(model.patch, weights=column) for column in scores.T])
-    neighbours = np.diag(inverse @ (sums @ sums.T) @ inverse)
-    followed = inverse @ (design.T @ model.shared_errors)
-    return np.maximum(np.diag(inverse), neighbours) + np.square(followed).sum(axis=1)
-
-
-def fit(
-    problem: FitProblem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf
-) -> Candidate:
-    """Refine a screened candidate by Gauss-Newton on its exact predictions, numbers without null included.
-
-    known : chi2 that another effect reaches; the fit ends early where it would not come near it.
-    """
-    hypothesis, residual = start.hypothesis, problem.model.project(residual)
-    if not hypothesis.free:
-        return start
-    current = {
-        p.name: float(start.numbers.get(p.name, hypothesis.fixed.get(p.name, 0.0)))
-        for p in hypothesis.effect.numbers
-        if p.name in start.numbers or (p.null is None and p.name not in hypothesis.held)
-    }
-    best = _evaluate(problem, replace(start, numbers=current), residual)
-    for trial in _other_starts(hypothesis, start):
-        other = _evaluate(problem, replace(start, numbers={**current, **trial}), residual)
-        if other.chi2 < best.chi2:
-            best = other
-    for _ in range(_ROUNDS):
-        steps = steps_of(best)
-        left = residual - best.predicted
-        design = np.array([problem.change(s.after.applied) - best.predicted for s in steps]).T
-        smoothed = problem.noise_averaging_gain(best.applied)
-        slope = np.array([problem.noise_averaging_gain(s.after.applied) - smoothed for s in steps])
-        shift, covariance = _solve(design, left, slope)
-        variance = parameter_variance(problem.model, design, covariance, left)
-        best = replace(best, sigma=_deviations(best, steps, variance))
-        improved = False
-        for damping in (1.0, 0.4, 0.15):
-            trial_candidate = _evaluate(problem, _moved(best, steps, damping * shift), residual)
-            if trial_candidate.chi2 < best.chi2:
-                gain = best.chi2 - trial_candidate.chi2
-                best = trial_candidate
-                improved = gain > max(1.0, 1e-4 * best.chi2) and best.chi2 - _MOST_FURTHER_GAIN * gain < known
-                break
-        if not improved:
-            break
-    return replace(best, predicted=best.predicted.astype(np.float32))
-
-
-def _other_starts(hypothesis: Hypothesis, start: Candidate) -> list[dict[str, float]]:
-    """A start at the square root of the first-order amplitude, for effects that grow with the square (blurs)."""
-    if len(hypothesis.free) != 1:
-        return []
-    p = hypothesis.free[0]
-    null, probe = p.null_coordinate, p.coordinate_step
-    ratio = (p.to_coordinate(start.numbers[p.name]) - null) / probe
-    return [{p.name: p.from_coordinate(null + probe * float(np.sqrt(ratio)))}] if ratio > 0 else []
-
-
-def _evaluate(problem: FitProblem, candidate: Candidate, residual: NDArray) -> Candidate:
-    """Chi2 and predicted change of a candidate at its numbers."""
-    try:
-        change = problem.change(candidate.applied)
-    except InputError:
-        return replace(candidate, chi2=np.inf, predicted=np.zeros_like(residual))
-    left = residual - change
-    chi2 = float(left @ left) + problem.noise_averaging_gain(candidate.applied)
-    return replace(candidate, chi2=chi2, predicted=change)

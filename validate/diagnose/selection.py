@@ -9,8 +9,9 @@ from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from .evidence import largest_gain_of_errors, least_gain, penalised, square
+from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
-from .search import Candidate, Problem, Signature, fit, screen
+from .search import Candidate, Problem, Signature, screen
 
 __all__ = ["backward_elimination", "best_singles", "pairs_replaced"]
 
@@ -59,7 +60,7 @@ def backward_elimination(linearised: LinearisedFit, chosen: Sequence[Candidate])
         full = residual_with(linearised, current)
         costs = []
         for index, candidate in enumerate(current):
-            rest = refitted_together(linearised, [c for c in current if c is not candidate], 1)
+            rest = refitted_together(linearised, [c for c in current if c is not candidate])
             left = residual_with(linearised, rest)
             costs.append((square(left) - square(full), index, rest))
         cost, index, rest = min(costs, key=lambda item: item[0])

@@ -22,9 +22,10 @@ from ..compare import Prepared
 from ..effects import AppliedEffect, Effect
 from .alternatives import SelectedEffect
 from .evidence import INDISTINGUISHABLE, square
+from .fitting import fit
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, residual_with
-from .search import Candidate, FitProblem, Problem, fit
+from .search import Candidate, FitProblem, Problem
 
 __all__ = ["FurtherFit", "JointFit", "JointProblem", "same_camera", "settled"]
 

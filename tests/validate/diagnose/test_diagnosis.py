@@ -17,10 +17,11 @@ from cboxlab.validate.compare.pipeline import validated
 from cboxlab.validate.diagnose.alternatives import SelectedEffect
 from cboxlab.validate.diagnose.diagnosis import _shares
 from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
+from cboxlab.validate.diagnose.fitting import fit
 from cboxlab.validate.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit, residual_with
-from cboxlab.validate.diagnose.search import fit, screen, signature
+from cboxlab.validate.diagnose.search import screen, signature
 from cboxlab.validate.diagnose.selection import best_singles
 from cboxlab.validate.diagnose.unexplained import excess_of
 from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue

@@ -35,7 +35,7 @@ def test_effects_fitted_in_turn_end_where_they_fit_together(scale):
     """The amounts of least squares over both patterns; what either can do is free when the other is judged."""
     linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": 0.3}, scale=scale)
     chosen = [candidate(known, name, 0.1) for name in PATTERNS]
-    found = refitted_together(linearised, chosen, 12)
+    found = refitted_together(linearised, chosen)
     design = scale * np.array([PATTERNS[name].ravel() for name in PATTERNS]).T
     wanted = np.linalg.lstsq(design, linearised.model.residual[:COUNT])[0]
     assert [c.numbers["amount"] for c in found] == pytest.approx(list(wanted), abs=1e-4)

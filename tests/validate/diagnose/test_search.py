@@ -8,12 +8,12 @@ import pytest
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
 from cboxlab.validate.diagnose.evidence import dispersion, first_significant, penalised
+from cboxlab.validate.diagnose.fitting import parameter_variance
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linear_model import LinearModel, smooth_part
 from cboxlab.validate.diagnose.search import (
     Candidate,
     Signature,
-    parameter_variance,
     screen,
 )
 

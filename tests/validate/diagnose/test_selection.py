@@ -12,9 +12,10 @@ from cboxlab.validate.diagnose.alternatives import (
     with_better_alternatives,
 )
 from cboxlab.validate.diagnose.evidence import first_significant, limit_of
+from cboxlab.validate.diagnose.fitting import fit
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
-from cboxlab.validate.diagnose.search import Candidate, fit, signature
+from cboxlab.validate.diagnose.search import Candidate, signature
 from cboxlab.validate.diagnose.selection import backward_elimination, best_singles, pairs_replaced
 from cboxlab.validate.diagnose.stepwise import limits_of
 from cboxlab.validate.effects import Effect, Parameter
@@ -26,7 +27,7 @@ def taken(linearised, known, *names):
     start = [
         Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
     ]
-    return refitted_together(linearised, start, 4)
+    return refitted_together(linearised, start)
 
 
 def names_of(chosen):

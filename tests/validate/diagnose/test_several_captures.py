@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from cboxlab.validate.diagnose.alternatives import SelectedEffect
 from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE
+from cboxlab.validate.diagnose.fitting import fit
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linear_model import LinearModel
-from cboxlab.validate.diagnose.search import Candidate, fit
+from cboxlab.validate.diagnose.search import Candidate
 from cboxlab.validate.diagnose.several_captures import FurtherFit, JointProblem, same_camera, settled
 from cboxlab.validate.effects import AppliedEffect, Effect, Parameter, catalogue
 from helpers.places import ROOT

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.causes import likeliest_causes
+from cboxlab.validate.diagnose.alternatives import likeliest_causes
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.search import Candidate
