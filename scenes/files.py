@@ -26,6 +26,7 @@ __all__ = [
     "origin",
     "replacing",
     "replacing_folder",
+    "temporary_folder",
     "this_command",
     "writing_hdf5",
 ]
@@ -77,6 +78,16 @@ def beside(path: Path, suffix: str) -> Iterator[Path]:
         raise
     finally:
         Path(name).unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder for temporary files, removed after the block; of a killed process, by the next such block."""
+    name = tempfile.mkdtemp(prefix=_temporary_prefix(Path(tempfile.gettempdir()) / "cboxlab"))
+    try:
+        yield Path(name)
+    finally:
+        shutil.rmtree(name, ignore_errors=True)
 
 
 @contextmanager

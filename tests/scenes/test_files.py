@@ -9,13 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import keep, kept, replacing, replacing_folder
+from cboxlab.scenes.files import keep, kept, replacing, replacing_folder, temporary_folder
 
 ENDLESS = """
 import sys, time
 from pathlib import Path
-from cboxlab.scenes.files import replacing, replacing_folder
-with {writer}(Path(sys.argv[1])) as temporary:
+from cboxlab.scenes.files import replacing, replacing_folder, temporary_folder
+with {writer} as temporary:
     (temporary / "part" if temporary.is_dir() else temporary).write_text("half")
     print("writing", flush=True)
     time.sleep(600)
@@ -25,7 +25,7 @@ with {writer}(Path(sys.argv[1])) as temporary:
 @pytest.mark.parametrize("writer", ["replacing", "replacing_folder"])
 def test_what_a_killed_process_leaves_is_removed_by_the_next(tmp_path, writer):
     path = tmp_path / "result.nc"
-    program = [sys.executable, "-c", ENDLESS.format(writer=writer), str(path)]
+    program = [sys.executable, "-c", ENDLESS.format(writer=f"{writer}(Path(sys.argv[1]))"), str(path)]
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "writing\n"
@@ -38,6 +38,23 @@ def test_what_a_killed_process_leaves_is_removed_by_the_next(tmp_path, writer):
     with globals()[writer](path) as temporary:
         (temporary / "part" if temporary.is_dir() else temporary).write_text("whole")
     assert [p.name for p in tmp_path.iterdir()] == ["result.nc"]
+
+
+def test_a_killed_process_leaves_no_temporary_folder_for_long(tmp_path, monkeypatch):
+    """It stays until another process makes one; that of a running process stays until it ends."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    program = [sys.executable, "-c", ENDLESS.format(writer="temporary_folder()")]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        with temporary_folder() as own:
+            assert len([*tmp_path.iterdir()]) == 2 and own.is_dir()
+        process.send_signal(signal.SIGKILL)
+    assert len([*tmp_path.iterdir()]) == 1
+    with temporary_folder() as own:
+        assert [*tmp_path.iterdir()] == [own]
+    assert not [*tmp_path.iterdir()]
 
 
 def test_many_writers_of_one_file_leave_one_whole_file(tmp_path):

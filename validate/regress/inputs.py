@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from cboxlab.render.integrators import BATCHES, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import temporary_folder
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import packaged_scenes
@@ -153,7 +153,7 @@ def _read(text: str, declared: Declared) -> Side:
     """Cubes, or what a command writes, which has {out} in the place of a path without ending."""
     if _OUT not in text:
         return read_side(cube_paths(text), declared)
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         command = text.replace(_OUT, shlex.quote(f"{folder}/picture"))
         done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
         if done.returncode:
@@ -161,7 +161,7 @@ def _read(text: str, declared: Declared) -> Side:
             raise InputError(
                 text, f"it ended with {done.returncode}: {words}", "a command that writes a picture"
             )
-        return replace(read_side(cube_paths(folder), declared), source=text)
+        return replace(read_side(cube_paths(str(folder)), declared), source=text)
 
 
 def _is_model(text: str) -> bool:

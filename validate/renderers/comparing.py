@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import resource
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any
 
 from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
 from cboxlab.render.files import write_cube
-from cboxlab.scenes.files import origin, replacing
+from cboxlab.scenes.files import origin, replacing, temporary_folder
 from cboxlab.scenes.progress import QUIET, Progress, share
 
 from .judging import REFERENCE_SAMPLES, Judged, judge, noise_of, reference_cube, write_bias_map
@@ -58,8 +57,8 @@ def compare_renderers(
     """
     lacking = {name: missing(name) for name in names}
     left_out = tuple(sentence for sentence in lacking.values() if sentence)
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = out or Path(temporary) / "export"
+    with temporary_folder() as temporary:
+        folder = out or temporary / "export"
         write_export(folder, exported)
         cpu, wall = _times()
         reference = reference_cube(exported, share(progress, 0.0, 0.3), samples)

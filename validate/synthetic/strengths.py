@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from cboxlab.render.chain import after_stage
@@ -13,6 +11,7 @@ from cboxlab.render.device import variant
 from cboxlab.render.laboratory import CaptureSettings
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.files import temporary_folder
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
@@ -46,8 +45,8 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
     """
     if not variant.compiled():
         raise InputError("strength", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "capture"
+    with temporary_folder() as folder:
+        place = folder / "capture"
         write_model_capture(place, model, camera, settings, seed, relative_error=5e-3)
         prepared = prepare(place, Model(model.scene))
         light = solved_light(prepared, model.render, model.effects)
