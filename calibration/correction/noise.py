@@ -26,6 +26,8 @@ ROUNDING_VARIANCE = 1.0 / 12.0
 # Normal noise exceeds this many standard deviations once in 2.6e7 samples; samples beyond it are rejected as
 # cosmic rays.
 _OUTLIER_SIGMAS = 5.5
+# Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
+_HARMONICS = 1000
 # Read noise (DN) below which rounding hides it: most counts are then equal.
 _HIDDEN_READ_NOISE_DN = 0.3
 
@@ -52,6 +54,18 @@ class NoiseModel:
     def floor_dn2(self) -> float:
         """Variance of a count without charge (read noise and rounding), DN^2."""
         return (self.shot_dn * (self.read_noise_e or 0.0)) ** 2 + ROUNDING_VARIANCE
+
+    @property
+    def rounding_error_dn(self) -> float:
+        """Error of a dark level by rounding, DN, rms over the levels between two counts; repeats do not lower it.
+
+        Noise of sigma (DN) smooths the steps of the counts: the mean of rounded counts misses a level x by the sum
+        over k of (-1)^k exp(-2 pi^2 k^2 sigma^2) sin(2 pi k x) / (pi k). It is 0.2 DN at sigma = 0.1, 0.002 at 0.5
+        (Widrow and Kollar, Quantization Noise, 2008).
+        """
+        sigma_dn, k = self.shot_dn * (self.read_noise_e or 0.0), np.arange(1, _HARMONICS)
+        waves = np.exp(-2 * (np.pi * k * sigma_dn) ** 2) / (np.pi * k)
+        return float(np.sqrt(np.sum(waves**2) / 2))
 
     def variance(self, charge_dn: ArrayLike) -> NDArray[np.float64]:
         """Variance of one count in DN^2, given its expected value above bias in DN (any shape)."""

@@ -19,6 +19,7 @@ from ..compare import NuisanceFit, Nuisances
 from ..predict import PictureErrors
 
 __all__ = [
+    "BandErrors",
     "LinearModel",
     "build_linear_model",
     "model_variance",
@@ -35,6 +36,9 @@ _EDGE_ERROR_PX = 0.005
 #: Relative standard deviations of errors that all pixels of a band, or of a flat face, share. Bands of an independent
 #: simulator's captures scatter by 0.06 to 0.08 %, differently in each capture; faces are compared with the same one.
 _BAND_ERROR, _FACE_ERROR = 0.0007, 0.001
+
+#: An error of the dark level by rounding below this is left out, DN: noise of half a count makes it 0.002.
+_LEAST_DARK_ERROR_DN = 0.001
 
 #: So many standard deviations of a shared error are no sign of an effect.
 _SHARED_MOST = 2.0
@@ -200,15 +204,23 @@ def _without_priors(pixels: NDArray) -> NDArray[np.float64]:
     return np.append(pixels, np.zeros(Nuisances.count))
 
 
+@dataclass(frozen=True, eq=False)
+class BandErrors:
+    """Errors that all pixels of a band share, one standard deviation. relative : (band,) of the signal, by tables of
+    spectra. dark_dn : of the dark level."""
+
+    relative: NDArray[np.float64]
+    dark_dn: float
+
+
 def build_linear_model(
     *, measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
     derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
-    band_errors: NDArray,
+    band_errors: BandErrors,
 ) -> LinearModel:  # fmt: skip
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
     coverage : (y, x, f) of flat faces. derivative : (11, band, y, x) of the best signal known by camera and lamp.
-    band_errors : (band,) relative, of the bands' signals by tables of spectra.
     """
     inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
@@ -233,10 +245,14 @@ def build_linear_model(
 
 
 def _shared_errors(
-    signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray, band_errors: NDArray
+    signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray, errors: BandErrors
 ) -> NDArray[np.float32]:
-    sizes = np.hypot(_BAND_ERROR, band_errors)
-    bands = [size * one[:, None, None] * signal for size, one in zip(sizes, np.eye(len(signal)), strict=True)]
+    each = np.eye(len(signal))[:, :, None, None]
+    bands = [
+        size * one * signal for size, one in zip(np.hypot(_BAND_ERROR, errors.relative), each, strict=True)
+    ]
+    if errors.dark_dn > _LEAST_DARK_ERROR_DN:
+        bands += [errors.dark_dn * one * np.ones_like(signal) for one in each]
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*bands, *faces)]
     return np.array(rows).T

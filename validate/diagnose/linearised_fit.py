@@ -20,7 +20,7 @@ from ..effects import AppliedEffect
 from ..model import displacement
 from ..predict import Predictor, picture_errors
 from .fitting import Fitted, fit, gauss_newton, with_all_numbers
-from .linear_model import LinearModel, build_linear_model, model_variance
+from .linear_model import BandErrors, LinearModel, build_linear_model, model_variance
 from .search import (
     Candidate,
     Problem,
@@ -103,7 +103,9 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
         coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
         derivative=np.concatenate([fit_.lamp_scale * derivative, rendered.signal[None]]),
         lamp_sigma=prepared.lamp_sigma,
-        band_errors=tabulation_errors(prepared.responses, lamp),
+        band_errors=BandErrors(
+            tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
+        ),
     )  # fmt: skip
     single = derivative.astype(np.float32)
     return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, single)

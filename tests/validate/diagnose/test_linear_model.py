@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validate.compare.nuisances import NuisanceFit
-from cboxlab.validate.diagnose.linear_model import build_linear_model, smooth_excess
+from cboxlab.validate.diagnose.linear_model import BandErrors, build_linear_model, smooth_excess
 
 SHAPE = (3, 48, 48)
 
@@ -22,7 +22,9 @@ def parts():
     return generator, base, derivative, camera
 
 
-def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02, band_errors=(0, 0, 0)):
+def model_of(
+    measured, base, derivative, camera, scale=1.0, sigma=0.02, band_errors=(0, 0, 0), dark_error=0.0
+):
     fit = NuisanceFit(camera, scale, 0.001)
     return build_linear_model(
         measured=measured,
@@ -34,7 +36,7 @@ def model_of(measured, base, derivative, camera, scale=1.0, sigma=0.02, band_err
         fit=fit,
         calibrated=camera,
         lamp_sigma=sigma,
-        band_errors=np.array(band_errors),
+        band_errors=BandErrors(np.array(band_errors), dark_error),
     )
 
 
@@ -108,6 +110,18 @@ def test_shared_errors_have_their_stated_size(parts):
         assert error[band] == pytest.approx(0.0007 * scale * base[band] / 5, rel=1e-5)
         assert not np.delete(error, band, axis=0).any()
     assert shared_errors[-1] == pytest.approx(0.001 * scale * base / 5, rel=1e-5)
+
+
+def test_the_error_of_a_dark_level_is_each_bands_own(parts):
+    """Where noise hardly exceeds a count's step; with more noise it is left out."""
+    _, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera, dark_error=0.2)
+    offsets = model.shared_errors[: np.prod(SHAPE)].T.reshape(-1, *SHAPE)[SHAPE[0] : -1]
+    assert len(offsets) == SHAPE[0]
+    for band, error in enumerate(offsets):
+        assert error[band] == pytest.approx(0.2 / 5) and not np.delete(error, band, axis=0).any()
+    fine = model_of(base, base, derivative, camera, dark_error=5e-4)
+    assert fine.shared_errors.shape[1] == SHAPE[0] + 1
 
 
 def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
