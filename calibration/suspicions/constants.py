@@ -36,6 +36,9 @@ _LOWEST_BAND, _HIGHEST_BAND = 1 / 1.4, 20.0
 _AGREE, _ALONE = 0.015, 0.12
 #: Scatter of flat over reference between bands if both show the same field, and deviation of a wrong frame.
 _SAME_FIELD, _OTHER_FRAMES = 0.03, 0.07
+#: Flats may have a level of their own in each band; by chance a sixth of the bands agree with the median then. This
+#: part of so many bands or more does with a chance of 1 %.
+_MOST_AGREE, _FEWEST_BANDS = 0.7, 5
 _FOCAL = 1.2
 #: Largest distance of the power from 1 or -1, and of four fifths of the logarithms from the line.
 _NEAR_ONE, _STRAIGHT = 0.2, 0.04
@@ -173,11 +176,11 @@ def check_flats_and_references(
         constant = _flat_constant(capture, tables[0], bands.flats[band].mean_dn, channel) if tables else None
         if constant and constant > 0 and by_reference.get(band, 0) > 0:
             by_flat[band] = constant
-    if len(by_flat) < 4:
+    if len(by_flat) < _FEWEST_BANDS:
         return
     ratio = np.log([by_flat[band] / by_reference[band] for band in by_flat])
     off = ratio - np.median(ratio)
-    if np.mean(np.abs(off) < _SAME_FIELD) < 0.55:
+    if np.mean(np.abs(off) < _SAME_FIELD) < _MOST_AGREE:
         return
     flat_median, reference_median = (
         float(np.median(list(v.values()))) for v in (by_flat, {b: by_reference[b] for b in by_flat})

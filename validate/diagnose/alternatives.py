@@ -14,7 +14,7 @@ from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, dispersion, square
+from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, dispersion, penalised, square
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Signature
@@ -71,11 +71,17 @@ class SelectedEffect:
 
     @property
     def indistinguishable(self) -> list[Candidate]:
-        """Alternatives that this capture, or the accuracy of the effects' shapes, cannot tell from it."""
+        """Alternatives that this capture, or the accuracy of the effects' shapes, cannot tell from it.
+
+        By chi2 as it is or with each number's price: of more numbers some fit noise.
+        """
         allowed = max(
             INDISTINGUISHABLE * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2)
         )
-        return [c for c in self.alternatives if c.chi2 - self.candidate.chi2 < allowed]
+        own = self.candidate
+        return [
+            c for c in self.alternatives if min(c.chi2 - own.chi2, penalised(c) - penalised(own)) < allowed
+        ]
 
 
 def with_alternatives(
@@ -118,9 +124,10 @@ def with_better_alternatives(
     current, known = list(chosen), with_alternatives(linearised, chosen, signatures)
     for _ in range(len(current)):
         better = [
-            (one.candidate.chi2 - one.alternatives[0].chi2, index)
+            (gain, index)
             for index, one in enumerate(known)
-            if one.alternatives and one.alternatives[0].chi2 < one.candidate.chi2 - INDISTINGUISHABLE
+            if one.alternatives
+            and (gain := penalised(one.candidate) - penalised(one.alternatives[0])) > INDISTINGUISHABLE
         ]
         if not better:
             break

@@ -20,6 +20,7 @@ from .evidence import (
     SHAPE_ERROR,
     Limit,
     explained_part,
+    penalised,
     prior_pull,
     something_remains,
     square,
@@ -303,8 +304,9 @@ def _ranked(candidate: Candidate, counted: float, count: int, probability: float
 
 
 def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
-    """Probabilities from the differences of chi2, of which the error of the effects' shapes may make a part."""
-    chi2 = np.array([c.chi2 for c in candidates])
+    """Probabilities from the differences of chi2, each number at its price; the error of the effects' shapes may make a
+    part of them."""
+    chi2 = np.array([penalised(c) for c in candidates])
     weights = np.exp(
         -0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0))
     )

@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from ..compare import Prepared
 from ..effects import AppliedEffect, Effect
 from .alternatives import SelectedEffect
-from .evidence import INDISTINGUISHABLE, square
+from .evidence import INDISTINGUISHABLE, penalised, square
 from .fitting import fit
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, residual_with
@@ -197,7 +197,7 @@ def settled(
         tried = [
             _in_all(prepared, linearised, further, others, c) for c in (one.candidate, *one.alternatives)
         ]
-        best, *rest = sorted(tried, key=lambda c: c.chi2)
+        best, *rest = sorted(tried, key=penalised)
         without = _chi2_without(linearised, others) + sum(
             _chi2_without(f.linearised, others) for f in further
         )
