@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.diagnose import fitting
-from cboxlab.validate.diagnose.fitting import fit, parameter_variance
+from cboxlab.validate.diagnose.fitting import Fitted, fit, gauss_newton, parameter_variance
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.search import Candidate
@@ -16,7 +16,7 @@ from scipy.optimize import minimize, minimize_scalar
 PATCHES, EACH, TRIALS = 64, 30, 600
 COUNT = PATCHES * EACH
 
-WIDTH = Parameter("width", null=0.0, low=0.0, high=3.0, step=0.1)
+WIDTH = Parameter("width", null=0.0, low=0.0, high=20.0, step=0.1)
 SIZE, PLACE = (
     Parameter("size", null=0.0, low=-5.0, high=5.0, step=0.1),
     Parameter("place", low=0.0, high=4.0, step=0.05),
@@ -105,15 +105,32 @@ def test_an_effect_that_grows_with_the_square_starts_at_the_root(monkeypatch):
 
 
 def test_a_fit_that_cannot_come_near_another_ends_early():
-    """The quartic converges slowly: with a rival of chi2 0 its rounds end as soon as no more than twice the last gain
-    is to be had, without a rival they go on."""
+    """A quartic from 3 towards 2: of the pattern's square rounds leave 476, 40, 2 and 0.1, and gain 3749, 436, 38, 2.
+
+    A rival at -1e5 is out of reach after the first, for no more than twice the last gain is to be had; one at -2000
+    after the second, one at -200 after the third. A rival that can be reached stops nothing.
+    """
+    pattern = np.append(np.cos(3 * LINE), np.zeros(11))
     counts = []
-    for known in (np.inf, -1e9):
-        problem = Bell(lambda width: width**4 * np.cos(3 * LINE))
-        residual = np.append(16.0 * np.cos(3 * LINE), np.zeros(11))
-        fit(problem, start_of({"width": 1.0}, WIDTH), residual, known)
-        counts.append(len(problem.tried))
-    assert counts[0] > counts[1]
+
+    def evaluate(candidates):
+        counts[-1] += 1
+        (one,) = candidates
+        return Fitted((one,), (16.0 - one.numbers["width"] ** 4) * pattern, 0.0)
+
+    for known in (-1e5, -2000.0, -200.0, 10.0, np.inf):
+        counts.append(-1)
+        start = evaluate([start_of({"width": 3.0}, WIDTH)])
+        gauss_newton(evaluate, model_of(), start, known * float(np.sum(pattern**2)))
+    assert counts == [2, 4, 6, 8, 8]
+
+
+def test_a_fit_ends_where_a_round_gains_next_to_nothing():
+    """The bell's second round gains 0.3 of chi2, of a few thousand that noise leaves: there is no third."""
+    residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
+    problem = Bell(bell)
+    fit(problem, start_of({"size": 2.0, "place": 1.58}, SIZE, PLACE), np.append(residual, np.zeros(11)))
+    assert len(problem.tried) == 2 + 2 * 3
 
 
 def test_where_an_effect_cannot_be_it_explains_nothing():
