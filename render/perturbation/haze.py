@@ -67,7 +67,10 @@ class AirTransport:
         return self.corner + self.size / 2
 
     def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
-        """(..., w) a smooth quantity, given in the cells (v, w), interpolated at points (..., 3) in mm."""
+        """(..., w) light that is given in the cells (v, w), interpolated at points (..., 3) in mm.
+
+        0 beside the box, where only the black backs of its walls are seen.
+        """
         part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
         result, start = np.empty((*part.shape, values.shape[1])), 0
         for k, axes in enumerate(self.axes):
@@ -78,6 +81,11 @@ class AirTransport:
                 points_mm[here]
             )
             start += int(np.prod(shape))
+        aside = [
+            np.abs(points_mm[..., i] - axis.mean()) > np.ptp(axis) * len(axis) / (len(axis) - 1) / 2
+            for i, axis in enumerate(self.axes[0][:2])
+        ]
+        result[(part == 0) & np.any(aside, axis=0)] = 0.0
         return result
 
     def between_cells(self, extinction_per_mm: float) -> NDArray[np.float64]:

@@ -5,6 +5,8 @@ standard error (4.9 of them: one false alarm in a million comparisons); beyond i
 stated part of the change, which benchmarks/effect_shapes.py measures pixel by pixel.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
@@ -89,6 +91,33 @@ def test_haze(published):
     scene, camera, *_ = published
     air = mitsuba_effects.haze(scene, camera, 0.2, 0.7)
     compare(published, "haze", {"extinction_per_m": 0.2, "albedo": 0.7}, floor=0.012, air=air)
+
+
+def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
+    """Past the box the camera sees only air that the open front lights; beside the walls there is no light. Six cells
+    across, 208 mm each, may be wrong by a tenth of it, Monte Carlo by its own standard error."""
+    scene = published[0]
+    camera = replace(cornell_camera(SIZE), focal_length_px=0.75 * cornell_camera(SIZE).focal_length_px)
+    transport = build_patch_transport(
+        solve_light(scene, NM, patch_edge_mm=75.0, patch_samples=512), camera, 64
+    )
+    at_each = (GRID == NM[:, None]).astype(float)
+    light = patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size))
+    air = mitsuba_effects.haze(scene, camera, 0.02, 0.9)
+    truth, variance = mitsuba_effects.reference(scene, camera, NM, 512, batches=8, air=air)
+    predicted = (
+        apply_checked("haze", {"extinction_per_m": 0.02, "albedo": 0.9}, "test").apply(light).picture()
+    )
+    rows = np.indices(transport.covered.shape)[0]
+    for half in (rows < SIZE // 2, rows >= SIZE // 2):
+        where = (transport.covered == 0) & half
+        assert where.sum() > 50
+        found, expected = (x[:, where].mean(axis=1) for x in (predicted, truth))
+        error = np.sqrt(variance[:, where].sum(axis=1)) / where.sum()
+        assert np.all(np.abs(found - expected) <= 0.1 * expected + SIGMAS * error), (
+            found / expected,
+            error / expected,
+        )
 
 
 def test_rough_paint(published):
