@@ -73,6 +73,9 @@ LEAST_EXPLAINED_EACH = 0.25
 #: Two effects whose fits differ by less than this in chi2 cannot be told apart (odds of about 100 to 1).
 INDISTINGUISHABLE = 9.2
 
+#: An effect must change more than errors of the bands' dark levels of so many standard deviations could.
+_DARK_SIGMAS = 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class Limit(OwnMappings):
@@ -146,7 +149,8 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
         relieved = gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
         if relieved or candidate.by_priors:
             return bool(relieved)
-    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
+    by_dark = _DARK_SIGMAS**2 * model.gain_of_dark_errors(candidate.predicted)
+    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained, by_dark)
 
 
 def _beyond_tolerance(candidate: Candidate) -> bool:

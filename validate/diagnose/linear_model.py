@@ -66,6 +66,7 @@ class LinearModel:
     of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
     basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``marginalised_over`` adds.
     shared_errors : (n + 11, m) over sigma, one standard deviation each of errors that a band or a face shares.
+    dark_errors : so many of them, the first, are of bands' dark levels.
     errors : of the picture itself, with which vectors are whitened beside sigma; None where they are not counted.
 
     residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
@@ -79,6 +80,7 @@ class LinearModel:
     basis: NDArray[np.float64]
     shared_errors: NDArray[np.float32]
     residual: NDArray[np.float64]
+    dark_errors: int = 0
     errors: PictureErrors | None = None
 
     @property
@@ -108,7 +110,7 @@ class LinearModel:
 
         basis = np.linalg.qr(np.array([whitened(column) for column in self.basis.T]).T)[0]
         none = np.zeros((len(self.residual), 0), np.float32)
-        model = replace(self, errors=errors, basis=basis, shared_errors=none)
+        model = replace(self, errors=errors, basis=basis, shared_errors=none, dark_errors=0)
         return replace(model, residual=model.project(whitened(self.residual)))
 
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
@@ -121,6 +123,11 @@ class LinearModel:
         basis = np.hstack([self.basis, u[:, values > _RELATIVE_CUTOFF * values[0]]])
         free = replace(self, basis=basis)
         return replace(free, residual=free.project(self.residual))
+
+    def gain_of_dark_errors(self, change: NDArray) -> float:
+        """The chi2 that a change (n + 11,), projected, gains on average by errors of the bands' dark levels."""
+        along = self.shared_errors[:, : self.dark_errors].T @ change
+        return float(along @ along) / max(float(change @ change), 1e-300)
 
     def without_shared_errors(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """A residual (n + 11,), projected, less what errors shared by a band or a face explain of it, each at most
@@ -212,6 +219,11 @@ class BandErrors:
     relative: NDArray[np.float64]
     dark_dn: float
 
+    @property
+    def dark_counts(self) -> bool:
+        """Whether the error of the dark level is large enough to be counted."""
+        return self.dark_dn > _LEAST_DARK_ERROR_DN
+
 
 def build_linear_model(
     *, measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
@@ -240,7 +252,7 @@ def build_linear_model(
     return LinearModel(
         used=used, interior=interior, patch=patch, sigma=sigma, priors=priors, basis=basis,
         shared_errors=_shared_errors(fit.lamp_scale * base, coverage, used, sigma, band_errors),
-        residual=projected,
+        residual=projected, dark_errors=len(base) if band_errors.dark_counts else 0,
     )  # fmt: skip
 
 
@@ -251,8 +263,7 @@ def _shared_errors(
     bands = [
         size * one * signal for size, one in zip(np.hypot(_BAND_ERROR, errors.relative), each, strict=True)
     ]
-    if errors.dark_dn > _LEAST_DARK_ERROR_DN:
-        bands += [errors.dark_dn * one * np.ones_like(signal) for one in each]
+    darks = [errors.dark_dn * one * np.ones_like(signal) for one in each] if errors.dark_counts else []
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
-    rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*bands, *faces)]
+    rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*darks, *bands, *faces)]
     return np.array(rows).T

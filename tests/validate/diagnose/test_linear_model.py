@@ -116,12 +116,23 @@ def test_the_error_of_a_dark_level_is_each_bands_own(parts):
     """Where noise hardly exceeds a count's step; with more noise it is left out."""
     _, base, derivative, camera = parts
     model = model_of(base, base, derivative, camera, dark_error=0.2)
-    offsets = model.shared_errors[: np.prod(SHAPE)].T.reshape(-1, *SHAPE)[SHAPE[0] : -1]
-    assert len(offsets) == SHAPE[0]
+    offsets = model.shared_errors[: np.prod(SHAPE)].T.reshape(-1, *SHAPE)[: SHAPE[0]]
+    assert model.dark_errors == SHAPE[0] and model.shared_errors.shape[1] == 2 * SHAPE[0] + 1
     for band, error in enumerate(offsets):
         assert error[band] == pytest.approx(0.2 / 5) and not np.delete(error, band, axis=0).any()
     fine = model_of(base, base, derivative, camera, dark_error=5e-4)
     assert fine.shared_errors.shape[1] == SHAPE[0] + 1
+
+
+def test_errors_of_dark_levels_gain_what_is_said(parts):
+    """The mean over 400 draws of the chi2 that a change fitted to such errors gains; four of its standard errors."""
+    generator, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera, dark_error=2.0)
+    change = model.whiten(np.ones(SHAPE) + 0.001 * base)
+    errors = 2.0 * generator.standard_normal((400, SHAPE[0], 1, 1)) * np.ones(SHAPE)
+    gains = [float(change @ model.whiten(error)) ** 2 / float(change @ change) for error in errors]
+    assert model.gain_of_dark_errors(change) == pytest.approx(np.mean(gains), rel=4 * np.sqrt(2 / 400))
+    assert model_of(base, base, derivative, camera).gain_of_dark_errors(change) == 0.0
 
 
 def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):

@@ -23,6 +23,7 @@ SQUARE = SimpleNamespace(
     project=lambda vector: vector,
     image=lambda vector: vector[:1024].reshape(1, 32, 32),
     errors=None,
+    gain_of_dark_errors=lambda change: 0.0,
 )
 
 
@@ -55,6 +56,17 @@ def test_a_gain_must_exceed_the_errors_of_shapes_that_are_not_rendered_again():
     offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
     assert first_significant([offset], residual, SQUARE, rendered) is None
     assert first_significant([offset], residual, SQUARE, residual) is offset
+
+
+def test_a_gain_must_exceed_what_errors_of_dark_levels_make():
+    """Three of their standard deviations: 9 times the chi2 that they gain on average."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    residual = np.zeros(1035)
+    residual[0] = 10.0
+    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    for average, found in ((12.0, None), (10.0, offset)):
+        model = SimpleNamespace(**{**vars(SQUARE), "gain_of_dark_errors": lambda _, size=average: size})
+        assert first_significant([offset], residual, model, residual) is found
 
 
 def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
