@@ -38,8 +38,9 @@ def fits_the_place(excess: Excess, form: Form) -> float:
     strongest = float(relative[np.argmax(np.abs(relative))])
     deep = float(np.abs(relative).max()) > _OPAQUE
     found = 0.0
-    if form.family == "sensor-offset" and not _at_the_border(weight):
-        found -= _ODD
+    if form.family == "sensor-offset":
+        found -= 0.0 if _at_the_border(weight) else _ODD
+        found -= _UNLIKELY if strongest < 0 else 0.0  # charge adds counts
     if form.family == "object":
         return 0.0 if deep else -_UNLIKELY
     if deep:

@@ -118,6 +118,12 @@ def test_a_glow_with_wide_flanks_has_its_place_in_the_corner():
     assert np.hypot(found.centre_px[0], found.centre_px[1] - (SIZE - 1)) < 0.1 * SIZE
 
 
+def test_a_sensor_takes_no_counts_away_in_one_place():
+    """A spot between what a gain and what an offset makes of the bands: counts that lack are no offset, which adds."""
+    between = 0.06 * (SIGNAL + 6 * SIGNAL.mean()) / 7 * _spot(33, 30, 2)
+    assert explain(small_excess(-between)).family == "sensor-gain"
+
+
 def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     """Relative changes have no meaning there, and a gain changes nothing."""
     seen = (COLUMNS < 20) | (COLUMNS > 60)
