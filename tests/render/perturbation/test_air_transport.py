@@ -33,9 +33,21 @@ def test_what_grows_evenly_is_known_everywhere_exactly(air):
     slopes = np.array([[0.3, -1.0], [0.02, 0.5], [-0.1, 2.0]])
     values = air.centres @ slopes + np.array([5.0, -3.0])
     assert values[0] == pytest.approx(np.array([50.0, 50.0, 60.0]) @ slopes + np.array([5.0, -3.0]))
-    points = np.random.default_rng(2).uniform((-150, -80, -450), (390, 290, 590), (4, 50, 3))
-    assert (points[..., 2] < 0).any() and (points[..., 2] > 0).any()
+    points = np.random.default_rng(2).uniform((5, 5, -450), (390, 290, 590), (4, 50, 3))
+    points[..., :2] = np.where(points[..., 2:] < 0, 1.7 * points[..., :2] - 150.0, points[..., :2])
+    assert (points[..., 2] < 0).any() and (points[..., 2] > 0).any() and points[..., 0].max() > 400
     np.testing.assert_allclose(air.at(points, values), points @ slopes + np.array([5.0, -3.0]))
+
+
+def test_beside_the_box_there_is_no_light(air):
+    """Behind its front, a millimetre outside its walls; in front of it, and a millimetre inside, there is."""
+    values = np.ones((len(air.corner), 1))
+    for axis, ends in ((0, (0.0, 400.0)), (1, (0.0, 300.0))):
+        for end, outwards in zip(ends, (-1.0, 1.0), strict=True):
+            points = np.tile([200.0, 150.0, 300.0], (3, 1))
+            points[:, axis] = end + outwards * np.array([-1.0, 1.0, 1.0])
+            points[2, 2] = -100.0
+            assert air.at(points, values)[:, 0] == pytest.approx([1.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("extinction", [0.0, 0.002])
