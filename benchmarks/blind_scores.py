@@ -30,7 +30,7 @@ def _with_groups(row: dict[str, Any], names: Sequence[str]) -> set[str]:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Shares of right answers by kind and strength, and what else the issue of trust asks for."""
+    """Shares of right answers by kind, strength, box and instrument; groups, time, and calibration."""
 
     def share(chosen: Sequence[dict[str, Any]], of: Callable[[dict[str, Any]], bool] = named) -> list[float]:
         return [float(np.mean([of(r) for r in chosen])) if chosen else float("nan"), len(chosen)]
@@ -55,9 +55,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "parameters_right": [float(np.mean(numbers)) if numbers else float("nan"), len(numbers)],
         "mean_group": float(np.mean(sizes)) if sizes else float("nan"),
         "median_seconds": float(np.median([r["seconds"] for r in rows])),
-        "median_cpu_seconds": float(
-            np.median([r["cpu_seconds"] for r in rows if "cpu_seconds" in r] or [np.nan])
-        ),
+        "median_cpu_seconds": float(np.median([r["cpu_seconds"] for r in rows])),
         "reliability": reliability(singles),
         "log_loss": log_loss(singles),
     }

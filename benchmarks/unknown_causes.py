@@ -85,9 +85,9 @@ def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = (keep or Path(temporary)) / f"{name}-{seed}"
         truth = write_capture(folder, name, seed)
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate(folder, Model()))
-        seconds = time.perf_counter() - start
+        seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     found = diagnosis.explanation
     place = None if found is None or found.centre_px is None else list(found.centre_px)
     row = {
@@ -97,7 +97,7 @@ def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
         "centre": place, "bands": [] if found is None else list(found.bands),
         "share": 0.0 if found is None else found.share, "runner_up": None if found is None else found.runner_up,
         "told_apart": found is not None and found.told_apart, "chi2_per_dof": diagnosis.chi2_per_dof,
-        "seconds": seconds,
+        "seconds": seconds, "cpu_seconds": cpu,
     }  # fmt: skip
     return {**row, **_score(row)}
 

@@ -82,7 +82,7 @@ class AirTransport:
             )
             start += int(np.prod(shape))
         aside = [
-            np.abs(points_mm[..., i] - axis.mean()) > np.ptp(axis) * len(axis) / (len(axis) - 1) / 2
+            np.abs(points_mm[..., i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
             for i, axis in enumerate(self.axes[0][:2])
         ]
         result[(part == 0) & np.any(aside, axis=0)] = 0.0

@@ -149,8 +149,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
         relieved = gain > 0 and relief > chi2.isf(_PRIOR_CHANCE, len(candidate.hypothesis.free))
         if relieved or candidate.by_priors:
             return bool(relieved)
-    by_dark = _DARK_SIGMAS**2 * model.gain_of_dark_errors(candidate.predicted)
-    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained, by_dark)
+    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
 
 
 def _beyond_tolerance(candidate: Candidate) -> bool:
@@ -182,7 +181,7 @@ def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> flo
 
 
 def least_gain(candidate: Candidate, model: LinearModel) -> float:
-    """Chi2 that errors of the base picture could let an effect gain, by how smooth the effect is."""
+    """Chi2 that errors of the base picture, by how smooth the effect is, or of dark levels could let it gain."""
     return least_gain_of(candidate.predicted, model)
 
 
@@ -191,7 +190,8 @@ def least_gain_of(change: NDArray, model: LinearModel) -> float:
     if model.errors is not None:
         return largest_gain_of_errors(model)
     smooth = smooth_part(model, change)
-    return model.count * (_SMALLEST_GAIN_AT_EDGES + smooth * (SMALLEST_GAIN - _SMALLEST_GAIN_AT_EDGES))
+    by_picture = _SMALLEST_GAIN_AT_EDGES + smooth * (SMALLEST_GAIN - _SMALLEST_GAIN_AT_EDGES)
+    return max(model.count * by_picture, _DARK_SIGMAS**2 * model.gain_of_dark_errors(change))
 
 
 def largest_gain_of_errors(model: LinearModel) -> float:

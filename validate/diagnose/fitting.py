@@ -96,14 +96,14 @@ def gauss_newton(
         slope = np.array([there.averaged - best.averaged for there in stepped])
         shift, covariance = least_squares(design, best.left, slope)
         variance = np.split(parameter_variance(model, design, covariance, best.left), ends)
-        known_so = [
+        stated = [
             replace(c, sigma=_deviations(c, own, v))
             for c, own, v in zip(best.candidates, steps, variance, strict=True)
         ]
-        best = replace(best, candidates=tuple(known_so))
+        best = replace(best, candidates=tuple(stated))
         for damping in (1.0, 0.4, 0.15):
             by = np.split(damping * shift, ends)
-            trial = tried(evaluate, [_moved(*each) for each in zip(known_so, steps, by, strict=True)])
+            trial = _tried(evaluate, [_moved(*each) for each in zip(stated, steps, by, strict=True)])
             if trial is not None and trial.chi2 < best.chi2:
                 break
         else:
@@ -114,7 +114,7 @@ def gauss_newton(
     return best, design
 
 
-def tried(
+def _tried(
     evaluate: Callable[[Sequence[Candidate]], Fitted], candidates: Sequence[Candidate]
 ) -> Fitted | None:
     """The candidates with their numbers in place; None where they cannot be."""
@@ -145,7 +145,7 @@ def fit(
         first,
         *(replace(first, numbers={**first.numbers, **n}) for n in _other_starts(hypothesis, start)),
     ]
-    possible = [found for one in starts if (found := tried(evaluate, [one])) is not None]
+    possible = [found for one in starts if (found := _tried(evaluate, [one])) is not None]
     if not possible:
         return replace(first, chi2=np.inf, predicted=np.zeros_like(residual))
     best, _ = gauss_newton(evaluate, problem.model, min(possible, key=lambda one: one.chi2), known)

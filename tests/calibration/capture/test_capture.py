@@ -8,7 +8,7 @@ import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.scenes.errors import InputError
-from helpers.fake_capture import FakeCapture
+from helpers.fakes.capture import FakeCapture
 from PIL import Image
 
 

@@ -12,7 +12,7 @@ from cboxlab.calibration.colour.colorimetry import (
 from cboxlab.calibration.correction.band_images import Mask, band_images
 from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
-from helpers.fake_capture import CENTRES_NM, response
+from helpers.fakes.capture import CENTRES_NM, response
 
 
 def fake_responses(factor=1e-12):

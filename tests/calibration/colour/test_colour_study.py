@@ -19,7 +19,7 @@ from cboxlab.calibration.colour.radiance_ensemble import (
 from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
-from helpers.fake_capture import CENTRES_NM, FakeCapture, response
+from helpers.fakes.capture import CENTRES_NM, FakeCapture, response
 
 STEP = INTEGRAL_GRID.weights
 

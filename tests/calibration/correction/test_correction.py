@@ -12,7 +12,7 @@ from cboxlab.calibration.correction.correction import correct, evaluate_variance
 from cboxlab.calibration.correction.dark import DarkLibrary, _fit_line, read_darks
 from cboxlab.calibration.correction.defects import dead_pixels, hot_pixels
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
-from helpers.fake_capture import GAIN, READ_NOISE, FakeCapture
+from helpers.fakes.capture import GAIN, READ_NOISE, FakeCapture
 
 HOT, DEAD, SATURATED = (5, 7), (20, 30), (10, 40)
 

@@ -7,7 +7,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
 from cboxlab.calibration.detector.linearity import measure_linearity
-from helpers.fake_capture import GAIN
+from helpers.fakes.capture import GAIN
 
 
 def brackets(folder, bias=0.0, rate=0.0, light_dn_s=40.0):

@@ -8,7 +8,7 @@ from cboxlab.calibration.correction import correct_bands, measure_noise, read_da
 from cboxlab.calibration.detector.response_points import _middle, response_points
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
-from helpers.fake_capture import DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
+from helpers.fakes.capture import DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 
 TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
 

@@ -11,7 +11,7 @@ from cboxlab.calibration.radiometry.registration import move, register
 from cboxlab.render.files.cube_files import read_cube, write_cube
 from cboxlab.scenes import InputError, Spectrum
 from cboxlab.validate.commands.cli import main
-from helpers.fake_capture import GRID, FakeCapture, bell
+from helpers.fakes.capture import GRID, FakeCapture, bell
 from scipy.ndimage import minimum_filter
 from scipy.special import erf
 

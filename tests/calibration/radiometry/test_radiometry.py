@@ -16,7 +16,7 @@ from cboxlab.calibration.radiometry.sensor_equation import (
 )
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, INTEGRAL_GRID, WAVELENGTH_NM, trapezoidal_weights
-from helpers.fake_capture import CONSTANT, GAIN, READ_NOISE, FakeCapture, sphere
+from helpers.fakes.capture import CONSTANT, GAIN, READ_NOISE, FakeCapture, sphere
 
 SEEDS = range(24)
 

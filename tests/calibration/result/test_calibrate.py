@@ -10,7 +10,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.colour.patch_colour import patch_errors, patch_xyz, smoothest_spectra
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.calibration.result.write import write_calibration
-from helpers.fake_capture import CONSTANT, FakeCapture
+from helpers.fakes.capture import CONSTANT, FakeCapture
 
 KEYS = {
     "suspicions",

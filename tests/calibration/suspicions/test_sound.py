@@ -1,9 +1,14 @@
 """Sound captures raise no suspicion, whatever they lack."""
 
+from dataclasses import replace
+
 import pytest
 from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
+from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.result import calibrate
-from helpers.fake_capture import FakeCapture
+from cboxlab.calibration.suspicions.constants import check_flats_and_references
+from helpers.fakes.capture import FakeCapture
 from helpers.places import ROOT
 
 
@@ -17,3 +22,27 @@ def test_a_small_sound_capture_raises_none(tmp_path, lacking):
 def test_the_bundled_capture_raises_none():
     folder = ROOT / "validate" / "data" / "demo-capture"
     assert calibrate(load_capture(folder)).suspicions == ()
+
+
+LEVELS = {
+    # four of seven bands agree with the median by chance: sources that are set anew in each band
+    "a level of its own in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
+    # one source for all: one of them is another frame
+    "one frame of another band": ([1.0, 1.0, 1.0, 0.88, 1.0, 1.0, 1.0], {3}),
+}
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_only_where_most_flats_agree_one_that_does_not_is_suspected(name):
+    levels, wrong = LEVELS[name]
+    capture = load_capture(ROOT / "validate" / "data" / "demo-capture")
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    bands = correct_bands(capture, dark, noise)
+    radiometry = measure_constant(capture, bands, dark, noise)
+    flats = {
+        band: replace(flat, mean_dn=level * flat.mean_dn)
+        for (band, flat), level in zip(bands.flats.items(), levels, strict=True)
+    }
+    found = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
+    assert {s.where for s in found} == {f"flat ({[*flats][index]})" for index in wrong}

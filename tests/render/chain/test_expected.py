@@ -22,7 +22,7 @@ from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.predict.sensing import sensing
-from helpers.fake_capture import DEPTH, GAIN, GRID, READ_NOISE, FakeCapture, bell, response, sphere
+from helpers.fakes.capture import DEPTH, GAIN, GRID, READ_NOISE, FakeCapture, bell, response, sphere
 from scipy.ndimage import correlate
 
 BANDS = (450, 550, 650)

@@ -3,7 +3,7 @@
 import numpy as np
 from cboxlab.render.chain import Light
 from cboxlab.scenes import cornell_camera
-from helpers.fake_stages import light
+from helpers.fakes.stages import light
 
 
 def test_a_factor_acts_on_the_signal_and_on_what_edges_do_in_their_pixels():

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 from cboxlab.render.chain.stages import PHOTOGRAPHED, STAGES, Stage, after_stage, stages_between
 from cboxlab.validate.effects import apply_checked, catalogue
-from helpers.fake_stages import counts, light, start
+from helpers.fakes.stages import counts, light, start
 
 
 def test_the_list_names_every_stage_once_in_the_order_of_light():

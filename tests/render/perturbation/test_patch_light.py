@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.render.perturbation import with_albedo
-from helpers.fake_patch_light import NM, fake_patch_light
+from helpers.fakes.patch_light import NM, fake_patch_light
 
 
 def exchange_of(light):

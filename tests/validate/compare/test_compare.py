@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.correction.band_images import Mask, band_images
 from cboxlab.validate.compare.comparison import ChiSquare, compare
 from cboxlab.validate.report.verdict import verdict, warnings
-from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 

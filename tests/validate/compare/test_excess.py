@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.validate.compare.excess import regions_of
-from helpers.fake_box import BANDS, SURFACES, FakeBox
+from helpers.fakes.box import BANDS, SURFACES, FakeBox
 
 BOX = FakeBox()
 

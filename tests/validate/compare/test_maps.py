@@ -10,7 +10,7 @@ from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from cboxlab.validate.compare.maps import read_map, write_map, write_maps
 from cboxlab.validate.report.metrics import PathStep, metrics, write_metrics
-from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from PIL import Image
 
 BOX = FakeBox(size=48)

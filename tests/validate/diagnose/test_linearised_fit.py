@@ -31,7 +31,7 @@ def test_what_effects_add_is_taken_off_at_the_lamps_power(scale):
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.8])
-def test_effects_fitted_in_turn_end_where_they_fit_together(scale):
+def test_effects_fitted_together_end_at_the_least_squares(scale):
     """The amounts of least squares over both patterns; what either can do is free when the other is judged."""
     linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": 0.3}, scale=scale)
     chosen = [candidate(known, name, 0.1) for name in PATTERNS]
@@ -39,6 +39,9 @@ def test_effects_fitted_in_turn_end_where_they_fit_together(scale):
     design = scale * np.array([PATTERNS[name].ravel() for name in PATTERNS]).T
     wanted = np.linalg.lstsq(design, linearised.model.residual[:COUNT])[0]
     assert [c.numbers["amount"] for c in found] == pytest.approx(list(wanted), abs=1e-4)
+    # of the second, only what the first cannot do counts as its own
+    own = found[1].numbers["amount"] * scale * waves(0, 2).ravel()
+    np.testing.assert_allclose(found[1].predicted[:COUNT], own, atol=1e-5)
     rest = linearised.problem([candidate(known, "one", 0.5)])
     alone = np.append(PATTERNS["one"].ravel(), np.zeros(11))
     assert np.abs(rest.model.project(alone)).max() < 1e-9

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.validate.diagnose import alternatives
 from cboxlab.validate.diagnose.alternatives import (
+    SelectedEffect,
     confirmed_where_held_out,
     groups,
     with_alternatives,
@@ -223,3 +225,29 @@ def test_an_effects_certainty_is_its_amount_over_its_error():
     assert replace(found, dispersion=1.0).certainty == pytest.approx(amount / sigma, rel=1e-6)
     assert replace(found, dispersion=4.0).certainty == pytest.approx(amount / sigma / 2, rel=1e-6)
     assert replace(found, chi2_without=0.0, dispersion=1.0).certainty == 0.0
+
+
+def with_numbers(name, chi2, count):
+    """A candidate of so many numbers, as far as it is compared with others."""
+    effect = SimpleNamespace(id=name)
+    return SimpleNamespace(
+        chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * count), name=name
+    )
+
+
+@pytest.mark.parametrize(("behind", "replaced"), [(9.7, True), (15.0, False)])
+def test_six_numbers_must_gain_more_than_one(monkeypatch, behind, replaced):
+    """4.6 of chi2 each: 9.7 more by five further numbers is 13.3 too little, 15 is 8 too little, 9.2 are allowed. Both
+    are a group in either case, for by chi2 alone, or with the price, they fit alike."""
+    many, few = with_numbers("many", 1000.0, 6), with_numbers("few", 1000.0 + behind, 1)
+
+    def judged(linearised, chosen, signatures):
+        (one,) = chosen
+        other = few if one is many else many
+        return [SelectedEffect(one, (other,), 2000.0, 1.0, 1.0, 100000, 1.0)]
+
+    monkeypatch.setattr(alternatives, "with_alternatives", judged)
+    monkeypatch.setattr(alternatives, "refitted_together", lambda linearised, chosen: list(chosen))
+    chosen, known = with_better_alternatives(None, [many], [])
+    assert chosen == [few if replaced else many]
+    assert [c.name for c in known[0].indistinguishable] == ["many" if replaced else "few"]

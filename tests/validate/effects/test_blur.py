@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.render.image.blur import blur
-from helpers.fake_stages import apply, light
+from helpers.fakes.stages import apply, light
 
 
 def test_light_beside_edges_is_added_to_the_blurred_pixels():

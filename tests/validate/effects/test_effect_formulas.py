@@ -13,9 +13,9 @@ from cboxlab.scenes.shapes import vector_area
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.effects import catalogue
-from helpers.fake_patch_light import NM as FAKE_NM
-from helpers.fake_patch_light import fake_patch_light
-from helpers.fake_stages import NM, apply, counts, curves, light
+from helpers.fakes.patch_light import NM as FAKE_NM
+from helpers.fakes.patch_light import fake_patch_light
+from helpers.fakes.stages import NM, apply, counts, curves, light
 from scipy.special import ndtr
 
 

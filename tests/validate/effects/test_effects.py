@@ -10,7 +10,7 @@ from cboxlab.scenes import InputError, Spectrum, cornell_box
 from cboxlab.validate import effects
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.effects import Parameter, apply_checked, catalogue, names_in
-from helpers.fake_stages import NM, apply, counts, start
+from helpers.fakes.stages import NM, apply, counts, start
 
 #: Identifier, then parameters with their null value; "-" for one that has none or is a name.
 CONTRACT = """

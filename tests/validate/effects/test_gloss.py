@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
-from helpers.fake_patch_light import fake_patch_light
-from helpers.fake_stages import apply
+from helpers.fakes.patch_light import fake_patch_light
+from helpers.fakes.stages import apply
 
 gloss = importlib.import_module("cboxlab.validate.effects.gloss")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: the coat's kernels")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.render.perturbation import STEPS, AirTransport
 from cboxlab.render.perturbation.haze import AirLamp
-from helpers.fake_patch_light import fake_patch_light
-from helpers.fake_stages import apply
+from helpers.fakes.patch_light import fake_patch_light
+from helpers.fakes.stages import apply
 
 haze = importlib.import_module("cboxlab.validate.effects.haze")
 LAMP = np.array([278.0, 548.0, 279.5])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.render.device import mi
 from cboxlab.render.device.variant import compiled
-from helpers.fake_patch_light import fake_patch_light
-from helpers.fake_stages import apply
+from helpers.fakes.patch_light import fake_patch_light
+from helpers.fakes.stages import apply
 
 rough_diffuse = importlib.import_module("cboxlab.validate.effects.rough_diffuse")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: the reflection's kernels")

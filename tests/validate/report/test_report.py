@@ -13,7 +13,7 @@ from cboxlab.validate.report.blocks import Cell, Headline, ReportSection, Story,
 from cboxlab.validate.report.page import ReportInputs, build_report
 from cboxlab.validate.report.plots import falling_curve, map_row, residual_scale
 from cboxlab.validate.report.verdict import verdict
-from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
+from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
 from PIL import Image
 
 BOX = FakeBox(size=64)

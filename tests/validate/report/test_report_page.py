@@ -7,7 +7,7 @@ from io import BytesIO
 import pytest
 from cboxlab.validate.report.page import ReportInputs, build_report
 from helpers.browser import open_browser
-from helpers.fake_box import FakeBox, fake_run, fake_weights
+from helpers.fakes.box import FakeBox, fake_run, fake_weights
 from pypdf import PdfReader
 
 BOX = FakeBox(size=48)

@@ -8,7 +8,7 @@ from cboxlab.validate.model import Model
 from cboxlab.validate.report.diagnosis import limit_words
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import pooled, story
-from helpers.fake_box import BANDS, FakeBox
+from helpers.fakes.box import BANDS, FakeBox
 
 BOX = FakeBox(size=32)
 NAMED = [(4, "650 nm"), (0, "450 nm"), (1, "500 nm"), (2, "550 nm"), (3, "600 nm")]

@@ -12,7 +12,7 @@ from cboxlab.validate.report.metrics import metrics
 from cboxlab.validate.viewer import changed_data, encoded, picture_data, viewer_fragment
 from cboxlab.validate.viewer.light import pixel_spectra
 from helpers.browser import open_browser
-from helpers.fake_box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 
 BOX = FakeBox(size=48)
 #: The bands' wavelengths out of order, so that sorting shows.
