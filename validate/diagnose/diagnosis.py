@@ -153,16 +153,20 @@ def diagnose(
     progress.stage("explaining what remains")
     explanation: Explanation | None = None
     by_effects = start.chi2 - square(residual)
-    remains = explained(prepared, linearised, residual, share(progress, 0.95, 0.97))
+    remains, smear = explained(prepared, linearised, residual, share(progress, 0.95, 0.97))
     if left or stands_out(remains, linearised.model, residual, by_effects):
         left, explanation = True, remains
+    elif stands_out(smear, linearised.model, residual, by_effects):
+        left, explanation = True, smear
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
         enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
-        whole = explained(prepared, first, start.residual, share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or beats(whole, start, chosen, square(residual)):
+        whole, _ = explained(prepared, first, start.residual, share(progress, 0.97, 0.99))
+        # a smear has a round part: one effect that looks like a blur, and a smear beside it, are one cause
+        smear_alone = explanation is smear and len(chosen) == 1 and whole.family == smear.family
+        if selected == (UNKNOWN,) or smear_alone or beats(whole, start, chosen, square(residual)):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual

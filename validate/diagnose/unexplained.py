@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 
 from ..compare import Prepared
 from ..effects import catalogue
-from ..explain import LEVELS, NONE, Excess, Explanation, Transport, explain
+from ..explain import LEVELS, NONE, Excess, Explanation, Transport, explain, smeared
 from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
@@ -27,15 +27,13 @@ __all__ = ["beats", "excess_of", "explained", "stands_out"]
 #: Probability that a family stands out of noise alone, all families and their forms together.
 _FALSE_ALARM = 0.005
 
-#: Part of the chi2 that effects explain which errors of their shapes may leave in patterns.
-_SHAPES_LEAVE = 0.03
-
 
 def explained(
     prepared: Prepared, linearised: LinearisedFit, residual: NDArray[np.float64], progress: Progress = QUIET
-) -> Explanation:
-    """The family that explains a residual (n + 11,), projected, over sigma."""
-    return explain(excess_of(linearised, residual, prepared.calibration.capture), progress)
+) -> tuple[Explanation, Explanation]:
+    """The family that explains a residual (n + 11,), projected, over sigma, and the blur along a line that does."""
+    excess = excess_of(linearised, residual, prepared.calibration.capture)
+    return explain(excess, progress), smeared(excess)
 
 
 def beats(
@@ -69,7 +67,9 @@ def stands_out(
     """
     if explanation.family == NONE or not explanation.sharp:
         return False
-    least = max(least_gain_of(model.whiten(explanation.change), model), _SHAPES_LEAVE * by_effects)
+    least = max(
+        least_gain_of(model.whiten(explanation.change), model), explanation.effects_leave * by_effects
+    )
     seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
     return seen and _gain(explanation, model, residual) > least
 

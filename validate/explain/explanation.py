@@ -14,14 +14,14 @@ from ..fields import FittedField
 from .as_field import fitted_field
 from .excess import Excess
 from .form import Form, changed
-from .optics_forms import optics_forms
+from .optics_forms import optics_forms, smears
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
 from .spot_cells import hot_spot
 from .spots import fits_the_place
 from .surface_forms import surface_forms
 
-__all__ = ["FAMILIES", "LEVELS", "NONE", "Explanation", "Rival", "explain"]
+__all__ = ["FAMILIES", "LEVELS", "NONE", "Explanation", "Rival", "explain", "smeared"]
 
 #: Where nothing is left to explain, or no family explains it.
 NONE = "none"
@@ -78,8 +78,8 @@ class Explanation:
     (band, y, x) DN explained. sigma : (band, y, x) DN of a pixel's noise, NaN where unused. left : (band, y, x)
     residual over sigma that stays, NaN where unused. spectrum : (band,) the change over the signal where it acts.
     heldout : see ``FieldFit``. gain : chi2 that it lowers. evidence : 2 ln over noise alone.
-    forms : number of forms that were tried. sharp : see ``Form``. field : what an effect is made of; None where no
-    family explains it.
+    forms : number of forms that were tried. sharp, effects_leave : see ``Form``. field : what an effect is made of;
+    None where no family explains it.
     """
 
     family: str
@@ -100,6 +100,7 @@ class Explanation:
     evidence: float
     forms: int
     sharp: bool
+    effects_leave: float
     field: FittedField | None
 
     @property
@@ -119,6 +120,15 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
         for form in some:
             forms.append(form)
             progress.part(done / len(kinds))  # again and again: how many forms there are is not known before
+    return _judged(excess, forms)
+
+
+def smeared(excess: Excess) -> Explanation:
+    """Fit blurs along a line alone: errors of the picture, which explain more of what round blurs leave, hide them."""
+    return _judged(excess, [*smears(excess)], least_share=0.0)
+
+
+def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_SHARE) -> Explanation:
     total = max(excess.chi2 - noise_level(excess) * excess.count, 1.0)
     scores = _scores(excess, forms)
     best: dict[str, tuple[float, Form]] = {}
@@ -126,13 +136,13 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
         best.setdefault(form.family, (score, form))
     each = ((_share(excess, form, total), score, form) for score, form in best.values())
     # families that explain too little of the excess come behind all others
-    ranked = sorted(each, key=lambda one: (one[0] < _LEAST_SHARE, -one[1]))
+    ranked = sorted(each, key=lambda one: (one[0] < least_share, -one[1]))
     rivals = tuple(
         Rival(form.family, form.words, form.surface, share, score) for share, score, form in ranked
     )
     _, score, winner = ranked[0]
     margin = max(_TOLD_APART, _TOLD_APART_PART * winner.fit.gain)
-    if winner.evidence < _LEAST_EVIDENCE or rivals[0].share < _LEAST_SHARE:
+    if winner.evidence < _LEAST_EVIDENCE or rivals[0].share < least_share:
         return _nothing(excess, rivals, len(forms))
     change = changed(excess, winner)
     whitened = excess.whitened(change)
@@ -149,7 +159,7 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
         bands=tuple(band for band, one in zip(excess.bands, shown, strict=True) if one),
         all_bands=excess.bands,
         share=rivals[0].share,
-        told_apart=all(score - rival.score > margin for rival in rivals[1:] if rival.share >= _LEAST_SHARE),
+        told_apart=all(score - rival.score > margin for rival in rivals[1:] if rival.share >= least_share),
         rivals=rivals,
         change=change,
         sigma=np.where(excess.used, excess.sigma, np.nan),
@@ -160,6 +170,7 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
         evidence=winner.evidence,
         forms=len(forms),
         sharp=winner.sharp,
+        effects_leave=winner.effects_leave,
         field=fitted_field(excess, winner),
     )
 
@@ -180,7 +191,7 @@ def _nothing(excess: Excess, rivals: Sequence[Rival], forms: int) -> Explanation
         NONE, "no family explains it", None, None, (), excess.bands, 0.0, True,
         (Rival(NONE, "no family explains it", None, 0.0, 0.0), *rivals), zero,
         np.where(excess.used, excess.sigma, np.nan), np.where(excess.used, excess.residual, np.nan),
-        np.zeros(len(excess.bands)), 0.0, 0.0, 0.0, forms, False, None,
+        np.zeros(len(excess.bands)), 0.0, 0.0, 0.0, forms, False, 0.0, None,
     )  # fmt: skip
 
 

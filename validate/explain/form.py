@@ -24,9 +24,10 @@ Columns = Callable[[int], NDArray[Any] | csr_matrix]
 class Form:
     """family : one of FAMILIES. words : what it is. surface : on which it acts alone, or None. local : whether it acts
     in one place of the picture. sharp : whether it is a pattern that errors of the rendered picture do not make: rows,
-    columns, waves, one band alone. choices : number of such forms among which this one is the best.
+    columns, waves, lines, one band alone. choices : number of such forms among which this one is the best.
     acts, maps : what it acts on (see ``fields.FittedField``), and by which maps; one map on several surfaces where it
     has one coefficient. radius : of exchanges with neighbours, px. radiance : (band,) of a thing in front.
+    effects_leave : part of the chi2 that effects explain which errors of their shapes may leave in such a pattern.
     """
 
     family: str
@@ -41,6 +42,7 @@ class Form:
     choices: int = 1
     radius: int = 1
     radiance: NDArray[np.float64] | None = None
+    effects_leave: float = 0.03
 
     @property
     def evidence(self) -> float:

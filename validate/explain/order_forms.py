@@ -1,8 +1,9 @@
-"""Levels of the bands: by the order in time in which they were taken, or by their wavelengths."""
+"""Levels of the bands, by the order in time in which they were taken or by their wavelengths; frames that stay."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from math import comb
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..fields import ImageMaps
 from .excess import Excess
-from .field import FieldFit, Normal, finished, solved
+from .field import FieldFit, Normal, finished, fixed_spectrum, solved
 from .form import Form, equations
 
 __all__ = ["order_forms"]
@@ -28,7 +29,8 @@ _EVEN = ImageMaps("cosines")
 
 
 def order_forms(excess: Excess) -> Iterator[Form]:
-    """Levels that step or run with time, and levels that follow the wavelength or stand out in a line."""
+    """Levels that step or run with time, levels that follow the wavelength or stand out in a line, and a part of each
+    frame that stays in the next one."""
 
     def made(band: int) -> NDArray[Any]:
         return excess.signal[band].astype(np.float32).reshape(1, -1)
@@ -59,6 +61,7 @@ def order_forms(excess: Excess) -> Iterator[Form]:
     yield in_time("a drift of the lamp", _shaped(n, powers[:, :2], repeats))
     if repeats > 0 or not np.isfinite(excess.repeat_sigma).any():  # of single frames nothing else is known
         yield in_time("levels that differ from frame to frame", _shaped(n, np.eye(bands), repeats))
+    yield _persistence(excess, repeats)
     place = (excess.nm - excess.nm.min()) / max(np.ptp(excess.nm), 1e-9)
     waves = np.array([np.cos(np.pi * i * place) for i in (1, 2, 3)]).T
     yield in_lamp("smooth over the wavelength", _shaped(n, waves, 0.0))
@@ -69,6 +72,24 @@ def order_forms(excess: Excess) -> Iterator[Form]:
             lines = _shaped(n, np.eye(bands)[:, list(some)], 0.0)
             yield in_lamp("a line" if size == 1 else "lines", lines, comb(bands, size))
     yield in_lamp("free in each band", _shaped(n, np.eye(bands), 0.0))
+
+
+def _persistence(excess: Excess, repeats: float) -> Form:
+    """A part of every frame is seen again in the next one. repeats : evidence from differences of repeats."""
+    bands = len(excess.bands)
+    frames = np.maximum(np.isfinite(excess.repeats).sum(axis=1), 1)
+    before = np.diag((frames - 1.0) / frames)
+    order = np.argsort(excess.minutes, kind="stable")
+    before[order[1:], order[:-1]] += 1 / frames[order[1:]]
+    signal = excess.signal.reshape(bands, -1)
+
+    def alone(band: int) -> NDArray[Any]:
+        return (before[band] @ signal).astype(np.float32).reshape(1, -1)
+
+    fit = fixed_spectrum(equations(excess, alone), np.ones(bands))
+    fit = replace(fit, coefficients=fit.coefficients * before, evidence=fit.evidence + repeats)
+    words = "a part of each frame stays in the next"
+    return Form("time-order", words, fit, lambda _: signal.astype(np.float32), "previous", _EVEN, sharp=True)
 
 
 def repeats_excess(excess: Excess) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -17,7 +17,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import Effect, Parameter
-from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_neighbours
+from .exchange import HALO_WIDTHS_PX, along_lines, neighbour_steps, with_halo, with_neighbours
 from .fitted_field import Acts, FittedField
 
 __all__ = ["AMPLITUDE", "field_effect"]
@@ -28,7 +28,8 @@ AMPLITUDE = Parameter("amplitude", "1", null=0.0, low=-5.0, high=5.0, step=0.02,
 _STEP_PX = 0.05
 
 _STAGES: dict[Acts, Stage] = {
-    "offset": "counts", "gain": "counts", "displacement": "optics", "neighbours": "optics", "halo": "optics",
+    "offset": "counts", "gain": "counts", "previous": "counts",
+    "displacement": "optics", "neighbours": "optics", "lines": "optics", "halo": "optics",
     "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
     "front": "transport",
 }  # fmt: skip
@@ -44,20 +45,26 @@ def field_effect(name: str, field: FittedField, title: str, summary: str) -> Eff
         id=name, stage=stage, title=title, summary=summary, parameters=(AMPLITUDE,),
         apply=partial(acting[stage], field, name),
         confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude there.",
-        acts_on_charge=field.acts == "gain",
+        acts_on_charge=field.acts in ("gain", "previous"),
     )  # fmt: skip
 
 
 def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[int]) -> NDArray[np.float64]:
     """(band, times, y, x) the maps' sums; ``rows`` are the field's bands. Raises InputError for another size."""
-    if field.image is None or field.coefficients is None:
-        raise TypeError("a field on the sensor has maps and coefficients")
+    if field.image is None:
+        raise TypeError("a field on the sensor has maps")
     if shape != field.size:
         found, expected = (f"{size[1]} x {size[0]} px" for size in (shape, field.size))
         raise InputError(f"effect {name}", f"a picture of {found}", f"{expected}, for which it was fitted")
     matrix = field.image.matrix(shape)
-    own = field.coefficients[rows].reshape(-1, matrix.shape[0])
+    own = _coefficients(field)[rows].reshape(-1, matrix.shape[0])
     return np.asarray(own @ matrix).reshape(len(rows), -1, *shape)
+
+
+def _coefficients(field: FittedField) -> NDArray[np.float64]:
+    if field.coefficients is None:
+        raise TypeError("a field on the sensor has coefficients")
+    return field.coefficients
 
 
 def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) -> Counts:
@@ -66,10 +73,13 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
         raise InputError(f"effect {name}", f"band '{missing[0]}'", f"one of {', '.join(field.bands)}")
     rows, columns = counts.scene.shape[1:]
     own = [field.bands.index(band) for band in counts.bands]
+    dark = counts.dark_scene[:, None, None]
+    if field.acts == "previous":
+        parts = _coefficients(field)[np.ix_(own, own)]
+        return replace(counts, scene=counts.scene + amplitude * np.tensordot(parts, counts.scene - dark, 1))
     change = amplitude * _images(field, name, (rows, columns), own)[:, 0]
     if field.acts == "offset":
         return replace(counts, scene=counts.scene + change)
-    dark = counts.dark_scene[:, None, None]
     return replace(counts, scene=dark + (1 + change) * (counts.scene - dark))
 
 
@@ -83,18 +93,21 @@ def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> 
     fields = _images(field, name, (rows, columns), _nearest(field, light.effective_nm))
     if field.acts == "displacement":
         change = np.sum(np.moveaxis(fields, 1, 0) * _moved(light), axis=0)
-    elif field.acts == "neighbours":
-        steps = neighbour_steps(field.radius)
-        change = np.array([
-            sum(part * with_neighbours(image, step) for part, step in zip(own, steps, strict=True))
-            for own, image in zip(fields, light.signal, strict=True)
-        ])  # fmt: skip
     else:
         change = np.array([
-            sum(part * with_halo(image, width) for part, width in zip(own, HALO_WIDTHS_PX, strict=True))
+            sum(part * exchange for part, exchange in zip(own, _exchanges(field, image), strict=True))
             for own, image in zip(fields, light.signal, strict=True)
         ])  # fmt: skip
     return light.with_signal(light.signal + amplitude * change)
+
+
+def _exchanges(field: FittedField, image: NDArray[np.float64]) -> Iterable[NDArray[np.float64]]:
+    """(y, x) each change of one band's picture by light that is exchanged."""
+    if field.acts == "neighbours":
+        return (with_neighbours(image, step) for step in neighbour_steps(field.radius))
+    if field.acts == "lines":
+        return along_lines(image)
+    return (with_halo(image, width) for width in HALO_WIDTHS_PX)
 
 
 def _moved(light: Light) -> NDArray[np.float64]:

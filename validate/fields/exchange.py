@@ -1,4 +1,4 @@
-"""Light that a pixel exchanges with others: neighbours on opposite sides, and wide Gaussians."""
+"""Light that a pixel exchanges with others: neighbours on opposite sides, along lines, and wide Gaussians."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-__all__ = ["HALO_WIDTHS_PX", "neighbour_steps", "with_halo", "with_neighbours"]
+__all__ = ["HALO_WIDTHS_PX", "along_lines", "neighbour_steps", "with_halo", "with_neighbours"]
 
 #: Standard deviations of the Gaussians of a halo, px.
 HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -21,6 +21,17 @@ def with_neighbours(signal: NDArray[np.float64], step: tuple[int, int]) -> NDArr
     """(y, x) mean of the two neighbours at a step less the pixel: such an exchange moves nothing."""
     ends = [shift(signal, np.multiply(sign, step), order=0, mode="nearest") for sign in (1, -1)]
     return np.asarray(sum(ends) / 2 - signal)
+
+
+def along_lines(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, y, x) exchange along rows less that along columns, and along the falling less that along the rising diagonal.
+
+    Two numbers make any blur along a line out of a round one, to second order in its length.
+    """
+    return np.array([
+        with_neighbours(signal, (0, 1)) - with_neighbours(signal, (1, 0)),
+        with_neighbours(signal, (1, 1)) - with_neighbours(signal, (1, -1)),
+    ])  # fmt: skip
 
 
 def with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:

@@ -19,17 +19,21 @@ from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"]
 
-#: offset: DN added to counts. gain: counts above dark. displacement: px to the right, then down. neighbours: light
-#: exchanged with pixels on opposite sides. halo: light exchanged with Gaussians. lamp: its radiance. reflectance: of
-#: surfaces, relative. irradiance: over pi, relative to the lamp's radiance. radiance: of surfaces, relative to the
-#: lamp's, that lights nothing else. front: the part hidden by a thing, whose radiance is relative to the lamp's.
+#: offset: DN added to counts. gain: counts above dark. previous: counts above dark of the frames before, as listed in
+#: the fitted capture. displacement: px to the right, then down. neighbours: light exchanged with pixels on opposite
+#: sides. lines: more along a line than across it. halo: light exchanged with Gaussians. lamp: its radiance.
+#: reflectance: of surfaces, relative. irradiance: over pi, relative to the lamp's radiance. radiance: of surfaces,
+#: relative to the lamp's, that lights nothing else. front: the part hidden by a thing, whose radiance is relative to
+#: the lamp's.
 Acts = Literal[
-    "offset", "gain", "displacement", "neighbours", "halo",
+    "offset", "gain", "previous", "displacement", "neighbours", "lines", "halo",
     "lamp", "reflectance", "irradiance", "radiance", "front",
 ]  # fmt: skip
 
 #: What acts on the picture or on counts, by maps over the picture.
-ON_SENSOR: tuple[Acts, ...] = ("offset", "gain", "displacement", "neighbours", "halo")
+ON_SENSOR: tuple[Acts, ...] = (
+    "offset", "gain", "previous", "displacement", "neighbours", "lines", "halo",
+)  # fmt: skip
 
 #: Significant digits of numbers in records.
 _DIGITS = 6
@@ -42,7 +46,8 @@ class FittedField:
     acts : see ``Acts``. bands, nm : names and mean wavelengths of the bands it was fitted in. size : rows and columns
     of the picture. image : maps over the picture, None for a field of the scene; radius : of "neighbours", px.
     coefficients : (band, k) of image maps, where displacements have those to the right before those down, and
-    exchanges all of one neighbour or width before those of the next; empty for a field of the scene.
+    exchanges all of one neighbour, line or width before those of the next, and previous frames one of each band;
+    empty for a field of the scene.
     surfaces : maps on surfaces. spectrum : (band,) by which they are multiplied, the relative change of a lamp, or the
     radiance of a thing in front.
     """
@@ -168,7 +173,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
     maps = ImageMaps(
         image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch
     )
-    times = _times(entry.acts, entry.radius)
+    times = _times(entry.acts, entry.radius, len(entry.bands))
     wanted = (len(entry.bands), times * maps.count(entry.size))
     found = (len(entry.coefficients), *{len(row) for row in entry.coefficients})
     if found != wanted:
@@ -180,11 +185,13 @@ def _image_field(entry: _Field, where: str) -> FittedField:
     )  # fmt: skip
 
 
-def _times(acts: Acts, radius: int) -> int:
-    """How often the image maps are used: once, or for every direction, neighbour or width."""
-    return {"displacement": 2, "neighbours": len(neighbour_steps(radius)), "halo": len(HALO_WIDTHS_PX)}.get(
-        acts, 1
-    )
+def _times(acts: Acts, radius: int, bands: int) -> int:
+    """How often the image maps are used: once, or for every direction, neighbour, line, width or band."""
+    several = {
+        "displacement": 2, "neighbours": len(neighbour_steps(radius)), "lines": 2, "halo": len(HALO_WIDTHS_PX),
+        "previous": bands,
+    }  # fmt: skip
+    return several.get(acts, 1)
 
 
 def _surface_map(entry: _Surface, where: str) -> SurfaceMap:
