@@ -9,7 +9,7 @@ from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.explain import explain
-from cboxlab.validate.fields import PointMap, effect_of_diagnosis
+from cboxlab.validate.fields import FittedField, ImageMaps, PointMap, effect_of_diagnosis, field_effect
 from cboxlab.validate.report.explanation import explanation_record
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
@@ -107,3 +107,12 @@ def test_a_field_of_the_sensor_is_for_its_own_bands_and_size(tmp_path):
     _, blur = _written(tmp_path / "..", CAUSES["blur"])
     with pytest.raises(InputError, match="a picture of 48 x 47 px; expected 48 x 48 px"):
         blur.apply(Light(SIGNAL[:, 1:], NM, cornell_camera(SIZE)), amplitude=1.0)
+
+
+def test_a_part_of_the_frames_before_is_added_above_dark():
+    parts = 0.1 * np.eye(BANDS, k=-1)
+    names = tuple(_counts().bands)
+    field = FittedField("previous", names, NM, (SIZE, SIZE), ImageMaps("cosines"), coefficients=parts)
+    changed = _changed(field_effect("persistence", field, "", ""), 2.0)
+    assert np.allclose(changed[0], 0, atol=1e-9)
+    assert np.allclose(changed[1:], 0.2 * SIGNAL[:-1])
