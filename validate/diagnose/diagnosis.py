@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.calibration.capture import Capture
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
 from ..effects import AppliedEffect
-from ..explain import Explanation
+from ..explain import Explanation, explain, smeared
 from ..model import Model
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
@@ -38,7 +39,7 @@ from .linearised_fit import (
 from .search import Candidate
 from .several_captures import FurtherFit, same_camera, settled
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import beats, explained, stands_out
+from .unexplained import beats, excess_of, stands_out
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
 
@@ -153,7 +154,8 @@ def diagnose(
     progress.stage("explaining what remains")
     explanation: Explanation | None = None
     by_effects = start.chi2 - square(residual)
-    remains, smear = explained(prepared, linearised, residual, share(progress, 0.95, 0.97))
+    capture = prepared.calibration.capture
+    remains, smear = _explained(linearised, residual, capture, share(progress, 0.95, 0.97))
     if left or stands_out(remains, linearised.model, residual, by_effects):
         left, explanation = True, remains
     elif stands_out(smear, linearised.model, residual, by_effects):
@@ -163,7 +165,7 @@ def diagnose(
         enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
-        whole, _ = explained(prepared, first, start.residual, share(progress, 0.97, 0.99))
+        whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         # a smear has a round part: one effect that looks like a blur, and a smear beside it, are one cause
         smear_alone = explanation is smear and len(chosen) == 1 and whole.family == smear.family
         if selected == (UNKNOWN,) or smear_alone or beats(whole, start, chosen, square(residual)):
@@ -220,6 +222,14 @@ def _searched(
         # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
         found = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
     return by_size, found
+
+
+def _explained(
+    linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture, progress: Progress
+) -> tuple[Explanation, Explanation]:
+    """What explains a residual (n + 11,), and how far a blur along a line alone does."""
+    excess = excess_of(linearised, residual, capture)
+    return explain(excess, progress), smeared(excess)
 
 
 def _further_fit(validation: Validation, other: Validation, chosen: Sequence[Candidate]) -> FurtherFit:

@@ -1,4 +1,4 @@
-"""What the catalogue leaves, handed to the families of ``explain``, and whether one of them beats the catalogue."""
+"""What the catalogue leaves, as the families of ``explain`` need it, and whether one of them beats the catalogue."""
 
 from __future__ import annotations
 
@@ -10,30 +10,20 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.render.chain import after_stage
 from cboxlab.render.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
-from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from ..compare import Prepared
 from ..effects import catalogue
-from ..explain import LEVELS, NONE, Excess, Explanation, Transport, explain, smeared
+from ..explain import NONE, Excess, Explanation, Transport
 from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
 
-__all__ = ["beats", "excess_of", "explained", "stands_out"]
+__all__ = ["beats", "excess_of", "stands_out"]
 
 #: Probability that a family stands out of noise alone, all families and their forms together.
 _FALSE_ALARM = 0.005
-
-
-def explained(
-    prepared: Prepared, linearised: LinearisedFit, residual: NDArray[np.float64], progress: Progress = QUIET
-) -> tuple[Explanation, Explanation]:
-    """The family that explains a residual (n + 11,), projected, over sigma, and the blur along a line that does."""
-    excess = excess_of(linearised, residual, prepared.calibration.capture)
-    return explain(excess, progress), smeared(excess)
 
 
 def beats(
@@ -47,7 +37,7 @@ def beats(
     if explanation.family == NONE:
         return False
     by_effects = model.chi2 - chi2_left
-    if explanation.family in LEVELS:
+    if explanation.levels:
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
         paid = INDISTINGUISHABLE / 2 * numbers + 2 * len(chosen) * float(np.log(len(catalogue())))
         own = _gain(explanation, model, model.residual) - (explanation.gain - explanation.evidence)
@@ -81,7 +71,7 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
 
 
 def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
-    """The arrays that the families need."""
+    """What a residual (n + 11,), projected, over sigma, gives the families to explain."""
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
     nuisances, left = _nuisance_columns(model, residual)
     used, image = model.used, rendered.image

@@ -21,7 +21,7 @@ from .spot_cells import hot_spot
 from .spots import fits_the_place
 from .surface_forms import surface_forms
 
-__all__ = ["FAMILIES", "LEVELS", "NONE", "Explanation", "Rival", "explain", "smeared"]
+__all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain", "smeared"]
 
 #: Where nothing is left to explain, or no family explains it.
 NONE = "none"
@@ -31,8 +31,8 @@ FAMILIES = (
     "lamp-spectrum", "extra-light", "object", "reflection-lobe", NONE,
 )  # fmt: skip
 
-#: Families of which a band has one number, whatever the place.
-LEVELS = ("time-order", "lamp-spectrum")
+#: Families of which a band has one number, whatever the place, unless a frame's picture is seen in the next one.
+_LEVELS = ("time-order", "lamp-spectrum")
 
 #: A family whose shapes are this much wrong in chi2 is not behind one that follows the residual more closely: the
 #: exchange between patches and first derivatives are no better.
@@ -102,6 +102,11 @@ class Explanation:
     sharp: bool
     effects_leave: float
     field: FittedField | None
+
+    @property
+    def levels(self) -> bool:
+        """Whether it is one number in each band, without any shape in the picture."""
+        return self.family in _LEVELS and self.field is not None and self.field.acts != "previous"
 
     @property
     def runner_up(self) -> str | None:

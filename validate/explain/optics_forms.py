@@ -13,9 +13,9 @@ from ..fields import (
     HALO_WIDTHS_PX,
     Acts,
     ImageMaps,
-    along_lines,
     neighbour_steps,
     with_halo,
+    with_moments,
     with_neighbours,
 )
 from .excess import Excess
@@ -47,9 +47,20 @@ def optics_forms(excess: Excess) -> Iterator[Form]:
 
 
 def smears(excess: Excess) -> Iterator[Form]:
-    """The whole picture blurred along a line."""
-    for form in _spectra(excess, "blur", "along a line", _lines(excess), "lines", ImageMaps("cosines")):
-        yield replace(form, sharp=True, effects_leave=_ROUND_LEAVES)
+    """The whole picture blurred along a line, less what a round blur can imitate of it."""
+    made = _moments(excess)
+    products = np.zeros((3, 3))
+    for band, weight in enumerate(excess.weight.reshape(len(excess.bands), -1)):
+        seen = made(band) * weight
+        products += seen @ seen.T
+    parts = np.column_stack([-products[1:, 0] / max(products[0, 0], 1e-300), np.eye(2)])
+
+    def alone(band: int) -> NDArray[Any]:
+        return (parts @ made(band)).astype(np.float32)
+
+    for form in _spectra(excess, "blur", "along a line", alone, "moments", ImageMaps("cosines")):
+        fit = replace(form.fit, coefficients=form.fit.coefficients @ parts)
+        yield replace(form, fit=fit, columns=made, sharp=True, effects_leave=_ROUND_LEAVES)
 
 
 def _spectra(
@@ -91,9 +102,9 @@ def _near(excess: Excess, basis: NDArray[Any], radius: int) -> Columns:
     return made
 
 
-def _lines(excess: Excess) -> Columns:
+def _moments(excess: Excess) -> Columns:
     def made(band: int) -> NDArray[Any]:
-        return along_lines(excess.signal[band]).reshape(2, -1).astype(np.float32)
+        return with_moments(excess.signal[band]).reshape(3, -1).astype(np.float32)
 
     return made
 

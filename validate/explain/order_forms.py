@@ -89,7 +89,7 @@ def _persistence(excess: Excess, repeats: float) -> Form:
     fit = fixed_spectrum(equations(excess, alone), np.ones(bands))
     fit = replace(fit, coefficients=fit.coefficients * before, evidence=fit.evidence + repeats)
     words = "a part of each frame stays in the next"
-    return Form("time-order", words, fit, lambda _: signal.astype(np.float32), "previous", _EVEN, sharp=True)
+    return Form("time-order", words, fit, lambda _: signal.astype(np.float32), "previous", _EVEN)
 
 
 def repeats_excess(excess: Excess) -> float:

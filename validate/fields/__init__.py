@@ -2,7 +2,7 @@
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file
-from .exchange import HALO_WIDTHS_PX, along_lines, neighbour_steps, with_halo, with_neighbours
+from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_moments, with_neighbours
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
@@ -16,7 +16,6 @@ __all__ = [
     "PointMap",
     "SurfaceMap",
     "WaveMap",
-    "along_lines",
     "effect_of_diagnosis",
     "effect_text",
     "field_effect",
@@ -24,6 +23,7 @@ __all__ = [
     "load_effect_file",
     "neighbour_steps",
     "with_halo",
+    "with_moments",
     "with_neighbours",
     "write_effect_file",
 ]

@@ -17,7 +17,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import Effect, Parameter
-from .exchange import HALO_WIDTHS_PX, along_lines, neighbour_steps, with_halo, with_neighbours
+from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_moments, with_neighbours
 from .fitted_field import Acts, FittedField
 
 __all__ = ["AMPLITUDE", "field_effect"]
@@ -29,7 +29,7 @@ _STEP_PX = 0.05
 
 _STAGES: dict[Acts, Stage] = {
     "offset": "counts", "gain": "counts", "previous": "counts",
-    "displacement": "optics", "neighbours": "optics", "lines": "optics", "halo": "optics",
+    "displacement": "optics", "neighbours": "optics", "moments": "optics", "halo": "optics",
     "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
     "front": "transport",
 }  # fmt: skip
@@ -105,8 +105,8 @@ def _exchanges(field: FittedField, image: NDArray[np.float64]) -> Iterable[NDArr
     """(y, x) each change of one band's picture by light that is exchanged."""
     if field.acts == "neighbours":
         return (with_neighbours(image, step) for step in neighbour_steps(field.radius))
-    if field.acts == "lines":
-        return along_lines(image)
+    if field.acts == "moments":
+        return with_moments(image)
     return (with_halo(image, width) for width in HALO_WIDTHS_PX)
 
 

@@ -1,4 +1,4 @@
-"""Light that a pixel exchanges with others: neighbours on opposite sides, along lines, and wide Gaussians."""
+"""Light that a pixel exchanges with others: neighbours on opposite sides, and wide Gaussians."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-__all__ = ["HALO_WIDTHS_PX", "along_lines", "neighbour_steps", "with_halo", "with_neighbours"]
+__all__ = ["HALO_WIDTHS_PX", "neighbour_steps", "with_halo", "with_moments", "with_neighbours"]
 
 #: Standard deviations of the Gaussians of a halo, px.
 HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -23,15 +23,14 @@ def with_neighbours(signal: NDArray[np.float64], step: tuple[int, int]) -> NDArr
     return np.asarray(sum(ends) / 2 - signal)
 
 
-def along_lines(signal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, y, x) exchange along rows less that along columns, and along the falling less that along the rising diagonal.
+def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, y, x) exchange all around, along rows less along columns, along the falling less along the rising diagonal.
 
-    Two numbers make any blur along a line out of a round one, to second order in its length.
+    Three numbers make any small blur of the whole picture, to second order in its width.
     """
-    return np.array([
-        with_neighbours(signal, (0, 1)) - with_neighbours(signal, (1, 0)),
-        with_neighbours(signal, (1, 1)) - with_neighbours(signal, (1, -1)),
-    ])  # fmt: skip
+    across, down = (with_neighbours(signal, step) for step in ((0, 1), (1, 0)))
+    falling, rising = (with_neighbours(signal, step) for step in ((1, 1), (1, -1)))
+    return np.array([across + down, across - down, falling - rising])
 
 
 def with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:

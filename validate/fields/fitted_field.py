@@ -21,18 +21,18 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 
 #: offset: DN added to counts. gain: counts above dark. previous: counts above dark of the frames before, as listed in
 #: the fitted capture. displacement: px to the right, then down. neighbours: light exchanged with pixels on opposite
-#: sides. lines: more along a line than across it. halo: light exchanged with Gaussians. lamp: its radiance.
+#: sides. moments: around, and along lines. halo: light exchanged with Gaussians. lamp: its radiance.
 #: reflectance: of surfaces, relative. irradiance: over pi, relative to the lamp's radiance. radiance: of surfaces,
 #: relative to the lamp's, that lights nothing else. front: the part hidden by a thing, whose radiance is relative to
 #: the lamp's.
 Acts = Literal[
-    "offset", "gain", "previous", "displacement", "neighbours", "lines", "halo",
+    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo",
     "lamp", "reflectance", "irradiance", "radiance", "front",
 ]  # fmt: skip
 
 #: What acts on the picture or on counts, by maps over the picture.
 ON_SENSOR: tuple[Acts, ...] = (
-    "offset", "gain", "previous", "displacement", "neighbours", "lines", "halo",
+    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo",
 )  # fmt: skip
 
 #: Significant digits of numbers in records.
@@ -46,7 +46,7 @@ class FittedField:
     acts : see ``Acts``. bands, nm : names and mean wavelengths of the bands it was fitted in. size : rows and columns
     of the picture. image : maps over the picture, None for a field of the scene; radius : of "neighbours", px.
     coefficients : (band, k) of image maps, where displacements have those to the right before those down, and
-    exchanges all of one neighbour, line or width before those of the next, and previous frames one of each band;
+    exchanges all of one neighbour, moment or width before those of the next, and previous frames one of each band;
     empty for a field of the scene.
     surfaces : maps on surfaces. spectrum : (band,) by which they are multiplied, the relative change of a lamp, or the
     radiance of a thing in front.
@@ -186,9 +186,9 @@ def _image_field(entry: _Field, where: str) -> FittedField:
 
 
 def _times(acts: Acts, radius: int, bands: int) -> int:
-    """How often the image maps are used: once, or for every direction, neighbour, line, width or band."""
+    """How often the image maps are used: once, or for every direction, neighbour, moment, width or band."""
     several = {
-        "displacement": 2, "neighbours": len(neighbour_steps(radius)), "lines": 2, "halo": len(HALO_WIDTHS_PX),
+        "displacement": 2, "neighbours": len(neighbour_steps(radius)), "moments": 3, "halo": len(HALO_WIDTHS_PX),
         "previous": bands,
     }  # fmt: skip
     return several.get(acts, 1)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from cboxlab.validate.diagnose.unexplained import beats
 from cboxlab.validate.effects import catalogue
-from cboxlab.validate.explain import LEVELS
 
 
 @pytest.mark.parametrize("numbers", [0, 1, 3])
@@ -18,5 +17,7 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     chosen = [SimpleNamespace(hypothesis=SimpleNamespace(free=(None,) * numbers))] * effects
     paid = effects * (4.6 * numbers + 2 * np.log(len(catalogue())))
     for own, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
-        explanation = SimpleNamespace(family=next(iter(LEVELS)), change=None, gain=50.0, evidence=50.0 + own)
+        explanation = SimpleNamespace(
+            family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own
+        )
         assert beats(explanation, model, chosen, 4000.0) == wins

@@ -91,6 +91,19 @@ def test_repeats_that_differ_speak_for_the_order_in_time():
     assert explain(small_excess(levels, jumps)).family == "time-order"
 
 
+def test_what_stays_of_the_frame_before_is_a_matter_of_order():
+    """Bands are taken as b1, b2, b0, b3, twice each; 4 % of every frame is seen again in the next."""
+    pictures = np.array([np.rot90(picture, turns) for turns, picture in enumerate(SIGNAL)])
+    mean = pictures / 2
+    mean[[2, 0, 3]] += pictures[[1, 2, 0]] / 2
+    found = explain(replace(small_excess(0.04 * mean), signal=pictures))
+    assert (found.family, found.words) == ("time-order", "a part of each frame stays in the next")
+    assert found.field.acts == "previous" and not found.levels
+    taken = np.diag([0.02] * 4)
+    taken[[2, 0, 3], [1, 2, 0]] = 0.02
+    np.testing.assert_allclose(found.field.coefficients, taken, atol=0.002)
+
+
 def test_a_fringe_in_one_band_is_a_gain_of_that_band():
     change = np.zeros(SIGNAL.shape)
     change[1] = 0.02 * SIGNAL[1] * np.sin(0.9 * COLUMNS + 0.3 * ROWS)

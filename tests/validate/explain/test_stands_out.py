@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.unexplained import stands_out
-from cboxlab.validate.explain import explain
+from cboxlab.validate.explain import explain, smeared
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from scipy.ndimage import shift
 
 DRAW = np.random.default_rng(5)
 
@@ -48,3 +49,24 @@ def test_noise_has_no_pattern(seed):
 
 def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
     assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))
+
+
+def _exchanged(*steps):
+    """A tenth of the light goes to pixels at these steps (down, right) and opposite to them."""
+    ends = [shift(SIGNAL, (0, s * d, s * r), order=0, mode="nearest") for d, r in steps for s in (1, -1)]
+    return 0.1 * (np.mean(ends, axis=0) - SIGNAL)
+
+
+@pytest.mark.parametrize("step", [(0, 1), (1, 0), (1, 1), (1, -1)], ids=str)
+def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step):
+    smear, blur = _exchanged(step), _exchanged((0, 1), (1, 0))
+    gain = np.sum((smear / SIGMA) ** 2)
+    for change, by_effects, seen in (
+        (smear, gain, True),
+        (smear, 200 * gain, False),
+        (blur, 0.0, False),
+    ):
+        excess = small_excess(change)
+        model = _model(excess)
+        found = smeared(excess)
+        assert stands_out(found, model, model.residual, by_effects) == seen
