@@ -8,10 +8,12 @@ from cboxlab.render.device.variant import compiled
 from cboxlab.render.visibility import build_tracer, pixel_coverage
 from cboxlab.render.visibility.tracer import in_a_tree
 from cboxlab.scenes import cornell_box, cornell_camera
+from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, SAMPLES = 40, 256
+TURNED = Rotation.from_euler("yxz", [4.0, -3.0, 10.0], degrees=True).as_matrix()
 
 
 def cameras():
@@ -23,6 +25,7 @@ def cameras():
         "inside, past a block": inside,
         "wide, from within": replace(inside, focal_length_px=0.2 * published.focal_length_px),
         "askew, sees backs": replace(published, position_mm=np.array([540.0, 300.0, -500.0])),
+        "turned and tilted": replace(published, rotation=TURNED @ published.rotation),
         "in the plane of a wall": replace(published, position_mm=np.array([300.0, 0.0, -800.0])),
     }
 
