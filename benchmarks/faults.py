@@ -8,6 +8,8 @@ later run skips those. Printed at the end: cases and failures by kind and comman
 - kill: SIGKILL to the whole process group, at a random moment of the command for even numbers, while it writes for odd
   ones. What stands under a final name must be that of an undisturbed run, to the byte, or what lay there before; the
   same command again must end well and leave the same files and no others.
+- stop: one run is stopped (SIGSTOP) at 20 random moments, every other of them while it writes, and what SIGKILL would
+  leave then is copied. Of each copy as of a kill; copies of the same content are run again once.
 - pair: two at once into one folder and one cache. At least one must succeed, the other may refuse an existing folder.
 - full: no file may be longer than some bytes (RLIMIT_FSIZE, its signal ignored): exit code 2.
 - disk, cache: a file system that is too small for the results (exit code 2) or for the cache (all results, or exit
@@ -18,6 +20,7 @@ later run skips those. Printed at the end: cases and failures by kind and comman
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import random
@@ -41,6 +44,9 @@ TIMES = re.compile(rb"\d{4}-\d\d-\d\d[ T][0-9:.+]+|\b\d+(\.\d+)? s\b|\"(seconds|
 
 #: Whether commands are run in forks of this process.
 FORKED = False
+
+#: Moments of one run of "stop".
+STOPS = 20
 
 #: Words of refusals: the result is there already, or another one was first.
 TAKEN = ("exists already", "is there already", "another content than when")
@@ -89,6 +95,11 @@ def unfinished(name: str) -> bool:
     return "-unfinished-" in name or name.endswith(".passes")
 
 
+def finished(place: Path) -> dict[str, bytes]:
+    """Contents of the results that stand under their final names."""
+    return {n: c for n, c in files(place).items() if not any(unfinished(part) for part in Path(n).parts)}
+
+
 class Undisturbed:
     """What a command leaves when nothing disturbs it, by two runs. writing : from when to when files appear, s."""
 
@@ -111,6 +122,7 @@ class Undisturbed:
             if code:
                 raise RuntimeError(f"{name}: {said}")
             runs.append(files(place))
+        self.sound: set[str] = set()  # states of the folders from which a rerun ended well
         self.kilobytes = {part: _kilobytes(place / part) for part in ("out", "cache")}
         self.whole = runs[0]
         self.steady = {name for name, content in self.whole.items() if runs[1].get(name) == content}
@@ -150,10 +162,48 @@ def kill(place: Path, command: Command, plain: Undisturbed, moment: float, numbe
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
-    there = {n: c for n, c in files(place).items() if not any(unfinished(part) for part in Path(n).parts)}
-    if half := plain.unlike(there):
+    if half := plain.unlike(finished(place)):
         return f"half-written: {half}"
     return plain.fault_of_rerun(place, command)
+
+
+def stop(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    generator = random.Random(moment)
+    span = plain.writing[-1] - plain.writing[0] + 0.2
+    moments = [generator.random() * plain.seconds for _ in range(STOPS // 2)]
+    moments += [plain.writing[0] - 0.1 + generator.random() * span for _ in range(STOPS - STOPS // 2)]
+    copies = []
+    process, begun, still = start(place, command), time.monotonic(), 0.0
+    for wanted in sorted(moments):
+        time.sleep(max(begun + still + wanted - time.monotonic(), 0))
+        if process.poll() is not None:
+            break
+        stopped = time.monotonic()
+        os.killpg(process.pid, signal.SIGSTOP)
+        copies.append(place.with_name(f"stop-{len(copies)}"))
+        shutil.rmtree(copies[-1], ignore_errors=True)
+        shutil.copytree(place, copies[-1], symlinks=True)
+        os.killpg(process.pid, signal.SIGCONT)
+        still += time.monotonic() - stopped
+    ended(process)
+    faults = [_fault_of_copy(copy, command, plain) for copy in copies]
+    return next(filter(None, faults), "")
+
+
+def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:
+    if half := plain.unlike(finished(place)):
+        return f"half-written: {half}"
+    found = set()
+    for path in place.rglob("*"):
+        name, _, temporary = str(path.relative_to(place)).partition("-unfinished-")
+        found.add((name, path.read_bytes() if path.is_file() and not temporary else b""))
+    state = hashlib.sha256(repr(sorted(found)).encode())
+    if state.hexdigest() not in plain.sound:
+        if fault := plain.fault_of_rerun(place, command):
+            return fault
+        plain.sound.add(state.hexdigest())
+    shutil.rmtree(place)
+    return ""
 
 
 def pair(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
@@ -262,7 +312,7 @@ def interrupt(place: Path, command: Command, plain: Undisturbed, moment: float, 
 
 
 KINDS = {
-    "kill": kill, "pair": pair, "full": full, "disk": disk, "cache": cache, "pipe": pipe,
+    "kill": kill, "stop": stop, "pair": pair, "full": full, "disk": disk, "cache": cache, "pipe": pipe,
     "interrupt": interrupt,
 }  # fmt: skip
 

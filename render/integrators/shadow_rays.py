@@ -13,6 +13,9 @@ __all__ = ["Shadow", "shadow_through"]
 #: The part of a shadow ray's length that is its end.
 _END = 1e-4
 
+#: A shadow ray that passes so many boundaries counts as blocked.
+_MOST_BOUNDARIES = 256
+
 
 @dataclass(frozen=True, eq=False)
 class Shadow:
@@ -45,7 +48,7 @@ def shadow_through(
         parts = [dr.select(on, old * new, old) for old, new in zip(parts, passed, strict=True)]
         side = dr.select(dr.dot(direction, hit.normal) < 0, mi.Float(-1), mi.Float(1))
         return (
-            on & through,
+            on & through & (count < _MOST_BOUNDARIES),
             free | (on & ~short),
             count + dr.select(through, mi.UInt32(1), mi.UInt32(0)),
             mi.Point3f(dr.select(through, hit.position + hit.normal * (side * RAY_OFFSET_MM), place)),

@@ -8,7 +8,7 @@ import pytest
 from cboxlab.validate.diagnose import linearised_fit
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
-from cboxlab.validate.diagnose.search import Candidate
+from cboxlab.validate.diagnose.search import Candidate, NumberStep
 from helpers.patterns import COUNT, laboratory, waves
 
 PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.5 * waves(1, 0)}
@@ -73,3 +73,47 @@ def test_errors_shared_and_further_ones_are_counted_each_over_sigma(monkeypatch)
     assert linearised.counting_errors([more]).model == "errors"
     np.testing.assert_allclose(given["signal"], 0.8 * signal)
     np.testing.assert_array_equal(given["others"], [shared[:COUNT, 0], shared[:COUNT, 1], more / sigma])
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.8])
+def test_what_numbers_of_chosen_effects_do_is_left_out_of_further_ones(monkeypatch, scale):
+    """A number that turns one pattern into the other: free is the difference that its step makes, not the pattern."""
+    linearised, known = laboratory(PATTERNS, {"one": 0.8}, scale=scale)
+    chosen, turned = candidate(known, "one", 0.5), candidate(known, "two", 0.3)
+    monkeypatch.setattr(linearised_fit, "steps_of", lambda one: [NumberStep("amount", 1.0, turned)])
+    problem = linearised.problem([chosen])
+    first, second = (np.append(PATTERNS[name].ravel(), np.zeros(11)) for name in PATTERNS)
+    assert np.abs(problem.model.project(0.3 * second - 0.5 * first)).max() < 1e-9
+    assert np.abs(problem.model.project(first)).max() > 0.1
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale):
+    """The picture's own variance counts at the power's square, the camera's noise at the light that it makes."""
+    shape, given = (2, 3, 4), {}
+    picture, own = np.full(shape, 100.0), np.full(shape, 9.0)
+    for name, value in {
+        "camera_jacobian": np.zeros((10, *shape)),
+        "warp_change": 0.0,
+        "tabulation_errors": None,
+    }.items():
+        monkeypatch.setattr(linearised_fit, name, lambda *_, value=value: value)
+    monkeypatch.setattr(linearised_fit, "model_variance", lambda lit: 0.01 * lit)
+    monkeypatch.setattr(linearised_fit, "Predicted", SimpleNamespace)
+    monkeypatch.setattr(linearised_fit, "build_linear_model", lambda **named: given.update(named))
+    calibration = SimpleNamespace(
+        predicted_variance=lambda lit: 2 * lit + 5, noise=SimpleNamespace(rounding_error_dn=0.0)
+    )
+    prepared = SimpleNamespace(
+        calibration=calibration, scene=SimpleNamespace(lamp_radiance=np.ones_like), measured=None, lamp_sigma=0.02,
+        expected_camera=lambda given: None, responses=None,
+    )  # fmt: skip
+    predictor = SimpleNamespace(signal=lambda effects: picture, warp=None)
+    rendered = SimpleNamespace(
+        fit=SimpleNamespace(lamp_scale=scale, camera=None), predictor=predictor, signal=picture, variance=own,
+        used=None, image=SimpleNamespace(coverage=None),
+    )  # fmt: skip
+    linearised_fit.linearised_fit(prepared, rendered, ())
+    lit = 100 * scale
+    np.testing.assert_allclose(given["variance"], 2 * lit + 5 + 0.01 * lit + 9 * scale**2)
+    np.testing.assert_array_equal(given["derivative"][-1], picture)

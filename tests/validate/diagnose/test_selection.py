@@ -57,6 +57,15 @@ def test_three_effects_that_are_all_there_stay():
     assert amounts == pytest.approx({"one": 0.8, "two": 0.5, "three": -0.6}, abs=4 / np.sqrt(COUNT))
 
 
+def test_progress_grows_to_the_whole_while_effects_are_tried():
+    patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1)}
+    linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.7, "three": 0.6})
+    told = []
+    progress = SimpleNamespace(part=told.append)
+    best_singles(linearised.problem(()), [*known.values()], linearised.model.residual, 3, progress=progress)
+    assert told == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1])
+
+
 def test_an_effect_that_a_later_one_made_superfluous_goes():
     patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5})

@@ -1,10 +1,10 @@
-"""When a family of levels beats the effects of the catalogue: both pay for what they may choose."""
+"""When a family of levels beats the effects of the catalogue: both pay for what they may choose; levels of frames."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.unexplained import beats
+from cboxlab.validate.diagnose.unexplained import _repeats, beats
 from cboxlab.validate.effects import catalogue
 
 
@@ -21,3 +21,25 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
             family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own
         )
         assert beats(explanation, model, chosen, 4000.0) == wins
+
+
+def test_levels_of_frames_are_the_lamps_with_their_noise():
+    """Frames of one picture at levels of the lamp; a picture of 5000 samples of 0 to 500 DN, noise of 2 DN."""
+    random = np.random.default_rng(8)
+    picture, levels = random.uniform(0, 500, (50, 100)), np.array([0.99, 1.0, 1.004, 1.006])
+    true = levels / levels.mean() - 1
+    found, stated = [], []
+    for _ in range(50):
+        frames = 100 + levels[:, None, None] * picture + 2 * random.standard_normal((4, 50, 100))
+        capture = SimpleNamespace(
+            band_ids=("lit", "single"), saturation_dn=4000.0, frames=lambda table, lit=frames: lit[: len(table.frames)],
+            band=lambda name: SimpleNamespace(frames=range(4 if name == "lit" else 1)),
+        )  # fmt: skip
+        relative, sigma = _repeats(capture)
+        assert np.isnan(relative[1]).all() and np.isinf(sigma[1])
+        found.append(relative[0])
+        stated.append(sigma[0])
+    # fifty means: four of their standard deviations; levels are relative to light above the darkest, 2.5 DN dimmer
+    scatter = np.std(np.array(found) - np.mean(found, axis=0), ddof=1)
+    assert np.mean(found, axis=0) == pytest.approx(true, rel=0.02, abs=4 * scatter / np.sqrt(50))
+    assert np.mean(stated) == pytest.approx(scatter, rel=0.3)

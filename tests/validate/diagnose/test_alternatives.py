@@ -1,0 +1,33 @@
+"""Which alternatives a capture cannot tell from a selected effect."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.validate.diagnose.alternatives import SelectedEffect
+from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE, SHAPE_ERROR
+
+
+def _candidate(name, chi2):
+    hypothesis = SimpleNamespace(free=(None,), effect=SimpleNamespace(id=name))
+    return SimpleNamespace(chi2=chi2, hypothesis=hypothesis, by_priors=False)
+
+
+def _selected(behind, dispersion, gain):
+    own, other = _candidate("own", 1000.0), _candidate("other", 1000.0 + behind)
+    return SelectedEffect(own, (other,), 1000.0 + gain, np.nan, np.nan, 5000, dispersion)
+
+
+@pytest.mark.parametrize("dispersion", [1.0, 4.0])
+def test_chi2_differences_scatter_by_the_dispersion_which_widens_what_is_not_told_apart(dispersion):
+    limit = INDISTINGUISHABLE * dispersion
+    for behind, told in ((0.99 * limit, False), (1.01 * limit, True)):
+        one = _selected(behind, dispersion, gain=100.0)
+        assert (not one.indistinguishable) == told
+        assert one.certainty == pytest.approx(np.sqrt(100.0 / dispersion))
+
+
+def test_of_a_large_effect_the_errors_of_shapes_count():
+    limit = SHAPE_ERROR * 1e5
+    assert _selected(0.99 * limit, 1.0, gain=1e5).indistinguishable
+    assert not _selected(1.01 * limit, 1.0, gain=1e5).indistinguishable

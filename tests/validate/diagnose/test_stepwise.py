@@ -1,0 +1,46 @@
+"""What surveys tolerate, in the picture, and when the picture is rendered again."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validate.diagnose import stepwise
+from cboxlab.validate.diagnose.stepwise import refitted, tolerated_changes
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scale):
+    """A step of 0.2 mm changes 3 DN; a tolerance of 0.05 mm is a quarter of it. Numbers without any are left out."""
+    free = (SimpleNamespace(tolerance=0.05), SimpleNamespace(tolerance=0.0))
+    one = SimpleNamespace(
+        hypothesis=SimpleNamespace(free=free), steps=(0.2, 1.0), changes=(np.array([3.0, -3.0]), np.ones(2))
+    )
+    (found,) = tolerated_changes(SimpleNamespace(scale=scale), [one, SimpleNamespace(changes=None)])
+    np.testing.assert_allclose(found, scale * np.array([0.75, -0.75]))
+
+
+@pytest.mark.parametrize(("moved_mm", "renderings"), [(0.0, 0), (30.0, 1)])
+def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, renderings):
+    """The fit first finds the camera 30 mm (some pixels) beside where the picture was rendered from, then there."""
+    before = cornell_camera(32)
+    after = before.with_parameters(before.parameters + np.array([moved_mm, *np.zeros(9)]))
+    made = []
+
+    def rendered_from(prepared, light, camera, *rest):
+        made.append(camera)
+        return SimpleNamespace(camera=camera)
+
+    monkeypatch.setattr(
+        stepwise, "refitted_picture", lambda *_: SimpleNamespace(fit=SimpleNamespace(camera=after))
+    )
+    monkeypatch.setattr(stepwise, "replace", lambda one, **_: one)
+    monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
+    monkeypatch.setattr(stepwise, "linearised_fit", lambda prepared, altered, given: altered.fit.camera)
+    predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
+    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None), predictor=predictor, given=())
+    validation = SimpleNamespace(
+        prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
+    )
+    assert refitted(validation, linearised, []) is after
+    assert made == [after] * renderings
