@@ -176,8 +176,8 @@ def stop(place: Path, command: Command, plain: Undisturbed, moment: float, numbe
     process, begun, still = start(place, command), time.monotonic(), 0.0
     for wanted in sorted(moments):
         time.sleep(max(begun + still + wanted - time.monotonic(), 0))
-        if process.poll() is not None:
-            break
+        if process.poll() is not None or not _in_own_group(process.pid):
+            continue
         stopped = time.monotonic()
         os.killpg(process.pid, signal.SIGSTOP)
         copies.append(place.with_name(f"stop-{len(copies)}"))
@@ -188,6 +188,11 @@ def stop(place: Path, command: Command, plain: Undisturbed, moment: float, numbe
     ended(process)
     faults = [_fault_of_copy(copy, command, plain) for copy in copies]
     return next(filter(None, faults), "")
+
+
+def _in_own_group(pid: int) -> bool:
+    """Not in the first moments of a fork."""
+    return os.getpgid(pid) == pid
 
 
 def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:

@@ -1,10 +1,13 @@
 """Two stacks of planes whose errors are estimated from few batches each."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.compare.stacks import Stack, compare_stacks
+import xarray as xr
+from cboxlab.validate.compare import stacks
+from cboxlab.validate.compare.stacks import Stack, compare_stacks, read_stack
 
 SHAPE = (3, 100, 100)
 
@@ -38,3 +41,34 @@ def test_the_rows_are_means_and_squares_by_hand():
         assert row.relative_mean == pytest.approx(difference.sum() / b.values[plane].sum())
         chi2 = np.mean(difference**2 / (a.variance[plane] + b.variance[plane]))
         assert row.chi2_per_pixel == pytest.approx(chi2)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twice(
+    monkeypatch, tmp_path, stated
+):
+    """Two bands of one second and of four, at f/8 and 50 mm from lens to image where these are stated."""
+    seconds = np.array([1.0, 4.0])
+    signal, planes = np.array([[[100.0, 200.0]], [[400.0, 800.0]]]), ("band", "y", "x")
+    images = xr.Dataset(
+        {
+            "signal": (planes, signal),
+            "variance": (planes, signal),
+            "mask": (planes, np.array([[[0, 0]], [[0, 1]]])),
+        }
+    )
+    bands = [SimpleNamespace(exposure_s=t) for t in seconds]
+    capture = SimpleNamespace(manifest=SimpleNamespace(band=bands), band_ids=("a", "b"))
+    optics = (8.0 * 50.0) ** 2 if stated else 1.0
+    monkeypatch.setattr(stacks, "load_capture", lambda folder: capture)
+    monkeypatch.setattr(
+        stacks, "calibrate", lambda capture: SimpleNamespace(capture=capture, images=images, camera=None)
+    )
+    monkeypatch.setattr(
+        stacks, "optical_factor", lambda _, band: band.exposure_s / optics if stated else None
+    )
+    monkeypatch.setattr(stacks, "instrument_of", lambda *_: None)
+    found = read_stack(tmp_path)
+    np.testing.assert_allclose(found.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))
+    np.testing.assert_allclose(found.variance, optics**2 * np.array([[[100, 200]], [[25, 50]]]))
+    assert found.unit == ("DN s^-1 mm^2" if stated else "DN s^-1")
