@@ -61,6 +61,8 @@ EQUIVALENT = {
     ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "what is told of the progress",
     ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
     ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
+    ("validate/diagnose/further_captures.py", "surveyed(step.after.applied) - here"):
+    "camera's own columns are in the design: another combination of the same columns",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
 }  # fmt: skip
 
