@@ -1,18 +1,22 @@
 """Rays against a few dozen flat faces inside the compiled kernel, without a tree.
 
 Each face is a convex polygon of one or two triangles. A ray meets its plane at t; the point is inside where four
-linear functions of its two coordinates in the plane, distances from the edges in mm, are positive. All faces are
-tried one after the other, without branches: for a few dozen that takes less time than Embree's tree.
+linear functions of its two coordinates in the plane, distances from the edges in mm, are positive. Faces that bound a
+convex body need no such functions, see ``convex_bodies``. All faces are tried one after the other, without branches:
+for a few dozen that takes less time than Embree's tree.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
+from .convex_bodies import ConvexBody, convex_bodies
 
 __all__ = ["MOST_FACES", "FlatFaces", "flat_faces"]
 
@@ -45,15 +49,17 @@ class FlatFaces:
     """Faces for ``ray_intersect_preliminary`` and ``ray_test``, which answer as Mitsuba's scene does.
 
     planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
-    the plane's a is the face's normal. Triangles have a side twice. rows : for each face 18 numbers of one lane: plane
-    (n, n . p), axes (u, u . p), (v, v . p), and two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for
-    directions. hull : for each face, whether it lies on the scene's convex hull. overlap_mm : how far faces reach
-    beyond edges. triangles : (f, 2) of each face, the second where the diagonal's line, a row (f, 4) of the position,
-    is positive. coordinates : (t, 2, 4) rows of barycentric coordinates.
+    the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones.
+    rows : of each other face, by its index, 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
+    two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for directions. hull : for each face, whether it lies on
+    the scene's convex hull. overlap_mm : how far faces of ``rows`` reach beyond edges. triangles : (f, 2) of each face,
+    the second where the diagonal's line, a row (f, 4) of the position, is positive. coordinates : (t, 2, 4) rows of
+    barycentric coordinates.
     """
 
     planes: NDArray[np.float64]
-    rows: tuple[tuple[mi.Float, ...], ...]
+    bodies: tuple[ConvexBody, ...]
+    rows: Mapping[int, tuple[mi.Float, ...]]
     hull: tuple[bool, ...]
     overlap_mm: float
     diagonals: mi.Float
@@ -65,13 +71,19 @@ class FlatFaces:
     ) -> Nearest:
         """The nearest face of each lane's ray; of one at the same distance as another the first."""
         nearest = dr.select(mi.Bool(active), ray.maxt, -1.0)
-        face = dr.full(mi.UInt32, len(self.rows), 1)
-        for index, row in enumerate(self.rows):
+        none = len(self.planes)
+        face = dr.full(mi.UInt32, none, 1)
+        for index, row in self.rows.items():
             t, inside = self._met(row, ray)
             hit = inside & (t > 0) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
             face = dr.select(hit, index, face)
-        valid = face < len(self.rows)
+        for body in self.bodies:
+            t, own = body.met(ray, none)
+            hit = (own < none) & (t < nearest)
+            nearest = dr.select(hit, t, nearest)
+            face = dr.select(hit, own, face)
+        valid = face < none
         position = ray(nearest)
         line = dr.gather(mi.Vector4f, self.diagonals, face, valid)
         second = _line(line, position) > 0
@@ -86,10 +98,16 @@ class FlatFaces:
         enclosed : both ends lie within the scene's convex hull, whose faces then cannot be between them.
         """
         blocked = mi.Bool(False)
-        for row, hull in zip(self.rows, self.hull, strict=True):
-            if not (enclosed and hull):
+        for index, row in self.rows.items():
+            if not (enclosed and self.hull[index]):
                 t, inside = self._met(row, ray)
                 blocked |= inside & (t > 0) & (t < ray.maxt)
+        for body in self.bodies:
+            if enclosed and body.shut:
+                blocked |= body.blocks(ray)
+            else:
+                t, own = body.met(ray, len(self.planes))
+                blocked |= (own < len(self.planes)) & (t < ray.maxt)
         return blocked & active
 
     def _met(self, row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
@@ -116,9 +134,15 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     corners = vertices.reshape(-1, 3)
     planes = np.array([_planes(outline) for outline, _ in polygons])
     height = corners @ planes[:, 0, :3].T - planes[:, 0, 3]
+    bodies = convex_bodies([outline for outline, _ in polygons], planes[:, 0, :3])
+    of_bodies = {face for body in bodies for face in body.faces}
+    loose = [index for index in range(len(polygons)) if index not in of_bodies]
     return FlatFaces(
         planes=planes,
-        rows=tuple(tuple(dr.opaque(mi.Float, float(value)) for value in _row(own)) for own in planes),
+        bodies=bodies,
+        rows=MappingProxyType(
+            {i: tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i])) for i in loose}
+        ),
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=_OVERLAP * float(np.ptp(corners, axis=0).max()),
         diagonals=device_array(mi.Float, [_diagonal(outline) for outline, _ in polygons]),

@@ -109,8 +109,8 @@ def test_no_ray_leaves_a_closed_box():
     share[: COUNT // 10] = 0  # corners
     target = corners[:, 0] + share * (corners[:, 1] - corners[:, 0])
     middle = vertices.reshape(-1, 3).mean(axis=0)
-    origin = middle + rng.uniform(-200, 200, (COUNT, 3)) @ np.linalg.qr(vertices[0] - middle)[0]
-    origin = middle + 0.9 * (origin - middle)
+    origin = rng.dirichlet(np.full(vertices.size // 3, 0.1), COUNT) @ vertices.reshape(-1, 3)
+    origin = middle + 0.99 * (origin - middle)
     origin[::3] = middle + 0.999 * (target - middle)[::-1][::3]  # near a wall, often along it
     assert asked(faces, rays(origin, target - origin))[0].all()
 
@@ -146,3 +146,71 @@ def test_many_faces_are_left_to_a_tree():
     vertices = np.random.default_rng(1).random((MOST_FACES + 1, 3, 3))
     assert flat_faces(vertices, np.arange(len(vertices))) is None
     assert isinstance(flat_faces(vertices[:-1], np.arange(len(vertices) - 1)), FlatFaces)
+
+
+def block(seed=None):
+    """Five faces of a block without its underside, outwards; turned where a seed is given."""
+    quads = 200 * BOX[[1, 2, 3, 4, 5]] + 100 * np.array([1, 0, 1])
+    found = triangles(quads[:, ::-1] if _outwards(quads) < 0 else quads)
+    return found if seed is None else turned(found, seed)
+
+
+def _outwards(quads):
+    normals = np.cross(quads[:, 1] - quads[:, 0], quads[:, 2] - quads[:, 1])
+    return float(np.min(np.einsum("ij,ij->i", normals, quads.mean(axis=1) - quads.mean(axis=(0, 1)))))
+
+
+@pytest.mark.parametrize("seed", [None, 4])
+def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(seed):
+    """From outside, from inside, and through the open side, which has no face."""
+    vertices = block(seed)
+    faces, tree, _ = both(vertices)
+    (body,) = faces.bodies
+    assert not faces.rows and sorted(f for f in body.faces if f is not None) == [0, 1, 2, 3, 4]
+    assert body.faces.count(None) == 1 and body.shut
+    rng = np.random.default_rng(5)
+    middle = vertices.reshape(-1, 3).mean(axis=0)
+    ray = rays(middle + rng.uniform(-400, 400, (COUNT, 3)), directions(rng))
+    (hit, t, triangle, _), (hit_tree, t_tree, triangle_tree, _) = asked(faces, ray), asked(tree, ray)
+    met = hit & hit_tree
+    differs = hit != hit_tree
+    differs[met] |= np.abs(t[met] - t_tree[met]) > 0.1
+    assert differs.sum() <= 20
+    assert 0.02 < hit.mean() < 0.5
+    assert (triangle[hit & ~differs] == triangle_tree[hit & ~differs]).mean() > 0.999
+    ray.maxt = 250.0
+    blocked, blocked_tree = (
+        np.array(a.ray_test(ray, active=mi.Bool(True))).astype(bool) for a in (faces, tree)
+    )
+    assert (blocked != blocked_tree).sum() <= 20
+
+
+def test_what_is_no_convex_body_stays_single_faces():
+    """A block with a face that looks inwards, one with a dent, and walls seen from inside."""
+    good = block()
+    inwards = good.copy()
+    inwards[[0, 5]] = inwards[[0, 5], ::-1]
+    dent = good.copy()
+    dent[np.all(np.isclose(dent, good[0, 0]), axis=-1)] += 0.5 * (
+        good.reshape(-1, 3).mean(axis=0) - good[0, 0]
+    )
+    for vertices in (inwards, dent, good[:, ::-1]):
+        faces, _, _ = both(vertices)
+        assert not faces.bodies and len(faces.rows) == len(faces.planes)
+
+
+def test_a_block_above_the_floor_is_entered_from_below_too():
+    """Its open side is then not on the scene's hull: what is inside is met from there."""
+    floor = np.array(
+        [[[0, 0, 0], [0, 0, 500], [500, 0, 500]], [[0, 0, 0], [500, 0, 500], [500, 0, 0]]], float
+    )
+    vertices = np.concatenate([floor, block() + np.array([0, 50, 0])])
+    faces, tree, _ = both(vertices)
+    (body,) = faces.bodies
+    assert not body.shut
+    start = np.array([[200.0, 1.0, 200.0], [200.0, 1.0, 20.0]])
+    ray = rays(start, np.array([[0.0, 1, 0.1], [0, 1, 0.1]]))
+    ray.maxt = 1000.0
+    for enclosed in (False, True):
+        assert np.array(faces.ray_test(ray, enclosed=enclosed)).tolist() == [True, False]
+    assert np.array(tree.ray_test(ray)).tolist() == [True, False]
