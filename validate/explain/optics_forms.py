@@ -19,7 +19,7 @@ from ..fields import (
     with_neighbours,
 )
 from .excess import Excess
-from .field import each_band, fixed_spectrum
+from .field import FieldFit, each_band, fixed_spectrum
 from .form import Columns, Form, equations
 
 __all__ = ["optics_forms", "smears"]
@@ -30,6 +30,9 @@ _RADIUS = 2
 #: Errors of a round blur are round: of a defocus' chi2 at most 0.006 was left along a line in captures of another
 #: simulator, where a smear of 0.7 px along a diagonal left 0.03.
 _ROUND_LEAVES = 0.01
+
+#: At 0, 45, 90 and 135 degrees from the rows, downwards.
+_LINES = "the rows", "the falling diagonal", "the columns", "the rising diagonal"
 
 
 def optics_forms(excess: Excess) -> Iterator[Form]:
@@ -60,7 +63,15 @@ def smears(excess: Excess) -> Iterator[Form]:
 
     for form in _spectra(excess, "blur", "along a line", alone, "moments", ImageMaps("cosines")):
         fit = replace(form.fit, coefficients=form.fit.coefficients @ parts)
-        yield replace(form, fit=fit, columns=made, sharp=True, effects_leave=_ROUND_LEAVES)
+        words = form.words.replace("along a line", f"along {_direction(form.fit)}")
+        yield replace(form, words=words, fit=fit, columns=made, sharp=True, effects_leave=_ROUND_LEAVES)
+
+
+def _direction(fit: FieldFit) -> str:
+    """Along which of four lines a blur is, from its two numbers in each band: v cos(2 a) / 2 and v sin(2 a) / 4, v its
+    variance and a the angle from the rows, downwards. Sharp edges leave errors of up to twenty degrees."""
+    across, diagonal = fit.size @ fit.coefficients
+    return _LINES[round(np.arctan2(2 * diagonal, across) / (np.pi / 2)) % 4]
 
 
 def _spectra(

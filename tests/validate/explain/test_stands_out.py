@@ -57,8 +57,18 @@ def _exchanged(*steps):
     return 0.1 * (np.mean(ends, axis=0) - SIGNAL)
 
 
-@pytest.mark.parametrize("step", [(0, 1), (1, 0), (1, 1), (1, -1)], ids=str)
-def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step):
+@pytest.mark.parametrize(
+    ("step", "line"),
+    [
+        ((0, 1), "the rows"),
+        ((1, 0), "the columns"),
+        ((1, 1), "the falling"),
+        ((1, -1), "the rising"),
+        ((1, 2), "the f"),
+    ],
+    ids=str,
+)
+def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step, line):
     smear, blur = _exchanged(step), _exchanged((0, 1), (1, 0))
     gain = np.sum((smear / SIGMA) ** 2)
     for change, by_effects, seen in (
@@ -70,3 +80,4 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step)
         model = _model(excess)
         found = smeared(excess)
         assert stands_out(found, model, model.residual, by_effects) == seen
+        assert change is blur or found.words.startswith(f"along {line}")
