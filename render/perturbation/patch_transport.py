@@ -164,7 +164,7 @@ def _traced(
     dr.eval(direct, escaped, seen, glow, on_lamp, matrix)
     scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
     counts = np.array(matrix)[: fragments * len(patches)]
-    met = np.flatnonzero(counts)
+    met = np.flatnonzero(counts != 0)  # of booleans, in less than half the time
     row, column = np.divmod(met, len(patches))
     # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice
     ends = np.searchsorted(row, np.arange(fragments + 1)).astype(np.int32)
