@@ -166,9 +166,7 @@ def diagnose(
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
         whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        # a smear has a round part: one effect that looks like a blur, and a smear beside it, are one cause
-        smear_alone = explanation is smear and len(chosen) == 1 and whole.family == smear.family
-        if selected == (UNKNOWN,) or smear_alone or beats(whole, start, chosen, square(residual)):
+        if selected == (UNKNOWN,) or beats(whole, start, chosen, square(residual), explanation):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual

@@ -27,15 +27,20 @@ _FALSE_ALARM = 0.005
 
 
 def beats(
-    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], chi2_left: float
-) -> bool:
+    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], chi2_left: float,
+    beside: Explanation | None = None,
+) -> bool:  # fmt: skip
     """Whether a family alone explains more of the excess of the model as given than the effects that leave chi2_left.
 
     It must do so by more than the errors of the effects' shapes, and of the picture. Levels of bands have no shape in
-    the picture: there both pay for their free numbers, and effects for being chosen from the catalogue.
+    the picture: there both pay for their free numbers, and effects for being chosen from the catalogue. beside : what
+    explains what the effects leave. A smear has a round part: one effect that looks like a blur, and a smear beside it,
+    are one cause.
     """
     if explanation.family == NONE:
         return False
+    if beside is not None and beside.smear and len(chosen) == 1 and explanation.family == beside.family:
+        return True
     by_effects = model.chi2 - chi2_left
     if explanation.levels:
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)

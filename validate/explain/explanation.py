@@ -109,6 +109,11 @@ class Explanation:
         return self.family in _LEVELS and self.field is not None and self.field.acts != "previous"
 
     @property
+    def smear(self) -> bool:
+        """Whether it is a blur along a line."""
+        return self.field is not None and self.field.acts == "moments"
+
+    @property
     def runner_up(self) -> str | None:
         """The next family."""
         return self.rivals[1].family if len(self.rivals) > 1 else None

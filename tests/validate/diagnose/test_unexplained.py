@@ -23,6 +23,24 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
         assert beats(explanation, model, chosen, 4000.0) == wins
 
 
+@pytest.mark.parametrize(
+    ("family", "smear", "effects", "wins"),
+    [
+        ("blur", True, 1, True),
+        ("blur", True, 2, False),
+        ("blur", False, 1, False),
+        ("object", True, 1, False),
+    ],
+)
+def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, wins):
+    """Though the effect explains more alone: a round blur takes most of what a smear does."""
+    model = SimpleNamespace(chi2=5000.0, count=2000)
+    whole = SimpleNamespace(family=family, levels=False, evidence=100.0)
+    beside = SimpleNamespace(family="blur", smear=smear)
+    assert beats(whole, model, [None] * effects, 4000.0, beside) == wins
+    assert not beats(whole, model, [None] * effects, 4000.0)
+
+
 def test_levels_of_frames_are_the_lamps_with_their_noise():
     """Frames of one picture at levels of the lamp; a picture of 5000 samples of 0 to 500 DN, noise of 2 DN."""
     random = np.random.default_rng(8)
