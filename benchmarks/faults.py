@@ -34,6 +34,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from faults_commands import COMMANDS, MADE, Command
@@ -213,8 +214,8 @@ def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:
 
 def pair(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
     both = [start(place, command)]
-    time.sleep(moment * 0.5)
-    both.append(start(place, command))
+    time.sleep(moment * min(0.5, plain.seconds))
+    both.append(start(place, replace(command, laid=())))
     ends = [ended(one) for one in both]
     bad = [said for code, said in ends if code and not (code == 2 and any(words in said for words in TAKEN))]
     if bad or all(code for code, _ in ends):
