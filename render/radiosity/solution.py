@@ -23,12 +23,8 @@ from .patches import Patches, patch_of, patch_points
 __all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
 
 
-#: What is left out of a short sum of products, of its largest value.
+#: Relative accuracy of the radiosity solution, which contributes about a quarter of a picture's light.
 TOLERANCE = 1e-5
-
-#: Relative residual, of the norm over all patches, at which the reduced basis suffices. In the published box the basis
-#: of eight bounces leaves 3e-5 to 6e-5, that of twelve no less.
-_SUFFICES = 1e-4
 
 #: Relative residual of ``solve``, a few times the rounding of its single precision.
 _ACCURACY = 1e-6
@@ -39,8 +35,8 @@ _MOST_STEPS = 200
 #: A patch passes on no more than 1 of its light; single precision sums it to a few parts in a million.
 _ENERGY = 1e-3
 
-_SNAPSHOTS = 7
-_MOST_BOUNCES = 12
+#: The reduced basis begins with so many bounces at so many wavelengths, and is extended so often at most.
+_SNAPSHOTS, _BOUNCES, _MOST_EXTENSIONS = 7, 4, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,11 +231,12 @@ def indirect_basis(
     """The patches' indirectly lit radiance rho F b under one lamp at all wavelengths, as a short sum of products.
 
     material : (p,) of each patch. reflectances : (material, w). Returns coefficients (p, k) and spectra
-    (k, w) with coefficients @ spectra = rho F b within about _SUFFICES of its largest value.
+    (k, w) with coefficients @ spectra = rho F b. What the sum leaves out is below TOLERANCE of the largest product: a
+    few 1e-5 of the light, up to 2e-4 of the brightest patch's at single wavelengths.
 
     After many reflections the spatial distribution of light is similar at all wavelengths. So b is computed by a
-    Galerkin method in a reduced basis of the first few bounces at a few wavelengths, which is extended until
-    b = rho (e + F b) holds at every wavelength.
+    Galerkin method in a reduced basis of the first few bounces at a few wavelengths, which is extended by what is left
+    of b = rho (e + F b) until that holds at every wavelength.
     """
     direct = exchange.direct[:, lamp, None]
     if not (direct * reflectances[material]).any():
@@ -270,38 +267,40 @@ def _reduced_solution(
     """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
     rho = reflectances[material]
     chosen = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
-    bounce = (rho[:, chosen] * direct).astype(np.float32)
-    bounces = [bounce]
-    for _ in range(_MOST_BOUNCES):
-        bounce = (rho[:, chosen] * (form_factors @ bounce)).astype(np.float32)
-        bounces.append(bounce)
-        if len(bounces) % 4:
-            continue
-        columns = np.hstack(bounces).astype(np.float64)
-        singular, vectors = np.linalg.eigh(columns.T @ columns)
-        left, singular = columns @ vectors, np.sqrt(np.maximum(singular, 0))
-        space = np.linalg.qr(left[:, singular > 1e-6 * singular[-1]])[0]
-        transported = form_factors @ space.astype(np.float32)
-        amplitudes, residual = _galerkin(
-            space, transported.astype(np.float64), material, reflectances, direct
-        )
-        if residual < _SUFFICES:
+    bounces = [(rho[:, chosen] * direct).astype(np.float32)]
+    for _ in range(_BOUNCES):
+        bounces.append((rho[:, chosen] * (form_factors @ bounces[-1])).astype(np.float32))
+    space = _orthonormal(np.hstack(bounces).astype(np.float64))
+    transported = form_factors @ space.astype(np.float32)
+    for _ in range(_MOST_EXTENSIONS):
+        amplitudes, left, relative = _galerkin(space, transported, material, reflectances, direct)
+        unsolved = relative > TOLERANCE
+        if not unsolved.any():
             break
-    return transported, amplitudes
+        left = left[:, unsolved] / np.linalg.norm(left[:, unsolved], axis=0)
+        more = _orthonormal(left - space @ (space.T @ left))
+        space = np.hstack([space, more])
+        transported = np.hstack([transported, form_factors @ more.astype(np.float32)])
+    return transported[:, : len(amplitudes)], amplitudes
+
+
+def _orthonormal(columns: NDArray) -> NDArray:
+    """(p, n) what spans columns, without combinations below a millionth of the largest."""
+    singular, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = np.sqrt(np.maximum(singular, 0)) > 1e-6 * np.sqrt(max(singular[-1], 0))
+    return np.linalg.qr(columns @ vectors[:, kept])[0]
 
 
 def _galerkin(
     space: NDArray, transported: NDArray, material: NDArray, reflectances: NDArray, direct: NDArray
-) -> tuple[NDArray, float]:
-    """Amplitudes (n, w) of b = rho (e + F b) in the span of ``space``, and the largest relative residual."""
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Amplitudes (n, w) of b = rho (e + F b) in the span of ``space``, what is left of it (p, w), and the norm of that
+    over the norm of b (w,)."""
     masks = [material == m for m in range(len(reflectances))]
     operators = np.stack([space[mask].T @ transported[mask] for mask in masks])
     sources = np.stack([space[mask].T @ direct[mask, 0] for mask in masks])
     system = np.eye(space.shape[1]) - np.einsum("mw,mij->wij", reflectances, operators)
     amplitudes = np.linalg.solve(system, (reflectances.T @ sources)[..., None])[..., 0].T
-    check = np.unique(np.linspace(0, reflectances.shape[1] - 1, 24).astype(int))
-    rho = reflectances[material][:, check]
-    b = space @ amplitudes[:, check]
-    residual = b - rho * (direct + transported @ amplitudes[:, check])
-    size = np.maximum(np.linalg.norm(b, axis=0), 1e-300)
-    return amplitudes, float(np.max(np.linalg.norm(residual, axis=0) / size))
+    b = space @ amplitudes
+    left = reflectances[material] * (direct + transported @ amplitudes) - b
+    return amplitudes, left, np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(b, axis=0), 1e-300)

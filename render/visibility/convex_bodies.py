@@ -16,9 +16,6 @@ __all__ = ["ConvexBody", "convex_bodies"]
 #: Corners are one point, and lie in one plane, within this, mm.
 _SAME_MM = 1e-4
 
-#: A ray may leave this part of its way before it enters: edges and corners seen from outside have no gaps.
-_ROUNDING = 3e-6
-
 
 @dataclass(frozen=True, eq=False)
 class ConvexBody:
@@ -45,7 +42,7 @@ class ConvexBody:
             leave, at_leave = dr.select(sooner, t, leave), dr.select(sooner, index, at_leave)
         outside = (enter > 0) & (at_enter != none)
         t, face = dr.select(outside, enter, leave), dr.select(outside, at_enter, at_leave)
-        return t, dr.select(_meets(enter, leave) & (t > 0), face, none)
+        return t, dr.select((enter <= leave) & (t > 0), face, none)
 
     def blocks(self, ray: mi.Ray3f) -> mi.Bool:
         """Whether a ray meets it before the ray's end, if the ray passes no open side."""
@@ -55,24 +52,27 @@ class ConvexBody:
             enter = dr.select(inwards, dr.maximum(enter, t), enter)
             leave = dr.select(inwards, leave, dr.minimum(leave, t))
         nearest = dr.select(enter > 0, enter, leave)
-        return _meets(enter, leave) & (nearest > 0) & (nearest < ray.maxt)
-
-
-def _meets(enter: mi.Float, leave: mi.Float) -> mi.Bool:
-    return enter <= leave * (1 + _ROUNDING)
+        return (enter <= leave) & (nearest > 0) & (nearest < ray.maxt)
 
 
 def _plane(row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
-    """Distance to a plane along a ray, and whether the ray goes inwards there."""
+    """Distance to a plane along a ray, and whether the ray goes inwards there.
+
+    Along a plane the distance is infinite. Its sign and that of the zero, which counts as a direction, then say
+    together on which side the ray is.
+    """
     normal = mi.Vector3f(*row[:3])
-    along = dr.dot(normal, ray.d)
-    return (row[3] - dr.dot(normal, ray.o)) * dr.rcp(along), along < 0
+    slowness = dr.rcp(dr.dot(normal, ray.d))
+    return (row[3] - dr.dot(normal, ray.o)) * slowness, slowness < 0
 
 
 def convex_bodies(
-    outlines: Sequence[NDArray[np.float64]], normals: NDArray[np.float64]
+    outlines: Sequence[NDArray[np.float64]], normals: NDArray[np.float64], overlap_mm: float
 ) -> tuple[ConvexBody, ...]:
-    """The convex bodies that faces with corners (k, 3) and normals (f, 3), outwards, bound."""
+    """The convex bodies that faces with corners (k, 3) and normals (f, 3), outwards, bound.
+
+    overlap_mm : how far their planes are moved outwards, so that a ray at an edge passes no gap.
+    """
     found = []
     everything = np.concatenate(outlines)
     for members in _connected(outlines):
@@ -91,7 +91,8 @@ def convex_bodies(
             whole = len(own) == 1 and abs(_area(outlines[own[0]]) / area - 1) < 1e-6
             faces.append(own[0] if whole else None)
         if sorted(face for face in faces if face is not None) == members:
-            rows = tuple(tuple(dr.opaque(mi.Float, float(v)) for v in plane) for plane, _ in sides)
+            grown = [[*plane[:3], plane[3] + overlap_mm] for plane, _ in sides]
+            rows = tuple(tuple(dr.opaque(mi.Float, float(v)) for v in plane) for plane in grown)
             open_sides = [plane for (plane, _), face in zip(sides, faces, strict=True) if face is None]
             shut = all((everything @ plane[:3] - plane[3]).max() < _SAME_MM for plane in open_sides)
             found.append(ConvexBody(rows, tuple(faces), shut))

@@ -134,7 +134,8 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     corners = vertices.reshape(-1, 3)
     planes = np.array([_planes(outline) for outline, _ in polygons])
     height = corners @ planes[:, 0, :3].T - planes[:, 0, 3]
-    bodies = convex_bodies([outline for outline, _ in polygons], planes[:, 0, :3])
+    overlap_mm = _OVERLAP * float(np.ptp(corners, axis=0).max())
+    bodies = convex_bodies([outline for outline, _ in polygons], planes[:, 0, :3], overlap_mm)
     of_bodies = {face for body in bodies for face in body.faces}
     loose = [index for index in range(len(polygons)) if index not in of_bodies]
     return FlatFaces(
@@ -144,7 +145,7 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
             {i: tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i])) for i in loose}
         ),
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
-        overlap_mm=_OVERLAP * float(np.ptp(corners, axis=0).max()),
+        overlap_mm=overlap_mm,
         diagonals=device_array(mi.Float, [_diagonal(outline) for outline, _ in polygons]),
         triangles=device_array(mi.UInt32, [(own[0], own[-1]) for _, own in polygons]),
         coordinates=device_array(mi.Float, _barycentric(vertices)),
