@@ -93,7 +93,8 @@ def files(place: Path) -> dict[str, bytes]:
 
 
 def unfinished(name: str) -> bool:
-    return "-unfinished-" in name or name.endswith(".passes")
+    """Also the parts of pictures of other renderers' scripts."""
+    return "-unfinished-" in name or name.endswith(".passes") or ".part." in name
 
 
 def finished(place: Path) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import math
 import os
@@ -10,6 +11,8 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,18 +59,33 @@ def _environment() -> dict[str, str]:
     return found
 
 
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Waits while another process is in such a block for the same folder; a killed one is in none."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
 def run_renderer(export: Path, renderer: str) -> Run:
-    """Run one renderer in its folder of an export. Raises InputError where it is missing or fails, with its words."""
+    """Run one renderer in its folder of an export, one run at a time: what another run made is not made again.
+
+    Raises InputError where it is missing or fails, with its words.
+    """
     lacking = missing(renderer)
     if lacking:
         raise InputError("renderer", lacking, "an installed renderer")
     python = sys.executable
     command = [part.format(python=python) for part in FORMATS[renderer].command]
-    begun = any((export / renderer / "out").glob("*"))
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(
-        command, cwd=export / renderer, env=_environment(), capture_output=True, text=True, check=False
-    )
+    with _alone(export / renderer):
+        begun = any((export / renderer / "out").glob("*"))
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        done = subprocess.run(
+            command, cwd=export / renderer, env=_environment(), capture_output=True, text=True, check=False
+        )
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         words = (done.stderr.strip() or done.stdout.strip())[-_MOST_WORDS:]
