@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.integrators import shadow_rays
 from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.render.integrators.stock import render_stock
 from cboxlab.scenes import Material, Medium, Spectrum, Surface
@@ -97,6 +98,18 @@ def test_what_shines_through_ink_follows_beers_law():
     cosine = camera.directions(u, v)[..., 1]
     expected = np.exp(-200.0 / cosine[..., None] * INK.absorption_per_mm.at(BANDS))
     np.testing.assert_allclose(image.coefficients[0], expected, rtol=2e-3)
+
+
+def test_a_shadow_ray_ends_at_the_most_boundaries(monkeypatch):
+    """With room for none, a block of thin ink casts a full shadow; with room for its two sides as with any number."""
+    thin = replace(INK, absorption_per_mm=SLOPE.scaled(0.05))
+    scene, means = with_block(thin, NULL, rho=0.1), []
+    for most in (0, 2, 256):
+        monkeypatch.setattr(shadow_rays, "_MOST_BOUNDARIES", most)
+        image = render_general_path_tracer(scene, camera_inside(16), BANDS, samples=64, batches=1, seed=1)
+        means.append(float((image.coefficients @ image.spectra)[:, ~image.sees_lamp].mean()))
+    assert means[0] < 0.97 * means[2]
+    assert means[1] == pytest.approx(means[2], rel=1e-6)
 
 
 def test_a_lamp_through_rough_glass_and_its_glint_past_a_boundary_are_stocks():
