@@ -69,7 +69,8 @@ def smears(excess: Excess) -> Iterator[Form]:
 
 def _direction(fit: FieldFit) -> str:
     """Along which of four lines a blur is, from its two numbers in each band: v cos(2 a) / 2 and v sin(2 a) / 4, v its
-    variance and a the angle from the rows, downwards. Sharp edges leave errors of up to twenty degrees."""
+    variance and a the angle from the rows, downwards. In a picture of steps from
+    pixel to pixel it is 17 to 37 degrees off between the lines of rows and columns."""
     across, diagonal = fit.size @ fit.coefficients
     return _LINES[round(np.arctan2(2 * diagonal, across) / (np.pi / 2)) % 4]
 
