@@ -8,9 +8,7 @@ for a few dozen that takes less time than Embree's tree.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +48,7 @@ class FlatFaces:
 
     planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
     the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones.
-    rows : of each other face, by its index, 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
+    rows : of each other face its index and 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
     two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for directions. hull : for each face, whether it lies on
     the scene's convex hull. overlap_mm : how far faces of ``rows`` reach beyond edges. triangles : (f, 2) of each face,
     the second where the diagonal's line, a row (f, 4) of the position, is positive. coordinates : (t, 2, 4) rows of
@@ -59,7 +57,7 @@ class FlatFaces:
 
     planes: NDArray[np.float64]
     bodies: tuple[ConvexBody, ...]
-    rows: Mapping[int, tuple[mi.Float, ...]]
+    rows: tuple[tuple[int, tuple[mi.Float, ...]], ...]
     hull: tuple[bool, ...]
     overlap_mm: float
     diagonals: mi.Float
@@ -73,7 +71,7 @@ class FlatFaces:
         nearest = dr.select(mi.Bool(active), ray.maxt, -1.0)
         none = len(self.planes)
         face = dr.full(mi.UInt32, none, 1)
-        for index, row in self.rows.items():
+        for index, row in self.rows:
             t, inside = self._met(row, ray)
             hit = inside & (t > 0) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
@@ -98,7 +96,7 @@ class FlatFaces:
         enclosed : both ends lie within the scene's convex hull, whose faces then cannot be between them.
         """
         blocked = mi.Bool(False)
-        for index, row in self.rows.items():
+        for index, row in self.rows:
             if not (enclosed and self.hull[index]):
                 t, inside = self._met(row, ray)
                 blocked |= inside & (t > 0) & (t < ray.maxt)
@@ -141,9 +139,7 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     return FlatFaces(
         planes=planes,
         bodies=bodies,
-        rows=MappingProxyType(
-            {i: tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i])) for i in loose}
-        ),
+        rows=tuple((i, tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i]))) for i in loose),
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=overlap_mm,
         diagonals=device_array(mi.Float, [_diagonal(outline) for outline, _ in polygons]),
