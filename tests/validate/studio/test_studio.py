@@ -216,8 +216,15 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     before = chi2(page)
     assert page.run("document.getElementById('undo').disabled")
     pixel = page.run("page.viewer.values(16, 20).bands.map((b) => b.rendered)")
+    press(page, "refit")
+    page.until("!page.record.refit")
     add(page, "veiling-glare")
-    assert chi2(page) == pytest.approx(before, rel=1e-3)
+    assert chi2(page) == before  # a glare of nothing, camera and lamp held
+    press(page, "refit")
+    page.until("page.record.refit")
+    assert (
+        chi2(page) <= before
+    )  # the camera's fit ends where a round gains less than a thousandth, and goes on from there
     page.run("document.getElementById('p-0-fraction').focus()")
     for _ in range(30):
         page.key("ArrowRight")
