@@ -15,6 +15,7 @@ __all__ = [
     "angle_over_sine",
     "build_lamp_samplers",
     "direct_light",
+    "form_factor",
     "lamp_pattern",
     "lamp_point",
     "lamp_radiance",
@@ -166,29 +167,39 @@ def _follows_pattern(lamp: LampSampler) -> bool:
 
 
 def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) -> tuple[mi.Float, mi.Bool]:
-    """Form factor from a point to the part of the lamp above its horizon by Lambert's formula, and whether it is valid.
+    """Form factor from a point to the part of the lamp above its horizon, and whether it is valid.
 
-    It is valid for a convex lamp, and for others if all their corners lie above the horizon. What lies below is cut off
-    at the horizon; the cut's two ends are joined by an edge in the horizon, which counts like any other.
+    It is valid for a convex lamp, and for others if all their corners lie above the horizon.
+    """
+    if lamp.convex:
+        return form_factor(lamp.border, position, normal), mi.Bool(True)
+    whole = mi.Bool(True)
+    for start, _ in lamp.border:
+        whole &= dr.dot(start - position, normal) > 0
+    return form_factor(lamp.border, position, normal), whole
+
+
+def form_factor(
+    border: list[tuple[mi.Point3f, mi.Point3f]], position: mi.Point3f, normal: mi.Vector3f
+) -> mi.Float:
+    """Form factor from a point to what of a convex polygon lies above its horizon, by Lambert's formula.
+
+    border : the polygon's edges, from corner to corner. What lies below is cut off at the horizon; the cut's two ends are
+    joined by an edge in the horizon, which counts like any other.
     """
     total = mi.Float(0)
-    whole = mi.Bool(True)
-    zero = mi.Vector3f(0)
-    leaving, entering = zero, zero
-    for start, end in lamp.border:
-        a, b = start - position, end - position
+    leaving, entering = mi.Vector3f(0), mi.Vector3f(0)
+    for start, end in border:
+        a, b = mi.Vector3f(start - position), mi.Vector3f(end - position)
         above_a, above_b = dr.dot(a, normal), dr.dot(b, normal)
-        whole &= above_a > 0
         crossing = (above_a > 0) != (above_b > 0)
         cut = a + (b - a) * (above_a / dr.select(crossing, above_a - above_b, 1))
         leaving = dr.select(crossing & (above_a > 0), cut, leaving)
         entering = dr.select(crossing & (above_b > 0), cut, entering)
         total += _edge_share(dr.select(above_a > 0, a, cut), dr.select(above_b > 0, b, cut), normal,
                              (above_a > 0) | (above_b > 0))  # fmt: skip
-    if not lamp.convex:
-        return dr.abs(total) * (0.5 / np.pi), whole
-    total += _edge_share(leaving, entering, normal, ~whole)
-    return dr.abs(total) * (0.5 / np.pi), mi.Bool(True)
+    total += _edge_share(leaving, entering, normal, mi.Bool(True))
+    return dr.abs(total) * (0.5 / np.pi)
 
 
 def _edge_share(a: mi.Vector3f, b: mi.Vector3f, normal: mi.Vector3f, active: mi.Bool) -> mi.Float:

@@ -1,6 +1,8 @@
 """Ray casting, visibility, and the coverage of pixels by surfaces."""
 
+from .flat_faces import FlatFaces
 from .pinhole import Film, film_for, resampling
+from .planar_pixels import PlanarPixels, planar_pixels
 from .primary import border_pixels, facet_coverage, pixel_coverage, pixel_faces
 from .tracer import (
     RAY_OFFSET_MM,
@@ -17,7 +19,9 @@ from .tracer import (
 __all__ = [
     "RAY_OFFSET_MM",
     "Film",
+    "FlatFaces",
     "Hit",
+    "PlanarPixels",
     "Tracer",
     "border_pixels",
     "build_tracer",
@@ -29,6 +33,7 @@ __all__ = [
     "pixel_coverage",
     "pixel_faces",
     "pixel_rays",
+    "planar_pixels",
     "resampling",
     "visible",
 ]

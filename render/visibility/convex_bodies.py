@@ -32,6 +32,18 @@ class ConvexBody:
 
     def met(self, ray: mi.Ray3f, none: int) -> tuple[mi.Float, mi.UInt32]:
         """Distance to the nearest face, and which; ``none`` where the ray meets none or starts beyond all."""
+        enter, at_enter, leave, at_leave = self._span(ray, none)
+        outside = (enter > 0) & (at_enter != none)
+        t, face = dr.select(outside, enter, leave), dr.select(outside, at_enter, at_leave)
+        return t, dr.select((enter <= leave) & (t > 0), face, none)
+
+    def entered(self, ray: mi.Ray3f, none: int) -> mi.UInt32:
+        """The face by which a ray enters; ``none`` where it does not, or by an open side."""
+        enter, at_enter, leave, _ = self._span(ray, none)
+        return dr.select((enter <= leave) & (enter > 0), at_enter, none)
+
+    def _span(self, ray: mi.Ray3f, none: int) -> tuple[mi.Float, mi.UInt32, mi.Float, mi.UInt32]:
+        """Distances at which a ray enters the last plane and leaves the first one, each with the plane's face."""
         enter, leave = mi.Float(-dr.inf), mi.Float(dr.inf)
         at_enter, at_leave = mi.UInt32(none), mi.UInt32(none)
         for row, face in zip(self.rows, self.faces, strict=True):
@@ -40,9 +52,7 @@ class ConvexBody:
             index = mi.UInt32(none if face is None else face)
             enter, at_enter = dr.select(later, t, enter), dr.select(later, index, at_enter)
             leave, at_leave = dr.select(sooner, t, leave), dr.select(sooner, index, at_leave)
-        outside = (enter > 0) & (at_enter != none)
-        t, face = dr.select(outside, enter, leave), dr.select(outside, at_enter, at_leave)
-        return t, dr.select((enter <= leave) & (t > 0), face, none)
+        return enter, at_enter, leave, at_leave
 
     def blocks(self, ray: mi.Ray3f) -> mi.Bool:
         """Whether a ray meets it before the ray's end, if the ray passes no open side."""

@@ -8,6 +8,7 @@ for a few dozen that takes less time than Embree's tree.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,7 @@ class Nearest:
 class FlatFaces:
     """Faces for ``ray_intersect_preliminary`` and ``ray_test``, which answer as Mitsuba's scene does.
 
+    outlines : (3 or 4, 3) corners of each face, mm, counterclockwise seen from the lit side.
     planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
     the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones.
     rows : of each other face its index and 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
@@ -55,6 +57,7 @@ class FlatFaces:
     barycentric coordinates.
     """
 
+    outlines: tuple[NDArray[np.float64], ...]
     planes: NDArray[np.float64]
     bodies: tuple[ConvexBody, ...]
     rows: tuple[tuple[int, tuple[mi.Float, ...]], ...]
@@ -108,6 +111,18 @@ class FlatFaces:
                 blocked |= (own < len(self.planes)) & (t < ray.maxt)
         return blocked & active
 
+    def crossed(self, ray: mi.Ray3f, walls: Sequence[int]) -> list[mi.UInt32]:
+        """Faces that a ray would cross if nothing else were there: the nearest of ``walls``, and that by which it enters
+        each of the bodies. Indices of faces, their number for none."""
+        none = len(self.planes)
+        nearest, wall = mi.Float(dr.inf), mi.UInt32(none)
+        for index, row in self.rows:
+            if index in walls:
+                t, inside = self._met(row, ray)
+                hit = inside & (t > 0) & (t < nearest)
+                nearest, wall = dr.select(hit, t, nearest), dr.select(hit, index, wall)
+        return [wall, *(body.entered(ray, none) for body in self.bodies)]
+
     def _met(self, row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
         """Distance to a face's plane, and whether the point there is inside the face."""
         normal, along_u, along_v = (mi.Vector3f(*row[i : i + 3]) for i in (0, 4, 8))
@@ -137,6 +152,7 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     of_bodies = {face for body in bodies for face in body.faces}
     loose = [index for index in range(len(polygons)) if index not in of_bodies]
     return FlatFaces(
+        outlines=tuple(outline for outline, _ in polygons),
         planes=planes,
         bodies=bodies,
         rows=tuple((i, tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i]))) for i in loose),
