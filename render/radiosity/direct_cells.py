@@ -77,7 +77,7 @@ def build_direct_cells(
 
 
 def _planes(cells: Patches, moments: NDArray[np.float64], first: int) -> NDArray[np.float64]:
-    """(c, 4) least-squares planes; of the smallest slope where points lie on a line, as on a plane they do for one axis.
+    """(c, 4) least-squares planes, of the smallest slope that fits: points of a flat cell say nothing of one axis.
 
     moments : (c, n) means over the points; from column ``first`` on light, and light times the three offsets.
     """

@@ -49,7 +49,9 @@ class FaceControls:
         for face in self.geometry.crossed(ray, self.walls):
             light = dr.gather(mi.Vector4f, self.light, face, active)
             material = dr.gather(mi.UInt32, self.material, face, active)
-            sums = [old + new for old, new in zip(sums, _by_material(light, material, materials), strict=True)]
+            sums = [
+                old + new for old, new in zip(sums, _by_material(light, material, materials), strict=True)
+            ]
         return sums
 
     def mean(self, position: mi.Point3f, normal: mi.Vector3f, materials: int) -> list[mi.Float]:
@@ -90,7 +92,8 @@ def build_face_controls(
     loose = [index for index, _ in geometry.rows]
     walls: list[int] = []
     for face in loose:
-        inwards = (tracer.vertices @ geometry.planes[face, 0, :3]).max() > geometry.planes[face, 0, 3] + _SAME_MM
+        normal, height = geometry.planes[face, 0, :3], geometry.planes[face, 0, 3]
+        inwards = (tracer.vertices @ normal).max() > height + _SAME_MM
         if geometry.hull[face] and painted[face] and inwards and not _overlaps(geometry, face, walls):
             walls.append(face)
     of_blocks = [face for face in set(range(none)) - set(loose) if painted[face]]

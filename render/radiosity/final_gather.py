@@ -28,7 +28,7 @@ from .face_controls import FaceControls, build_face_controls
 from .gathering import Gathering
 from .lamp import LampSampler, build_lamp_samplers
 from .patches import Patches, build_patches, patch_of
-from .solution import TOLERANCE, Exchange, indirect_basis, trace_exchange
+from .solution import Exchange, indirect_basis, trace_exchange
 
 __all__ = ["LightField", "gather", "render_final_gather", "solve_light"]
 
@@ -38,8 +38,12 @@ PATCHES_PER_DIAGONAL = 20
 #: Divisions of a patch along each edge for reading the solution, by the patch's slopes.
 PARTS = 2
 
-#: A gathering ray shorter than this many patch edges is continued by one more ray.
-NEAR_PATCHES = 1.5
+#: A gathering ray shorter than this many patch edges is continued by one more ray. Between 0.5 and 2.5 no difference
+#: is seen above 0.01% of any surface, with its standard error.
+NEAR_PATCHES = 1.0
+
+#: What the sums that are read from the patches leave out, relative to the largest.
+_READ_TOLERANCE = 1e-4
 
 #: Edges of direct light's cells in a patch's.
 _CELLS = 5
@@ -53,8 +57,9 @@ class LightField:
     """The radiosity solution of a scene, which does not depend on the camera.
 
     finer : the patches divided into PARTS^2 each, from which the solution is read.
-    Of each lamp, tables : (1 + material, finer patch, k), see ``_lookup_table``; direct; controls. reflectances : (n, w) of the materials,
-    and of the lamps if one reflects. spectra : (n, w) of the picture's accumulators, lamp by lamp.
+    Of each lamp, tables : (1 + material, finer patch, k), see ``_lookup_table``; direct; controls.
+    reflectances : (n, w) of the materials, and of the lamps if one reflects. spectra : (n, w) of the picture's
+    accumulators, lamp by lamp.
     near : length below which gathering rays are continued, mm, see NEAR_PATCHES.
     """
 
@@ -233,7 +238,7 @@ def _lookup_table(
     rows = np.concatenate([spectra, *(rho * spectra for rho in reflectances)])
     weight = np.tile(np.abs(coefficients).max(axis=0), 1 + len(reflectances))
     _, singular, basis = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
-    basis = basis[: max(1, int(np.sum(singular > TOLERANCE * singular[0])))]
+    basis = basis[: max(1, int(np.sum(singular > _READ_TOLERANCE * singular[0])))]
     parts = [
         coefficients @ (spectra @ basis.T),
         *(coefficients @ ((rho * spectra) @ basis.T) for rho in reflectances),
@@ -275,7 +280,8 @@ def _gatherings(light: LightField) -> list[Gathering]:
     """The kernels of each lamp."""
     return [
         Gathering(
-            light.tracer, light.lamps[index], light.finer, dr.opaque(mi.UInt32, len(light.finer)), device_array(mi.Float, table), table.shape[2],
+            light.tracer, light.lamps[index],
+            light.finer, dr.opaque(mi.UInt32, len(light.finer)), device_array(mi.Float, table), table.shape[2],
             light.direct[index], light.controls[index],
             firsts=light.tracer.reflectors, materials=_later_reflectors(light.tracer),
             bounces=3 if light.max_bounces is None else min(light.max_bounces, 3),

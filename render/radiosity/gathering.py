@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cboxlab.scenes.camera import Camera
@@ -59,7 +60,7 @@ class Gathering:
             ray = rays(points.point(i, 4), points.point(i, 5))
             hit = intersect(self.tracer, ray)
             shaded, material = hit.reflecting, hit.material
-            values = self._reflected(points, i, gathers, hit.position, hit.normal, shaded, control=False)
+            values = self._reflected(points, i, gathers, hit.position, hit.normal, shaded, None)
             new = [sums[0] + gathers * lamp_seen(self.lamp, hit, ray.d)]
             for m in range(self.firsts):
                 here = shaded & (material == m)
@@ -72,11 +73,17 @@ class Gathering:
         return dr.while_loop((dr.zeros(mi.UInt32, dr.width(pixels)), zeros), lambda i, _: i < total, body)[1]
 
     def planar_pixels(
-        self, camera: Camera, pixels: mi.UInt32, normal: mi.Vector3f, height: mi.Float, samples: int, seed: int
+        self,
+        camera: Camera,
+        pixels: mi.UInt32,
+        normal: mi.Vector3f,
+        height: mi.Float,
+        samples: int,
+        seed: int,
     ) -> list[mi.Float]:
         """The accumulators (per_material) of pixels that see one plane of one paint: normal . p = height, mm."""
         rays, points, gathers = _sampling(camera, pixels, samples, seed)
-        control = self.controls is not None and self.bounces >= 3
+        controls = self.controls if self.bounces >= 3 else None
         shaded = dr.full(mi.Bool, True, dr.width(pixels))
 
         def seen(i: mi.UInt32) -> mi.Point3f:
@@ -84,20 +91,21 @@ class Gathering:
             return ray((height - dr.dot(normal, ray.o)) * dr.rcp(dr.dot(normal, ray.d)))
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            values = self._reflected(points, i, gathers, seen(i), normal, shaded, control)
+            values = self._reflected(points, i, gathers, seen(i), normal, shaded, controls)
             return i + 1, [old + value for old, value in zip(sums, values, strict=True)]
 
-        def mean_control(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            more = self.controls.mean(seen(i) + normal * RAY_OFFSET_MM, normal, self.materials)
-            scaled = [value * (samples / few) for value in more]
-            return i + 1, [old + value for old, value in zip(sums, self._spread(scaled), strict=True)]
-
-        few = min(_CONTROL_RAYS, samples // gathers)
         zero = dr.zeros(mi.UInt32, dr.width(pixels))
         sums = [dr.zeros(mi.Float, dr.width(pixels)) for _ in range(self.per_material)]
-        if control:
+        if controls is not None:
+            few = min(_CONTROL_RAYS, samples // gathers)
+
+            def returned(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+                mean = controls.mean(seen(i) + normal * RAY_OFFSET_MM, normal, self.materials)
+                more = self._spread([value * (samples / few) for value in mean])
+                return i + 1, [old + value for old, value in zip(sums, more, strict=True)]
+
             enough = dr.opaque(mi.UInt32, few)
-            sums = dr.while_loop((zero, sums), lambda i, _: i < enough, mean_control)[1]
+            sums = dr.while_loop((zero, sums), lambda i, _: i < enough, returned)[1]
         total = dr.opaque(mi.UInt32, samples // gathers)
         return dr.while_loop((zero, sums), lambda i, _: i < total, body)[1]
 
@@ -110,7 +118,7 @@ class Gathering:
 
     def _reflected(
         self, points: SobolPoints, i: mi.UInt32, gathers: int, position: mi.Point3f, normal: mi.Vector3f,
-        shaded: mi.Bool, control: bool,
+        shaded: mi.Bool, controls: FaceControls | None,
     ) -> list[mi.Float]:  # fmt: skip
         """One camera ray's values (per_material): direct light, and light of its gathering rays."""
         values = [mi.Float(0)] * self.per_material
@@ -121,7 +129,7 @@ class Gathering:
             return values
 
         def body(j: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            more = self._gathered(points, j, position, normal, shaded, control)
+            more = self._gathered(points, j, position, normal, shaded, controls)
             return j + 1, [old + value for old, value in zip(sums, more, strict=True)]
 
         end, lanes = (i + 1) * gathers, dr.width(position)
@@ -131,19 +139,20 @@ class Gathering:
 
     def _gathered(
         self, points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool,
-        control: bool,
+        controls: FaceControls | None,
     ) -> list[mi.Float]:  # fmt: skip
         """One gathering ray's values (per_material), without direct light at ``position``."""
-        ray = mi.Ray3f(
-            position + normal * RAY_OFFSET_MM, cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
-        )
+        direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
+        ray = mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
         far = intersect(self.tracer, ray, shaded)
         lit, material = far.reflecting, far.material
         beside = lit & (far.distance < self.direct.far)
         arriving = dr.if_stmt(
-            (beside, far.position, far.normal, points.point(i, 2), points.point(i, 3), self.direct.at(far, lit)),
+            (beside, i, far.position, far.normal, self.direct.at(far, lit)),
             beside,
-            lambda here, at, towards, u, v, _: direct_light(self.tracer, self.lamp, at, towards, u, v, here),
+            lambda here, i, at, towards, _: direct_light(
+                self.tracer, self.lamp, at, towards, points.point(i, 2), points.point(i, 3), here
+            ),
             lambda *state: state[-1],
         )
         second = [dr.select(lit & (material == m), arriving, 0) for m in range(self.materials)]
@@ -159,8 +168,8 @@ class Gathering:
             lambda *state: state[-1],
         )
         values = [mi.Float(0), *second, *later]
-        if control:
-            taken = self._spread(self.controls.along(ray, self.materials, shaded))
+        if controls is not None:
+            taken = self._spread(controls.along(ray, self.materials, shaded))
             values = [value - off for value, off in zip(values, taken, strict=True)]
         return values
 
@@ -188,7 +197,9 @@ class Gathering:
         return [dr.gather(mi.Float, self.table, entry + k, active) for k in range(self.rank)]
 
 
-def _sampling(camera, pixels, samples, seed):
+def _sampling(
+    camera: Camera, pixels: mi.UInt32, samples: int, seed: int
+) -> tuple[Callable[[mi.Float, mi.Float], mi.Ray3f], SobolPoints, int]:
     """Camera rays, the points of one joint set, and gathering rays per camera ray."""
     gathers = GATHERS if samples % GATHERS == 0 else 1
     return pixel_rays(camera, pixels), SobolPoints(12, samples, pixels, seed), gathers

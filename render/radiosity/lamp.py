@@ -184,8 +184,8 @@ def form_factor(
 ) -> mi.Float:
     """Form factor from a point to what of a convex polygon lies above its horizon, by Lambert's formula.
 
-    border : the polygon's edges, from corner to corner. What lies below is cut off at the horizon; the cut's two ends are
-    joined by an edge in the horizon, which counts like any other.
+    border : the polygon's edges, from corner to corner. What lies below is cut off at the horizon; the cut's two ends
+    are joined by an edge in the horizon, which counts like any other.
     """
     total = mi.Float(0)
     leaving, entering = mi.Vector3f(0), mi.Vector3f(0)

@@ -112,8 +112,9 @@ class FlatFaces:
         return blocked & active
 
     def crossed(self, ray: mi.Ray3f, walls: Sequence[int]) -> list[mi.UInt32]:
-        """Faces that a ray would cross if nothing else were there: the nearest of ``walls``, and that by which it enters
-        each of the bodies. Indices of faces, their number for none."""
+        """Faces that a ray would cross if nothing else were there: the nearest of ``walls``, then for each body that by
+        which it enters. Indices of faces; their number for none.
+        """
         none = len(self.planes)
         nearest, wall = mi.Float(dr.inf), mi.UInt32(none)
         for index, row in self.rows:

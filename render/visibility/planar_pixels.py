@@ -29,7 +29,7 @@ class PlanarPixels:
 
 
 def planar_pixels(tracer: Tracer, camera: Camera, coverage: NDArray) -> PlanarPixels:
-    """Those covered by one face, of ``facet_coverage`` (y, x, f), that paint covers, which is flat to the pixel's corners."""
+    """Those that see one painted face, flat to the pixel's corners. coverage : (y, x, f) of ``facet_coverage``."""
     whole = np.flatnonzero(coverage.max(axis=-1) == 1)
     lanes = device_array(mi.UInt32, whole)
     rays = pixel_rays(camera, lanes)

@@ -52,8 +52,9 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     resumed = render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
     assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
     parts = [done for stage, done in told if stage == "rendering"]
-    assert parts == sorted(parts) and parts[-1] == 1
-    assert parts[0] == 3 / max(BATCHES, len(whole.coefficients))
+    first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
+    assert first == sorted(first) and parts[-1] == 1
+    assert parts[0] == 3 / BATCHES
     assert np.array_equal(resumed.coefficients, whole.coefficients)
     other = render_to_precision(Job(*WHERE, seed=5), 0.004, checkpoint=kept)
     assert not np.array_equal(other.coefficients, whole.coefficients)
