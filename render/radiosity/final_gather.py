@@ -57,7 +57,8 @@ class LightField:
     """The radiosity solution of a scene, which does not depend on the camera.
 
     finer : the patches divided into PARTS^2 each, from which the solution is read.
-    Of each lamp, tables : (1 + material, finer patch, k), see ``_lookup_table``; direct; controls.
+    Of each lamp, tables : (1 + material, finer patch, k), see ``_lookup_table``; controls; direct, traced when first
+    asked for.
     reflectances : (n, w) of the materials, and of the lamps if one reflects. spectra : (n, w) of the picture's
     accumulators, lamp by lamp.
     near : length below which gathering rays are continued, mm, see NEAR_PATCHES.
@@ -69,13 +70,17 @@ class LightField:
     finer: Patches
     exchange: Exchange
     tables: tuple[np.ndarray, ...]
-    direct: tuple[DirectCells, ...]
     controls: tuple[FaceControls | None, ...]
     reflectances: np.ndarray
     spectra: np.ndarray
     wavelength_nm: np.ndarray
     near: float
     max_bounces: int | None
+    places: _Places
+
+    @property
+    def direct(self) -> tuple[DirectCells, ...]:
+        return _direct_cells(self.places)
 
 
 def solve_light(
@@ -102,9 +107,8 @@ def solve_light(
     edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
     patches = build_patches(tracer, edge)
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
-    exchange, direct = _traced(
-        _Places(tracer, lamps, patches, edge, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
-    )
+    places = _Places(tracer, lamps, patches, edge, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
+    exchange = _exchange(places)
     finer = build_patches(tracer, edge, PARTS)
     cut = None if max_bounces is None else max(max_bounces - 1, 1)
     paints, parents = reflectances[: _later_reflectors(tracer)], _parents(patches, finer)
@@ -120,7 +124,7 @@ def solve_light(
         for radiance, (_, indirect) in zip(radiances, read, strict=True)
     ]
     return LightField(
-        tracer, lamps, patches, finer, exchange, tuple(table for table, _ in read), direct,
+        tracer, lamps, patches, finer, exchange, tuple(table for table, _ in read),
         controls=tuple(
             build_face_controls(tracer, patches, exchange.direct[:, index], finer, table[0])
             for index, (table, _) in enumerate(read)
@@ -131,6 +135,7 @@ def solve_light(
         # the continuation adds a reflection, which is not allowed with a limit on bounces
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
         max_bounces=max_bounces,
+        places=places,
     )  # fmt: skip
 
 
@@ -156,12 +161,15 @@ def _shape_of(tracer: Tracer, edge_mm: float) -> bytes:
 
 
 @lru_cache(maxsize=2)
-def _traced(places: _Places) -> tuple[Exchange, tuple[DirectCells, ...]]:
+def _exchange(places: _Places) -> Exchange:
     """Kept for the last boxes: another paint or spectrum needs no new rays between the patches."""
-    exchange = trace_exchange(places.tracer, places.lamps, places.patches, places.samples, places.seed)
+    return trace_exchange(places.tracer, places.lamps, places.patches, places.samples, places.seed)
+
+
+@lru_cache(maxsize=2)
+def _direct_cells(places: _Places) -> tuple[DirectCells, ...]:
     samples = max(int(places.samples * _CELL_SAMPLES), 1)
-    edge_mm = places.edge_mm / _CELLS
-    return exchange, build_direct_cells(places.tracer, places.lamps, edge_mm, samples, places.seed)
+    return build_direct_cells(places.tracer, places.lamps, places.edge_mm / _CELLS, samples, places.seed)
 
 
 def gather(
