@@ -103,15 +103,15 @@ def start() -> dict[str, Any]:
         "import numpy as np\n"
         "from cboxlab.render.{module} import {function} as render\n"
         "from cboxlab.scenes import cornell_box, cornell_camera\n"
-        "render(cornell_box(), cornell_camera(16), np.linspace(400, 700, 31), samples=4, batches=1{more})\n"
+        "render(cornell_box(), cornell_camera(16), np.linspace(400, 700, 31), samples=4, batches=1)\n"
     )
     names = {
-        "path": ("path_tracer", "render_path_tracer", ""),
-        "default": ("final_gather", "render_final_gather", ""),
+        "path": ("integrators.path_tracer", "render_path_tracer"),
+        "default": ("radiosity.final_gather", "render_final_gather"),
     }
     result = {}
-    for name, (module, function, more) in names.items():
-        command = [sys.executable, "-c", program.format(module=module, function=function, more=more)]
+    for name, (module, function) in names.items():
+        command = [sys.executable, "-c", program.format(module=module, function=function)]
         run = partial(subprocess.run, command, check=True)
         seconds = [_cost(run, time.perf_counter) for _ in range(4)]
         result[name] = min(seconds[1:])

@@ -57,7 +57,11 @@ def own_rays(
         watched.segments.append((ray, active & watched.running))
         return plain(self, index, depth)
 
-    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):  # step by step, each with its rays
+    stepwise = dr.JitFlag.SymbolicLoops, dr.JitFlag.SymbolicConditionals
+    with (
+        dr.scoped_set_flag(stepwise[0], False),
+        dr.scoped_set_flag(stepwise[1], False),
+    ):  # each step with its rays
         if light is None:
             with mock.patch.object(PathPoints, "at_vertex", at_vertex):
                 trace_paths(tracer, camera, wavelengths, samples=samples, batches=1, seed=1, max_bounces=None)

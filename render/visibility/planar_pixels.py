@@ -33,12 +33,12 @@ def planar_pixels(tracer: Tracer, camera: Camera, coverage: NDArray) -> PlanarPi
     whole = np.flatnonzero(coverage.max(axis=-1) == 1)
     lanes = device_array(mi.UInt32, whole)
     rays = pixel_rays(camera, lanes)
-    centre = intersect(tracer, rays(mi.Float(0.5), mi.Float(0.5)))
+    centre = intersect(tracer, rays(mi.Float(0.5), mi.Float(0.5)), coherent=True)
     height = dr.dot(centre.normal, centre.position)
     flat = centre.reflecting & (centre.material < len(tracer.material_names))
     for u in (0, 1):
         for v in (0, 1):
-            corner = intersect(tracer, rays(mi.Float(u), mi.Float(v)))
+            corner = intersect(tracer, rays(mi.Float(u), mi.Float(v)), coherent=True)
             off = dr.abs(dr.dot(centre.normal, corner.position) - height)
             flat &= corner.reflecting & (corner.material == centre.material) & (off < _FLAT_MM)
     kept = flat.numpy()
