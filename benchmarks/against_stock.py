@@ -69,12 +69,16 @@ BOXES = {
 }  # fmt: skip
 
 
-def means(image: RenderedImage) -> np.ndarray:
-    """(batch, surface, w), surfaces of which some pixels see nothing else."""
-    values = image.coefficients @ image.spectra
-    alone = image.single_surface
-    seen = [alone & (image.surface == index) for index in range(len(image.surface_names))]
-    return np.stack([values[:, mask].mean(axis=1) for mask in seen if mask.any()], axis=1)
+def means(one: RenderedImage, other: RenderedImage) -> list[np.ndarray]:
+    """(batch, surface, w) of each, over the pixels that see one surface alone in both."""
+    values = [image.coefficients @ image.spectra for image in (one, other)]
+    seen = [_alone(one, index) & _alone(other, index) for index in range(len(one.surface_names))]
+    return [np.stack([v[:, mask].mean(axis=1) for mask in seen if mask.any()], axis=1) for v in values]
+
+
+def _alone(image: RenderedImage, index: int) -> np.ndarray:
+    """(y, x) whether a surface, of any number of faces, covers all of a pixel."""
+    return image.coverage[..., image.facet_surface == index].sum(axis=-1) > 1 - 1e-6
 
 
 def compared(ours: np.ndarray, stock: np.ndarray) -> dict[str, Any]:
@@ -100,13 +104,11 @@ def main() -> None:
     camera, bands = cornell_camera(given.size), BANDS[REFERENCE_BANDS]
     for name, build in BOXES.items():
         scene = build()
-        stock = means(
-            render_stock(scene, camera, bands, given.samples, BATCHES, seed=1, variant="llvm_ad_rgb")
-        )
+        stock = render_stock(scene, camera, bands, given.samples, BATCHES, seed=1, variant="llvm_ad_rgb")
         for way, render in OURS.items():
             if way != "general path tracer" and not scene.diffuse:
                 continue
-            found = compared(means(render(scene, camera, bands, given.samples, BATCHES, seed=2)), stock)
+            found = compared(*means(render(scene, camera, bands, given.samples, BATCHES, seed=2), stock))
             print(
                 f"{name:18} {way:20} rms {found['rms']:.2f}, largest {found['largest']:.2f} of {found['count']}; "
                 f"{found['difference']:.3%} +- {found['its error']:.3%}, median error {found['median error']:.3%}",
