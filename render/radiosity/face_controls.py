@@ -2,12 +2,14 @@
 
 A ray crosses one wall of a convex room, and enters each convex block by one face, whatever lies before it. Gathering
 rays take off the light of these faces, and their form factors, which are known exactly, put it back. What is left is
-noise from the differences only: no longer from how many rays happen to meet a bright face.
+noise from the differences only: no longer from how many rays happen to meet a bright face. A pixel takes off the share
+that leaves the least noise, one of the walls' light and one of the blocks'.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +28,15 @@ CONTROLLED = 3
 _SAME_MM = 1e-3
 
 
+if TYPE_CHECKING:
+    #: Of the walls, and of all blocks: direct light by material, then the light of the accumulators.
+    Controls = tuple[list[mi.Float], list[mi.Float]]
+
+
 @dataclass(frozen=True, eq=False)
 class FaceControls:
-    """walls : faces of the convex room, by their index. faces : those that have light: walls and blocks' faces.
+    """walls : faces of the convex room, by their index. faces : those that have light, first the walls, then those of
+    blocks.
 
     corners : four of each face, a triangle's last one twice. light : of each face, by index, its direct light and that
     of CONTROLLED accumulators; of a block's face what it has more than the room's mean. Of no face, 0. material : of
@@ -43,21 +51,20 @@ class FaceControls:
     light: mi.Float
     material: mi.UInt32
 
-    def along(self, ray: mi.Ray3f, materials: int, active: mi.Bool) -> list[mi.Float]:
-        """The faces' light along each ray: direct light by material, then that of the accumulators."""
-        sums = [mi.Float(0)] * (materials + CONTROLLED)
+    def along(self, ray: mi.Ray3f, materials: int, active: mi.Bool) -> Controls:
+        """The faces' light along each ray."""
+        sums = []
         for face in self.geometry.crossed(ray, self.walls):
             light = dr.gather(mi.Vector4f, self.light, face, active)
             material = dr.gather(mi.UInt32, self.material, face, active)
-            sums = [
-                old + new for old, new in zip(sums, _by_material(light, material, materials), strict=True)
-            ]
-        return sums
+            sums.append(_by_material(light, material, materials))
+        none = [mi.Float(0)] * (materials + CONTROLLED)
+        return sums[0], [sum(parts, zero) for zero, *parts in zip(none, *sums[1:], strict=True)]
 
-    def mean(self, position: mi.Point3f, normal: mi.Vector3f, materials: int) -> list[mi.Float]:
+    def mean(self, position: mi.Point3f, normal: mi.Vector3f, materials: int) -> Controls:
         """The mean of ``along`` over the hemisphere, weighted by the cosine."""
 
-        def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+        def body(i: mi.UInt32, walls: list[mi.Float], blocks: list[mi.Float]) -> tuple[mi.UInt32, *Controls]:
             face = dr.gather(mi.UInt32, self.faces, i)
             corners = [dr.gather(mi.Point3f, self.corners, 4 * face + k) for k in range(4)]
             edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
@@ -66,13 +73,20 @@ class FaceControls:
             share = dr.select(front, form_factor(edges, position, normal), 0)
             light = dr.gather(mi.Vector4f, self.light, face)
             material = dr.gather(mi.UInt32, self.material, face)
-            more = _by_material(light, material, materials)
-            return i + 1, [old + share * new for old, new in zip(sums, more, strict=True)]
+            more = [share * part for part in _by_material(light, material, materials)]
+            of_wall = i < wall_count
+            return (
+                i + 1,
+                [old + dr.select(of_wall, new, 0) for old, new in zip(walls, more, strict=True)],
+                [old + dr.select(of_wall, 0, new) for old, new in zip(blocks, more, strict=True)],
+            )
 
         lanes = dr.width(position)
-        zeros = [dr.zeros(mi.Float, lanes) for _ in range(materials + CONTROLLED)]
-        total = dr.opaque(mi.UInt32, self.count)
-        return dr.while_loop((dr.zeros(mi.UInt32, lanes), zeros), lambda i, _: i < total, body)[1]
+        wall_count, total = dr.opaque(mi.UInt32, len(self.walls)), dr.opaque(mi.UInt32, self.count)
+        walls, blocks = ([dr.zeros(mi.Float, lanes) for _ in range(materials + CONTROLLED)] for _ in range(2))
+        start = dr.zeros(mi.UInt32, lanes), walls, blocks
+        _, walls, blocks = dr.while_loop(start, lambda i, *_: i < total, body)
+        return walls, blocks
 
 
 def _by_material(light: mi.Vector4f, material: mi.UInt32, materials: int) -> list[mi.Float]:

@@ -25,7 +25,7 @@ from ..image import RenderedImage, means_by_strips
 from ..visibility import PlanarPixels, Tracer, build_tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
 from .face_controls import FaceControls, build_face_controls
-from .gathering import Gathering
+from .gathering import Gathering, Planes
 from .lamp import LampSampler, build_lamp_samplers
 from .patches import Patches, build_patches, patch_of
 from .solution import Exchange, indirect_basis, trace_exchange
@@ -44,6 +44,9 @@ NEAR_PATCHES = 1.0
 
 #: What the sums that are read from the patches leave out, relative to the largest.
 _READ_TOLERANCE = 1e-4
+
+#: Of the rays that tell how much of the faces' light is taken off.
+_PILOT_SEED = 0x9107
 
 #: Edges of direct light's cells in a patch's.
 _CELLS = 5
@@ -180,11 +183,16 @@ def gather(
     coverage = facet_coverage(light.tracer, camera)
     planar = planar_pixels(light.tracer, camera, coverage)
     lamps = _gatherings(light)
+    shares = [
+        _control_shares(lamp, camera, planar, rows)
+        for lamp, rows in zip(lamps, np.split(light.spectra, len(lamps)), strict=True)
+    ]
 
     def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
         sums = []
         for index, lamp in enumerate(lamps):
-            sums += _strip(lamp, camera, pixels.numpy(), planar, samples, own_seed + 6007 * index)
+            own = own_seed + 6007 * index
+            sums += _strip(lamp, camera, pixels.numpy(), planar, shares[index], samples, own)
         return sums
 
     return RenderedImage(
@@ -299,9 +307,32 @@ def _gatherings(light: LightField) -> list[Gathering]:
     ]  # fmt: skip
 
 
+def _control_shares(
+    lamp: Gathering, camera: Camera, planar: PlanarPixels, spectra: np.ndarray
+) -> np.ndarray | None:
+    """(pixel, 2) of the planar pixels, see ``Gathering``. The same for all passes of a picture.
+
+    spectra : (n, w) of the lamp's accumulators; the light summed over wavelengths and materials counts.
+    """
+    if not len(planar.index):
+        return None
+    weights = spectra[1:].sum(axis=1).reshape(lamp.firsts, -1).sum(axis=0)
+    shares = lamp.control_shares(camera, _planes(planar, slice(None)), list(weights), _PILOT_SEED)
+    return None if shares is None else np.stack([share.numpy() for share in shares], axis=1)
+
+
+def _planes(planar: PlanarPixels, which: np.ndarray | slice) -> Planes:
+    return Planes(
+        pixels=device_array(mi.UInt32, planar.index[which]),
+        normal=mi.Vector3f(*(device_array(mi.Float, column) for column in planar.normal[which].T)),
+        height=device_array(mi.Float, planar.height[which]),
+    )
+
+
 def _strip(
-    lamp: Gathering, camera: Camera, pixels: np.ndarray, planar: PlanarPixels, samples: int, seed: int
-) -> list[mi.Float]:
+    lamp: Gathering, camera: Camera, pixels: np.ndarray, planar: PlanarPixels, shares: np.ndarray | None,
+    samples: int, seed: int,
+) -> list[mi.Float]:  # fmt: skip
     """The accumulators of some pixels (n,) under one lamp, one lane a pixel."""
     place = np.searchsorted(planar.index, pixels)
     flat = np.append(planar.index, -1)[place] == pixels
@@ -318,11 +349,10 @@ def _strip(
     own = np.flatnonzero(flat)
     if len(own):
         which = place[own]
-        normal = mi.Vector3f(*(device_array(mi.Float, column) for column in planar.normal[which].T))
-        values = lamp.planar_pixels(
-            camera, device_array(mi.UInt32, pixels[own]), normal,
-            device_array(mi.Float, planar.height[which]), samples, seed,
-        )  # fmt: skip
+        walls_and_blocks = (
+            None if shares is None else tuple(device_array(mi.Float, column) for column in shares[which].T)
+        )
+        values = lamp.planar_pixels(camera, _planes(planar, which), walls_and_blocks, samples, seed)
         dr.eval(values)
         material = planar.material[which]
         for m in range(lamp.firsts):

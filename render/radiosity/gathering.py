@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cboxlab.scenes.camera import Camera
 
@@ -14,14 +15,54 @@ from .face_controls import CONTROLLED, FaceControls
 from .lamp import LampSampler, direct_light, lamp_seen
 from .patches import Patches, patch_of
 
-__all__ = ["Gathering"]
+__all__ = ["Gathering", "Planes"]
 
 #: Gathering rays per camera ray (if the number of samples is a multiple). Camera rays contribute little noise: with 2
 #: the product of time and variance is 20% smaller than with 1; with 4 it is the same as with 2 but edges are noisier.
 GATHERS = 2
 
+#: Gathering rays of a pixel that tell how much of the faces' light it takes off.
+_PILOT = 64
+
 #: Camera rays of a pixel from which the mean light of ``FaceControls`` is taken.
 _CONTROL_RAYS = 4
+
+
+if TYPE_CHECKING:
+    from .face_controls import Controls
+
+    #: Of the walls' and of the blocks' light.
+    Shares = tuple[mi.Float, mi.Float]
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Pixels, counted along the rows, and the plane that each of them sees: normal . p = height, mm."""
+
+    pixels: mi.UInt32
+    normal: mi.Vector3f
+    height: mi.Float
+
+    def met(self, ray: mi.Ray3f) -> mi.Point3f:
+        return ray((self.height - dr.dot(self.normal, ray.o)) * dr.rcp(dr.dot(self.normal, ray.d)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampling:
+    """Camera rays, the numbers of one joint set, and gathering rays per camera ray."""
+
+    rays: Callable[[mi.Float, mi.Float], mi.Ray3f]
+    points: SobolPoints
+    gathers: int
+
+    def ray(self, i: mi.UInt32) -> mi.Ray3f:
+        """The camera ray ``i``."""
+        return self.rays(self.points.point(i, 4), self.points.point(i, 5))
+
+
+def _sampling(camera: Camera, pixels: mi.UInt32, samples: int, seed: int) -> _Sampling:
+    gathers = GATHERS if samples % GATHERS == 0 else 1
+    return _Sampling(pixel_rays(camera, pixels), SobolPoints(12, samples, pixels, seed), gathers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,73 +95,105 @@ class Gathering:
 
     def any_pixels(self, camera: Camera, pixels: mi.UInt32, samples: int, seed: int) -> list[mi.Float]:
         """The accumulators (1 + firsts * per_material) of pixels that may see anything."""
-        rays, points, gathers = _sampling(camera, pixels, samples, seed)
+        sampling = _sampling(camera, pixels, samples, seed)
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            ray = rays(points.point(i, 4), points.point(i, 5))
+            ray = sampling.ray(i)
             hit = intersect(self.tracer, ray)
             shaded, material = hit.reflecting, hit.material
-            values = self._reflected(points, i, gathers, hit.position, hit.normal, shaded, None)
-            new = [sums[0] + gathers * lamp_seen(self.lamp, hit, ray.d)]
+            values = self._reflected(sampling, i, hit.position, hit.normal, shaded, None)
+            new = [sums[0] + sampling.gathers * lamp_seen(self.lamp, hit, ray.d)]
             for m in range(self.firsts):
                 here = shaded & (material == m)
                 mine = sums[1 + m * self.per_material : 1 + (m + 1) * self.per_material]
                 new += [old + dr.select(here, value, 0) for old, value in zip(mine, values, strict=True)]
             return i + 1, new
 
-        total = dr.opaque(mi.UInt32, samples // gathers)
+        total = dr.opaque(mi.UInt32, samples // sampling.gathers)
         zeros = [dr.zeros(mi.Float, dr.width(pixels)) for _ in range(1 + self.firsts * self.per_material)]
         return dr.while_loop((dr.zeros(mi.UInt32, dr.width(pixels)), zeros), lambda i, _: i < total, body)[1]
 
     def planar_pixels(
-        self,
-        camera: Camera,
-        pixels: mi.UInt32,
-        normal: mi.Vector3f,
-        height: mi.Float,
-        samples: int,
-        seed: int,
+        self, camera: Camera, planes: Planes, shares: Shares | None, samples: int, seed: int
     ) -> list[mi.Float]:
-        """The accumulators (per_material) of pixels that see one plane of one paint: normal . p = height, mm."""
-        rays, points, gathers = _sampling(camera, pixels, samples, seed)
-        controls = self.controls if self.bounces >= 3 else None
-        shaded = dr.full(mi.Bool, True, dr.width(pixels))
-
-        def seen(i: mi.UInt32) -> mi.Point3f:
-            ray = rays(points.point(i, 4), points.point(i, 5))
-            return ray((height - dr.dot(normal, ray.o)) * dr.rcp(dr.dot(normal, ray.d)))
+        """The accumulators (per_material) of pixels that see one plane of one paint. shares : ``control_shares``."""
+        sampling = _sampling(camera, planes.pixels, samples, seed)
+        shaded = dr.full(mi.Bool, True, dr.width(planes.pixels))
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            values = self._reflected(points, i, gathers, seen(i), normal, shaded, controls)
+            at = planes.met(sampling.ray(i))
+            values = self._reflected(sampling, i, at, planes.normal, shaded, shares)
             return i + 1, [old + value for old, value in zip(sums, values, strict=True)]
 
-        zero = dr.zeros(mi.UInt32, dr.width(pixels))
-        sums = [dr.zeros(mi.Float, dr.width(pixels)) for _ in range(self.per_material)]
-        if controls is not None:
-            few = min(_CONTROL_RAYS, samples // gathers)
+        zero = dr.zeros(mi.UInt32, dr.width(planes.pixels))
+        sums = [dr.zeros(mi.Float, dr.width(planes.pixels)) for _ in range(self.per_material)]
+        if shares is not None and self.controls is not None:
+            controls, few = self.controls, min(_CONTROL_RAYS, samples // sampling.gathers)
 
             def returned(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-                mean = controls.mean(seen(i) + normal * RAY_OFFSET_MM, normal, self.materials)
-                more = self._spread([value * (samples / few) for value in mean])
-                return i + 1, [old + value for old, value in zip(sums, more, strict=True)]
+                start = planes.met(sampling.ray(i)) + planes.normal * RAY_OFFSET_MM
+                mean = self._spread(controls.mean(start, planes.normal, self.materials), shares)
+                return i + 1, [old + value * (samples / few) for old, value in zip(sums, mean, strict=True)]
 
             enough = dr.opaque(mi.UInt32, few)
             sums = dr.while_loop((zero, sums), lambda i, _: i < enough, returned)[1]
-        total = dr.opaque(mi.UInt32, samples // gathers)
+        total = dr.opaque(mi.UInt32, samples // sampling.gathers)
         return dr.while_loop((zero, sums), lambda i, _: i < total, body)[1]
 
-    def _spread(self, controls: list[mi.Float]) -> list[mi.Float]:
-        """Light of ``FaceControls`` in the order of a material's accumulators."""
+    def control_shares(
+        self, camera: Camera, planes: Planes, weights: list[float], seed: int
+    ) -> Shares | None:
+        """The shares of the walls' and the blocks' light that leave the least variance, by rays of their own.
+
+        weights : (per_material) of the accumulators in the light whose variance counts. None without controls.
+        """
+        if self.controls is None or self.bounces < 3:
+            return None
+        controls, sampling = self.controls, _sampling(camera, planes.pixels, _PILOT, seed)
+        lanes = dr.width(planes.pixels)
+        shaded, one, zero = dr.full(mi.Bool, True, lanes), mi.Float(1), mi.Float(0)
+        most = max(map(abs, weights)) or 1.0
+        scales = [dr.opaque(mi.Float, float(weight / most)) for weight in weights]
+
+        def light(values: list[mi.Float]) -> mi.Float:
+            return sum((scale * value for scale, value in zip(scales, values, strict=True)), zero)
+
+        def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+            at, points = planes.met(sampling.ray(i)), sampling.points
+            values = self._gathered(points, i, at, planes.normal, shaded, None)
+            along = controls.along(self._gathering_ray(points, i, at, planes.normal), self.materials, shaded)
+            v, w, b = (
+                light(values),
+                light(self._spread(along, (one, zero))),
+                light(self._spread(along, (zero, one))),
+            )
+            more = [v, w, b, v * w, v * b, w * w, w * b, b * b]
+            return i + 1, [old + new for old, new in zip(sums, more, strict=True)]
+
+        total = dr.opaque(mi.UInt32, _PILOT)
+        start = dr.zeros(mi.UInt32, lanes), [dr.zeros(mi.Float, lanes) for _ in range(8)]
+        sums = dr.while_loop(start, lambda i, _: i < total, body)[1]
+        v, w, b, vw, vb, ww, wb, bb = (value / _PILOT for value in sums)
+        vw, vb, ww, wb, bb = vw - v * w, vb - v * b, ww - w * w, wb - w * b, bb - b * b
+        tiny = 1e-6 * (ww + bb) + 1e-15
+        rest = (ww + tiny) * (bb + tiny) - wb * wb
+        shares = (vw * (bb + tiny) - vb * wb) / rest, (vb * (ww + tiny) - vw * wb) / rest
+        return dr.clip(shares[0], 0, 1), dr.clip(shares[1], 0, 1)
+
+    def _spread(self, controls: Controls, shares: Shares) -> list[mi.Float]:
+        """Shares of light of ``FaceControls``, in the order of a material's accumulators."""
+        taken = [shares[0] * wall + shares[1] * block for wall, block in zip(*controls, strict=True)]
         kept = min(CONTROLLED, self.rank)
-        second, patches = controls[: self.materials], controls[self.materials :][:kept]
+        second, patches = taken[: self.materials], taken[self.materials :][:kept]
         nothing = [mi.Float(0)] * self.materials**2
         return [mi.Float(0), *second, *nothing, *patches, *([mi.Float(0)] * (self.rank - kept))]
 
     def _reflected(
-        self, points: SobolPoints, i: mi.UInt32, gathers: int, position: mi.Point3f, normal: mi.Vector3f,
-        shaded: mi.Bool, controls: FaceControls | None,
+        self, sampling: _Sampling, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool,
+        shares: Shares | None,
     ) -> list[mi.Float]:  # fmt: skip
         """One camera ray's values (per_material): direct light, and light of its gathering rays."""
+        points, gathers = sampling.points, sampling.gathers
         values = [mi.Float(0)] * self.per_material
         if self.bounces >= 1:
             u, v = points.point(i, 6), points.point(i, 7)
@@ -129,7 +202,7 @@ class Gathering:
             return values
 
         def body(j: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            more = self._gathered(points, j, position, normal, shaded, controls)
+            more = self._gathered(points, j, position, normal, shaded, shares)
             return j + 1, [old + value for old, value in zip(sums, more, strict=True)]
 
         end, lanes = (i + 1) * gathers, dr.width(position)
@@ -139,11 +212,10 @@ class Gathering:
 
     def _gathered(
         self, points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool,
-        controls: FaceControls | None,
+        shares: Shares | None,
     ) -> list[mi.Float]:  # fmt: skip
         """One gathering ray's values (per_material), without direct light at ``position``."""
-        direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
-        ray = mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
+        ray = self._gathering_ray(points, i, position, normal)
         far = intersect(self.tracer, ray, shaded)
         lit, material = far.reflecting, far.material
         beside = lit & (far.distance < self.direct.far)
@@ -168,10 +240,17 @@ class Gathering:
             lambda *state: state[-1],
         )
         values = [mi.Float(0), *second, *later]
-        if controls is not None:
-            taken = self._spread(controls.along(ray, self.materials, shaded))
+        if shares is not None and self.controls is not None:
+            taken = self._spread(self.controls.along(ray, self.materials, shaded), shares)
             values = [value - off for value, off in zip(values, taken, strict=True)]
         return values
+
+    @staticmethod
+    def _gathering_ray(
+        points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f
+    ) -> mi.Ray3f:
+        direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
+        return mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
 
     def _continued(
         self, points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, material: mi.UInt32,
@@ -195,11 +274,3 @@ class Gathering:
         patch = patch_of(self.patches, triangle, uv, active)
         entry = (patch + row * self.patch_count) * self.rank
         return [dr.gather(mi.Float, self.table, entry + k, active) for k in range(self.rank)]
-
-
-def _sampling(
-    camera: Camera, pixels: mi.UInt32, samples: int, seed: int
-) -> tuple[Callable[[mi.Float, mi.Float], mi.Ray3f], SobolPoints, int]:
-    """Camera rays, the points of one joint set, and gathering rays per camera ray."""
-    gathers = GATHERS if samples % GATHERS == 0 else 1
-    return pixel_rays(camera, pixels), SobolPoints(12, samples, pixels, seed), gathers

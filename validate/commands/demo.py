@@ -116,4 +116,6 @@ def _other_camera(result: Validation) -> RawFrame:
     coarse = replace(
         image, spectra=image.spectra[:, ::CUBE_STEP_NM], wavelength_nm=image.wavelength_nm[::CUBE_STEP_NM]
     )
-    return simulate(coarse.cube(), "dcs200", seed=result.model.render.seed)
+    cube = coarse.cube()
+    # estimates below zero: the picture's mean over batches has no standard error by which they could be judged
+    return simulate(cube.assign(radiance=cube.radiance.clip(min=0)), "dcs200", seed=result.model.render.seed)
