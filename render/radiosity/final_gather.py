@@ -180,26 +180,20 @@ def gather(
     progress: Progress = QUIET,
 ) -> RenderedImage:  # fmt: skip
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
-    coverage = facet_coverage(light.tracer, camera)
-    planar = planar_pixels(light.tracer, camera, coverage)
-    lamps = _gatherings(light)
-    shares = [
-        _control_shares(lamp, camera, planar, rows)
-        for lamp, rows in zip(lamps, np.split(light.spectra, len(lamps)), strict=True)
-    ]
+    lamps, view = _gatherings(light), _view(light, camera)
 
     def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
         sums = []
         for index, lamp in enumerate(lamps):
             own = own_seed + 6007 * index
-            sums += _strip(lamp, camera, pixels.numpy(), planar, shares[index], samples, own)
+            sums += _strip(lamp, camera, pixels.numpy(), view.planar, view.shares[index], samples, own)
         return sums
 
     return RenderedImage(
         coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
         spectra=light.spectra,
         wavelength_nm=light.wavelength_nm,
-        coverage=coverage,
+        coverage=view.coverage,
         facet_surface=light.tracer.facet_surface,
         surface_names=tuple(s.name for s in light.tracer.scene.surfaces),
     )
@@ -307,10 +301,31 @@ def _gatherings(light: LightField) -> list[Gathering]:
     ]  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What all passes of a picture share. coverage : (y, x, f). shares : of each lamp, see ``_control_shares``."""
+
+    coverage: np.ndarray
+    planar: PlanarPixels
+    shares: tuple[np.ndarray | None, ...]
+
+
+@lru_cache(maxsize=1)
+def _view(light: LightField, camera: Camera) -> _View:
+    coverage = facet_coverage(light.tracer, camera)
+    planar = planar_pixels(light.tracer, camera, coverage)
+    lamps = _gatherings(light)
+    shares = (
+        _control_shares(lamp, camera, planar, rows)
+        for lamp, rows in zip(lamps, np.split(light.spectra, len(lamps)), strict=True)
+    )
+    return _View(coverage, planar, tuple(shares))
+
+
 def _control_shares(
     lamp: Gathering, camera: Camera, planar: PlanarPixels, spectra: np.ndarray
 ) -> np.ndarray | None:
-    """(pixel, 2) of the planar pixels, see ``Gathering``. The same for all passes of a picture.
+    """(pixel, 2) of the planar pixels, see ``Gathering``.
 
     spectra : (n, w) of the lamp's accumulators; the light summed over wavelengths and materials counts.
     """
