@@ -19,7 +19,7 @@ from .patches import Patches, build_patches, patch_of, patch_points
 __all__ = ["DirectCells", "build_direct_cells"]
 
 #: A gathering ray longer than this many edges of a cell reads the cell.
-FAR_CELLS = 4
+_FAR_CELLS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def build_direct_cells(
     dr.eval(sums)
     moments = np.array([one.numpy() for one in sums], float).T
     moments[:, 1:] /= np.maximum(moments[:, :1], 1)
-    far = dr.opaque(mi.Float, FAR_CELLS * edge_mm)
+    far = dr.opaque(mi.Float, _FAR_CELLS * edge_mm)
     fitted = (_planes(cells, moments, 10 + 4 * index) for index in range(len(lamps)))
     return tuple(DirectCells(cells, device_array(mi.Float, planes), far) for planes in fitted)
 

@@ -173,12 +173,7 @@ class Gathering:
         total = dr.opaque(mi.UInt32, _PILOT)
         start = dr.zeros(mi.UInt32, lanes), [dr.zeros(mi.Float, lanes) for _ in range(8)]
         sums = dr.while_loop(start, lambda i, _: i < total, body)[1]
-        v, w, b, vw, vb, ww, wb, bb = (value / _PILOT for value in sums)
-        vw, vb, ww, wb, bb = vw - v * w, vb - v * b, ww - w * w, wb - w * b, bb - b * b
-        tiny = 1e-6 * (ww + bb) + 1e-15
-        rest = (ww + tiny) * (bb + tiny) - wb * wb
-        shares = (vw * (bb + tiny) - vb * wb) / rest, (vb * (ww + tiny) - vw * wb) / rest
-        return dr.clip(shares[0], 0, 1), dr.clip(shares[1], 0, 1)
+        return least_variance_shares([value / _PILOT for value in sums])
 
     def _spread(self, controls: Controls, shares: Shares) -> list[mi.Float]:
         """Shares of light of ``FaceControls``, in the order of a material's accumulators."""
@@ -274,3 +269,16 @@ class Gathering:
         patch = patch_of(self.patches, triangle, uv, active)
         entry = (patch + row * self.patch_count) * self.rank
         return [dr.gather(mi.Float, self.table, entry + k, active) for k in range(self.rank)]
+
+
+def least_variance_shares(means: list[mi.Float]) -> Shares:
+    """The shares x and y, 0 to 1 each, that make the variance of v - x w - y b the least.
+
+    means : of v, w, b, v w, v b, w w, w b, b b. A millionth is added to the variances of w and b, which may be 0.
+    """
+    v, w, b, vw, vb, ww, wb, bb = means
+    vw, vb, ww, wb, bb = vw - v * w, vb - v * b, ww - w * w, wb - w * b, bb - b * b
+    tiny = 1e-6 * (ww + bb) + 1e-15
+    rest = (ww + tiny) * (bb + tiny) - wb * wb
+    shares = (vw * (bb + tiny) - vb * wb) / rest, (vb * (ww + tiny) - vw * wb) / rest
+    return dr.clip(shares[0], 0, 1), dr.clip(shares[1], 0, 1)
