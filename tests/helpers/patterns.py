@@ -48,9 +48,7 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     )  # fmt: skip
     fit = SimpleNamespace(lamp_scale=scale)
     rendered = SimpleNamespace(fit=fit, variance=np.zeros(SHAPE))
-    linearised = LinearisedFit(
-        rendered, predictor, model, (), predictor.signal(()), np.zeros(SHAPE), np.zeros((10, *SHAPE))
-    )
+    linearised = LinearisedFit(rendered, predictor, model, (), predictor.signal(()), np.zeros((10, *SHAPE)))
     known = [
         Hypothesis(Effect(name, "filter", name, (AMOUNT,), lambda value, amount: value, ""), (AMOUNT,), {})
         for name in patterns

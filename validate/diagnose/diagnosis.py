@@ -259,7 +259,7 @@ def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Ca
     """The model with these effects, compared; the lamp's scale is fitted with them in place."""
     prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, chosen)
     applied = tuple(c.applied for c in chosen)
-    signal = linearised.predictor.signal((*linearised.given, *applied)) + linearised.refit_change
+    signal = linearised.predictor.signal((*linearised.given, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
     return Step(

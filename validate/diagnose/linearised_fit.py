@@ -9,7 +9,6 @@ import numpy as np
 from cboxlab.calibration.radiometry import tabulation_errors
 from cboxlab.render.chain import stages_between
 from cboxlab.render.device import variant
-from cboxlab.render.perturbation import warp_change
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -39,7 +38,7 @@ class LinearisedFit:
     """A rendered picture, and the linear model of its residual about the fitted camera and lamp.
 
     given : the model's own effects. base : (band, y, x) DN predicted under them, from which changes by further
-    effects are counted. refit_change : (band, y, x) DN that the last refit of the camera adds to it.
+    effects are counted. predictor : of the picture as the fitted camera sees it.
     derivative : (10, band, y, x) of the signals with respect to the camera's parameters.
     """
 
@@ -48,7 +47,6 @@ class LinearisedFit:
     model: LinearModel
     given: tuple[AppliedEffect, ...]
     base: NDArray[np.float64]
-    refit_change: NDArray[np.float64]
     derivative: NDArray[np.float32]
 
     @property
@@ -89,9 +87,9 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     """
     if not isinstance(rendered, Predicted):
         raise InputError("diagnosis", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
-    fit_, predictor = rendered.fit, rendered.predictor
+    fit_ = rendered.fit
+    predictor = rendered.predictor.seen_by(fit_.camera)
     base = predictor.signal(given)
-    refit_change = warp_change(predictor.warp, fit_.camera)
     # the variance at the signal with the best effects known: a model without interreflection predicts too dark a
     # picture, and too little noise
     lit, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
@@ -99,7 +97,7 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
-        measured=prepared.measured, base=base + refit_change, variance=variance, used=rendered.used,
+        measured=prepared.measured, base=base, variance=variance, used=rendered.used,
         coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
         derivative=np.concatenate([fit_.lamp_scale * derivative, rendered.signal[None]]),
         lamp_sigma=prepared.lamp_sigma,
@@ -108,7 +106,7 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
         ),
     )  # fmt: skip
     single = derivative.astype(np.float32)
-    return LinearisedFit(rendered, predictor, model, tuple(given), base, refit_change, single)
+    return LinearisedFit(rendered, predictor, model, tuple(given), base, single)
 
 
 def residual_with(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:

@@ -186,7 +186,7 @@ def refitted(
     validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = QUIET
 ) -> LinearisedFit:
     """Refit the camera with these effects in the model; render again where it moved or the light changed."""
-    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.predictor
+    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.rendered.predictor
     effects = (*linearised.given, *(c.applied for c in chosen))
     settings = validation.model.render
     altered = refitted_picture(prepared, replace(rendered, signal=predictor.signal(effects)), effects)

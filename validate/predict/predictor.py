@@ -82,6 +82,7 @@ class Predictor:
 
     image, camera : the base picture. base : its Light. samples : rays per pixel for what
     patches do not describe. gather_samples : rays per pixel of patch transport where geometry has moved.
+    moved : (band, y, x) DN that another camera changes of the base picture, see ``seen_by``.
     """
 
     scene: Scene
@@ -96,6 +97,7 @@ class Predictor:
     warp: Warp
     samples: int = 256
     gather_samples: int = _SAMPLES
+    moved: NDArray[np.float64] | float = 0.0
     _traced: _Traced = field(default_factory=_Traced, init=False)
     _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict, init=False)
 
@@ -121,6 +123,13 @@ class Predictor:
         """The same base picture, taken for one rendered with other settings."""
         other = replace(self, settings=settings)
         object.__setattr__(other, "_traced", self._traced)  # rays do not depend on the depth of paths
+        return other
+
+    def seen_by(self, camera: Camera) -> Predictor:
+        """The base picture warped to a camera a few hundredths of a pixel off, before any effect acts on it."""
+        other = replace(self, moved=warp_change(self.warp, camera))
+        object.__setattr__(other, "_traced", self._traced)
+        object.__setattr__(other, "_pictures", self._pictures)  # changes are those of the picture as rendered
         return other
 
     def resampled(self) -> Predictor:
@@ -155,7 +164,7 @@ class Predictor:
         curves = after_stage(self.sensing.curves, effects, "filter")
         filtered = curves is not self.sensing.curves
         light = scene_light(self.image, curves, self.camera) if filtered else self.base
-        changed = light.signal
+        changed = light.signal + self.moved
         relevant = tuple(e for e in effects if e.stage in _SCENE_STAGES)
         if _key(relevant) != _key(self.included):
             faces = self._faces(self.included), self._faces(relevant)

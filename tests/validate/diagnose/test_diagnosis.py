@@ -208,6 +208,29 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
     assert prior_pull(residual_with(with_it, [])) < np.sqrt(stats.chi2.isf(1e-5, 11))
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        [],
+        [("veiling-glare", {"fraction": 0.004})],
+        [("wall-reflectance", {"material": "red", "scale": 1.2})],
+    ],
+)
+def test_the_fit_of_the_lamp_can_do_what_a_brighter_lamp_does(outcome, others):
+    """The camera fitted 0.03 px beside where the picture was rendered from: a brighter lamp changes the picture as
+    the lamp's scale does, to rounding, whatever other effect of light is in the model."""
+    validation, given = outcome[0], [apply_checked(*one, "test") for one in others]
+    rendered = validation.rendered
+    camera = rendered.predictor.camera
+    moved = camera.with_parameters(camera.parameters + np.array([0.1, *np.zeros(9)]))
+    there = rendered.predictor.seen_by(moved)
+    brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
+    before, after = there.signal(given), there.signal((*given, brighter))
+    lit = rendered.used & (rendered.predictor.base.signal > 1)
+    assert np.abs(before - rendered.predictor.signal(given))[lit].max() > 10
+    np.testing.assert_allclose(after[lit], 1.3 * before[lit], rtol=1e-5)
+
+
 def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):
     """Mixed from the pictures of two patterns, against its own rays.
 

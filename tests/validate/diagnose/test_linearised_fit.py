@@ -92,11 +92,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     """The picture's own variance counts at the power's square, the camera's noise at the light that it makes."""
     shape, given = (2, 3, 4), {}
     picture, own = np.full(shape, 100.0), np.full(shape, 9.0)
-    for name, value in {
-        "camera_jacobian": np.zeros((10, *shape)),
-        "warp_change": 0.0,
-        "tabulation_errors": None,
-    }.items():
+    for name, value in {"camera_jacobian": np.zeros((10, *shape)), "tabulation_errors": None}.items():
         monkeypatch.setattr(linearised_fit, name, lambda *_, value=value: value)
     monkeypatch.setattr(linearised_fit, "model_variance", lambda lit: 0.01 * lit)
     monkeypatch.setattr(linearised_fit, "Predicted", SimpleNamespace)
@@ -109,6 +105,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         expected_camera=lambda given: None, responses=None,
     )  # fmt: skip
     predictor = SimpleNamespace(signal=lambda effects: picture, warp=None)
+    predictor.seen_by = lambda camera: predictor
     rendered = SimpleNamespace(
         fit=SimpleNamespace(lamp_scale=scale, camera=None), predictor=predictor, signal=picture, variance=own,
         used=None, image=SimpleNamespace(coverage=None),

@@ -38,7 +38,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
     monkeypatch.setattr(stepwise, "linearised_fit", lambda prepared, altered, given: altered.fit.camera)
     predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
-    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None), predictor=predictor, given=())
+    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), given=())
     validation = SimpleNamespace(
         prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
     )
