@@ -36,7 +36,7 @@ class Light:
         """The same with another signal."""
         return replace(self, signal=signal)
 
-    def scaled(self, factor: NDArray[np.float64]) -> Light:
+    def scaled(self, factor: NDArray[np.float64] | float) -> Light:
         """The same with ``factor``, (band, 1, 1) or a number, times the light."""
         moved, beyond = self.moved, self.beyond_pixels
         return replace(

@@ -78,7 +78,7 @@ class Rendered:
 class Predicted(Rendered):
     """A picture with the predictor of what effects make of it; it takes a compiled variant.
 
-    pilot : see ``render_to_noise``; None for another renderer's picture.
+    predictor : at the fitted power of the lamp. pilot : see ``render_to_noise``; None for another renderer's picture.
     """
 
     predictor: Predictor
@@ -221,7 +221,8 @@ def rendered_from(
         light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
     )
     plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
-    return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, predictor, pilot)
+    at_lamp = predictor.at_lamp(plain.fit.lamp_scale)
+    return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, at_lamp, pilot)
 
 
 def _own_picture(
@@ -253,10 +254,11 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
 def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
     """Refit camera and lamp, and warp the picture to this camera (about 0.01 px) instead of rendering it again."""
     fit = refitted(prepared, rendered, effects)
-    signal = rendered.signal + warp_change(rendered.predictor.warp, fit.camera)
+    signal = rendered.predictor.signal(effects) + warp_change(rendered.predictor.warp, fit.camera)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, sigma = prepared.lamp_scale(signal, variance, rendered.used)
-    return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal)
+    at_lamp = rendered.predictor.at_lamp(scale)
+    return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal, predictor=at_lamp)
 
 
 def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:

@@ -77,7 +77,10 @@ def fit_effects(
     candidates = {index: _candidate(effects[index]) for index in chosen if effects[index].effect.numbers}
     if not candidates:
         raise _nothing_to_fit(", ".join(effects[index].id for index in chosen) or "no effect")
-    parts = [linearised_fit(v.prepared, v.rendered, given) for v in validations]
+    parts = [
+        linearised_fit(v.prepared, v.rendered, given, [effects[index] for index in chosen])
+        for v in validations
+    ]
     joint = JointFit.of(parts, [v.prepared for v in validations])
     camera = joint.parts[0].predictor.camera
     rounds = _ROUNDS if len(candidates) > 1 else 1

@@ -117,7 +117,7 @@ def _signal(
         minutes=capture.minutes,
     )
     arriving = np.zeros((1, 1, 1)) if capture.capped else factor[:, None, None]
-    scene = light.scaled(linearised.scale * arriving)
+    scene = light.scaled(arriving)
     return expected_signal(scene, there, altered, predictor.camera)
 
 

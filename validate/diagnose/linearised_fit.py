@@ -29,6 +29,9 @@ from .search import (
 
 __all__ = ["LinearisedFit", "linearised_fit", "refitted_together", "residual_with", "residual_with_rendered"]
 
+#: Relative step of the lamp's scale for the derivative by it.
+_LAMP_STEP = 0.01
+
 #: Stages with whose effects the picture is rendered again: their shapes have no error of their own.
 _RENDERED = stages_between("scene", "settings")
 
@@ -80,8 +83,13 @@ class LinearisedFit:
         )
 
 
-def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[AppliedEffect]) -> LinearisedFit:
-    """Linearise about the fitted camera and lamp. The picture may hold more effects than ``given``.
+def linearised_fit(
+    prepared: Prepared,
+    rendered: Rendered,
+    given: Sequence[AppliedEffect],
+    added: Sequence[AppliedEffect] = (),
+) -> LinearisedFit:
+    """Linearise about the fitted camera and lamp. added : effects that the picture holds beside ``given``.
 
     Raises InputError where nothing could be compiled and so nothing can be predicted.
     """
@@ -99,7 +107,9 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     model = build_linear_model(
         measured=prepared.measured, base=base, variance=variance, used=rendered.used,
         coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
-        derivative=np.concatenate([fit_.lamp_scale * derivative, rendered.signal[None]]),
+        derivative=np.concatenate(
+            [fit_.lamp_scale * derivative, _by_lamp_scale(predictor, (*given, *added))[None]]
+        ),
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(
             tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
@@ -107,6 +117,12 @@ def linearised_fit(prepared: Prepared, rendered: Rendered, given: Sequence[Appli
     )  # fmt: skip
     single = derivative.astype(np.float32)
     return LinearisedFit(rendered, predictor, model, tuple(given), base, single)
+
+
+def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+    """Derivative (band, y, x) DN of the signals by the lamp's scale: offsets of counts do not grow with it."""
+    ahead = predictor.at_lamp((1 + _LAMP_STEP) * predictor.lamp_scale)
+    return ((1 + _LAMP_STEP) * ahead.signal(effects) - predictor.signal(effects)) / _LAMP_STEP
 
 
 def residual_with(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:

@@ -186,14 +186,14 @@ def refitted(
     validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = QUIET
 ) -> LinearisedFit:
     """Refit the camera with these effects in the model; render again where it moved or the light changed."""
-    prepared, rendered, predictor = validation.prepared, linearised.rendered, linearised.rendered.predictor
+    prepared, rendered = validation.prepared, linearised.rendered
     effects = (*linearised.given, *(c.applied for c in chosen))
     settings = validation.model.render
-    altered = refitted_picture(prepared, replace(rendered, signal=predictor.signal(effects)), effects)
+    altered = refitted_picture(prepared, rendered, effects)
     corners = prepared.scene.corners_mm
     resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in chosen)
     light = None if resolve else validation.light
-    camera = predictor.camera
+    camera = rendered.predictor.camera
     for _ in range(_MOST_RENDERINGS):
         moved = altered.fit.camera.project(corners) - camera.project(corners)
         if not resolve and np.sqrt(np.nanmean(moved**2)) <= _STALE_PX:
@@ -204,4 +204,5 @@ def refitted(
             prepared, rendered_from(prepared, light, camera, settings, effects, progress), effects
         )
     # the signatures hold the pixels that were used at first
-    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given)
+    added = effects[len(linearised.given) :]
+    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given, added)

@@ -82,7 +82,8 @@ class Predictor:
 
     image, camera : the base picture. base : its Light. samples : rays per pixel for what
     patches do not describe. gather_samples : rays per pixel of patch transport where geometry has moved.
-    moved : (band, y, x) DN that another camera changes of the base picture, see ``seen_by``.
+    moved : (band, y, x) DN that another camera changes of the base picture, see ``seen_by``. lamp_scale : factor on the
+    lamp's stated power, at which effects act: light from elsewhere and offsets of counts do not grow with the lamp.
     """
 
     scene: Scene
@@ -98,6 +99,7 @@ class Predictor:
     samples: int = 256
     gather_samples: int = _SAMPLES
     moved: NDArray[np.float64] | float = 0.0
+    lamp_scale: float = 1.0
     _traced: _Traced = field(default_factory=_Traced, init=False)
     _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict, init=False)
 
@@ -132,6 +134,13 @@ class Predictor:
         object.__setattr__(other, "_pictures", self._pictures)  # changes are those of the picture as rendered
         return other
 
+    def at_lamp(self, scale: float) -> Predictor:
+        """The same at another power of the lamp. scale : factor on its stated power."""
+        other = replace(self, lamp_scale=scale)
+        object.__setattr__(other, "_traced", self._traced)  # rays do not depend on the lamp's power
+        object.__setattr__(other, "_pictures", self._pictures)
+        return other
+
     def resampled(self) -> Predictor:
         """The same with other random numbers for changes by effects of the scene."""
         settings = replace(self.settings, seed=self.settings.seed + 1)
@@ -150,37 +159,50 @@ class Predictor:
         return band_shares(scene, WAVELENGTH_NM, weights, scene.lamp_radiance(WAVELENGTH_NM))
 
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-        """Expected corrected signals (band, y, x) in DN, the lamp at its stated power, not clipped."""
-        return expected_signal(self.before_optics(effects), self.sensing, effects, self.camera)
+        """Expected corrected signals (band, y, x) in DN over ``lamp_scale``, not clipped."""
+        light = self.before_optics(effects)
+        return expected_signal(light, self.sensing, effects, self.camera) / self.lamp_scale
 
     def noise(self, effects: Sequence[AppliedEffect], before: NDArray[np.float64]) -> NDArray[np.float64]:
         """(band, y, x) DN: the signals' error due to an error ``before`` of the picture ahead of the optics."""
-        light = self.base.with_signal(self.base.signal + before)
-        ends = (expected_signal(each, self.sensing, effects, self.camera) for each in (light, self.base))
-        return np.subtract(*ends)
+        base = self.base.scaled(self.lamp_scale)
+        light = base.with_signal(base.signal + self.lamp_scale * before)
+        ends = (expected_signal(each, self.sensing, effects, self.camera) for each in (light, base))
+        return np.subtract(*ends) / self.lamp_scale
 
     def before_optics(self, effects: Sequence[AppliedEffect]) -> Light:
-        """The band light before optics and counts. It is proportional to the exposure under all effects."""
+        """The band light before optics and counts, of the lamp times ``lamp_scale``. It is proportional to the exposure
+        under all effects."""
         curves = after_stage(self.sensing.curves, effects, "filter")
         filtered = curves is not self.sensing.curves
         light = scene_light(self.image, curves, self.camera) if filtered else self.base
         changed = light.signal + self.moved
         relevant = tuple(e for e in effects if e.stage in _SCENE_STAGES)
-        if _key(relevant) != _key(self.included):
+        at_scale = self.lamp_scale if any(e.stage == "transport" for e in relevant) else 1.0
+        if _key(relevant) != _key(self.included) or at_scale != 1.0:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
-            changed = _changed(changed, self.patch_picture(self.included), self.patch_picture(relevant), face)
+            changed = _changed(
+                changed, self.patch_picture(self.included), self.patch_picture(relevant, at_scale), face
+            )
         there = with_further_distortion(self.camera, effects)
         if there is not self.camera:
             changed = changed + warp_change(self.warp, there)
-        return replace(self.base, signal=changed, effective_nm=light.effective_nm)
+        light = replace(self.base, signal=changed, effective_nm=light.effective_nm)
+        return light.scaled(self.lamp_scale)
 
-    def patch_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-        """(band, y, x) DN: the picture by patch transport."""
-        return _kept(self._pictures, _key(effects), _MOST_PICTURES, lambda: self._mixed_picture(effects))
+    def patch_picture(self, effects: Sequence[AppliedEffect], lamp_scale: float = 1.0) -> NDArray[np.float64]:
+        """(band, y, x) DN over ``lamp_scale``, a factor on the lamp's power: the picture by patch transport."""
+        key = (*_key(effects), lamp_scale)
 
-    def _mixed_picture(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
+        def made() -> NDArray[np.float64]:
+            return self._mixed_picture(effects, lamp_scale) / lamp_scale
+
+        return _kept(self._pictures, key, _MOST_PICTURES, made)
+
+    def _mixed_picture(self, effects: Sequence[AppliedEffect], lamp_scale: float) -> NDArray[np.float64]:
         scene = after_stage(self.scene, effects, "scene")
+        scene = scene.with_lamps(lambda lamp: replace(lamp, radiance=lamp.radiance.scaled(lamp_scale)))
         e = scene.lamp.edge_ratio
         if e in (0.0, 1.0) or any(lamp.edge_ratio != e for lamp in scene.lamps):
             return self.patch_picture_of(scene, effects)

@@ -47,11 +47,10 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
     random, shape = np.random.default_rng(4), (2, 6, 8)
     signal, change = random.uniform(100, 200, shape), random.uniform(-20, 20, shape)
     empty = dict.fromkeys(field.name for field in fields(Predicted))
-    predictor = SimpleNamespace(warp="warp")
+    predictor = SimpleNamespace(warp="warp", signal=lambda effects: signal, at_lamp=lambda scale: scale)
     rendered = Predicted(
         **{
             **empty,
-            "signal": signal,
             "variance": 0 * signal,
             "used": np.ones(shape, bool),
             "predictor": predictor,
@@ -67,7 +66,7 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
     )
     found = pipeline.refitted_picture(prepared, rendered, ())
     np.testing.assert_allclose(found.signal, signal + change)
-    assert found.fit.lamp_scale == pytest.approx(1.1) and found.fit.camera is camera
+    assert found.fit.lamp_scale == found.predictor == pytest.approx(1.1) and found.fit.camera is camera
 
 
 @pytest.fixture(scope="session")

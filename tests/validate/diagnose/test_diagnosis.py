@@ -209,26 +209,35 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
 
 
 @pytest.mark.parametrize(
-    "others",
+    "given",
     [
-        [],
-        [("veiling-glare", {"fraction": 0.004})],
-        [("wall-reflectance", {"material": "red", "scale": 1.2})],
+        None,
+        ("veiling-glare", {"fraction": 0.004}),
+        ("wall-reflectance", {"material": "red", "scale": 1.2}),
+        ("ambient-light", {"radiance": 2e-7, "spectrum": "daylight"}),
+        ("dark-offset", {"dn": 150.0}),
     ],
 )
-def test_the_fit_of_the_lamp_can_do_what_a_brighter_lamp_does(outcome, others):
-    """The camera fitted 0.03 px beside where the picture was rendered from: a brighter lamp changes the picture as
-    the lamp's scale does, to rounding, whatever other effect of light is in the model."""
-    validation, given = outcome[0], [apply_checked(*one, "test") for one in others]
-    rendered = validation.rendered
-    camera = rendered.predictor.camera
-    moved = camera.with_parameters(camera.parameters + np.array([0.1, *np.zeros(9)]))
-    there = rendered.predictor.seen_by(moved)
+@pytest.mark.parametrize("included", [False, True])
+def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included):
+    """To rounding, with another effect in the model, the camera fitted 0.03 px beside where the picture was rendered
+    from. Reflected light grows with the lamp; light of the room and offsets of counts do not."""
+    rendered = outcome[0].rendered
+    others = () if given is None else (apply_checked(*given, "test"),)
+    light = tuple(e for e in others if included and e.stage in ("scene", "transport"))
+    moved = rendered.predictor.camera.parameters + np.array([0.1, *np.zeros(9)])
+    there = replace(rendered.predictor, included=light).at_lamp(1.0)
+    there = there.seen_by(there.camera.with_parameters(moved))
     brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
-    before, after = there.signal(given), there.signal((*given, brighter))
-    lit = rendered.used & (rendered.predictor.base.signal > 1)
-    assert np.abs(before - rendered.predictor.signal(given))[lit].max() > 10
-    np.testing.assert_allclose(after[lit], 1.3 * before[lit], rtol=1e-5)
+    before, after = there.signal(others), there.signal((*others, brighter))
+    lit = rendered.used & (rendered.predictor.base.signal > 300)
+    assert np.abs(before - rendered.predictor.signal(others))[lit].max() > 10
+    np.testing.assert_allclose(1.3 * there.at_lamp(1.3).signal(others)[lit], after[lit], rtol=1e-5)
+    grown = np.median(after[lit] / before[lit])
+    if given is not None and given[0] in ("ambient-light", "dark-offset"):
+        assert 1.0 < grown < 1.299
+    else:
+        assert grown == pytest.approx(1.3, rel=1e-5)
 
 
 def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):

@@ -23,7 +23,7 @@ def fitted(monkeypatch):
     validation = SimpleNamespace(
         model=Model(), prepared=prepared, rendered=None, comparison=SimpleNamespace(bands=("a", "b", "c"))
     )
-    monkeypatch.setattr(effect_fit, "linearised_fit", lambda prepared, rendered, given: linearised)
+    monkeypatch.setattr(effect_fit, "linearised_fit", lambda prepared, rendered, given, added: linearised)
 
     def fit(start, chosen):
         effects = [AppliedEffect(known[name].hypothesis.effect, {"amount": a}) for name, a in start.items()]

@@ -104,8 +104,8 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         calibration=calibration, scene=SimpleNamespace(lamp_radiance=np.ones_like), measured=None, lamp_sigma=0.02,
         expected_camera=lambda given: None, responses=None,
     )  # fmt: skip
-    predictor = SimpleNamespace(signal=lambda effects: picture, warp=None)
-    predictor.seen_by = lambda camera: predictor
+    predictor = SimpleNamespace(signal=lambda effects: picture, warp=None, lamp_scale=scale)
+    predictor.seen_by = predictor.at_lamp = lambda _: predictor
     rendered = SimpleNamespace(
         fit=SimpleNamespace(lamp_scale=scale, camera=None), predictor=predictor, signal=picture, variance=own,
         used=None, image=SimpleNamespace(coverage=None),

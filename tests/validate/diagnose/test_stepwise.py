@@ -36,7 +36,9 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     )
     monkeypatch.setattr(stepwise, "replace", lambda one, **_: one)
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
-    monkeypatch.setattr(stepwise, "linearised_fit", lambda prepared, altered, given: altered.fit.camera)
+    monkeypatch.setattr(
+        stepwise, "linearised_fit", lambda prepared, altered, given, added: altered.fit.camera
+    )
     predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
     linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), given=())
     validation = SimpleNamespace(
