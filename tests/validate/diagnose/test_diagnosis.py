@@ -20,7 +20,7 @@ from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
 from cboxlab.validate.diagnose.fitting import fit
 from cboxlab.validate.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.diagnose.linearised_fit import linearised_fit, residual_with
+from cboxlab.validate.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
 from cboxlab.validate.diagnose.search import screen, signature
 from cboxlab.validate.diagnose.selection import best_singles
 from cboxlab.validate.diagnose.unexplained import excess_of
@@ -238,6 +238,20 @@ def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included
         assert 1.0 < grown < 1.299
     else:
         assert grown == pytest.approx(1.3, rel=1e-5)
+
+
+def test_derivative_by_the_lamps_scale_and_noise_are_of_light_alone(outcome):
+    """With an offset of counts the signal is a straight line in the lamp's power, which does not pass through 0; the
+    picture's error grows with the power, so that over it it stays."""
+    predictor = outcome[0].rendered.predictor.at_lamp(1.3)
+    offset = (apply_checked("dark-offset", {"dn": 150.0}, "test"),)
+    slope = 2 * predictor.at_lamp(2.6).signal(offset) - predictor.signal(offset)
+    np.testing.assert_allclose(_by_lamp_scale(predictor, offset), slope, rtol=1e-6, atol=1e-6)
+    assert (predictor.signal(offset) - slope).min() > 80
+    error = np.random.default_rng(3).standard_normal(slope.shape)
+    noise, unscaled = (each.noise((), error) for each in (predictor, predictor.at_lamp(1.0)))
+    np.testing.assert_allclose(noise, unscaled, atol=1e-8)
+    assert noise.std() > 0.9
 
 
 def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):
