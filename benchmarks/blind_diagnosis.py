@@ -207,6 +207,26 @@ def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> Re
     return render_to_precision(pilot, _PICTURE_ERROR)
 
 
+def write_capture(
+    path: Path, case: Case, effects: Sequence[AppliedEffect], max_bounces: int | None = None
+) -> None:
+    """Photograph a case's box, its laboratory and noise, with these effects in it."""
+    where = (case.laboratory, case.box, case.instrument)
+    place = laboratory(*where)
+    inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
+    if all(e.stage in _AFTER_THE_PICTURE for e in inside):
+        image, box = picture(*where, max_bounces), settled(place.scene, case.laboratory)
+        photograph_image(
+            path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed
+        )
+        return
+    model = replace(place.model, effects=inside, render=RenderSettings(seed=case.seed))
+    write_model_capture(
+        path, model, place.camera, place.settings, case.seed,
+        relative_error=_PICTURE_ERROR, box=lambda scene: settled(scene, case.laboratory),
+    )  # fmt: skip
+
+
 def run(case: Case) -> dict[str, Any] | None:
     """Make one capture, diagnose it, and score the answer; None where the effect cannot be so strong."""
     if case.kind == "unknown":
@@ -215,7 +235,6 @@ def run(case: Case) -> dict[str, Any] | None:
         return {**row, **told, "strength": "", "truth": {case.names[0]: {}}, "family_true": row["truth"]}
     generator = np.random.default_rng([case.seed, len(case.key)])
     place = laboratory(case.laboratory, case.box, case.instrument)
-    model = replace(place.model, render=RenderSettings(seed=case.seed))
     bands = tuple(place.settings.filters)
     given, effects, bounces = place.model, [], None
     truncating = [
@@ -234,18 +253,7 @@ def run(case: Case) -> dict[str, Any] | None:
             effects.append(one)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
-        inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
-        if all(e.stage in _AFTER_THE_PICTURE for e in inside):
-            image = picture(case.laboratory, case.box, case.instrument, bounces)
-            box = settled(place.scene, case.laboratory)
-            photograph_image(
-                path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed
-            )
-        else:
-            write_model_capture(
-                path, replace(model, effects=inside), place.camera, place.settings, case.seed,
-                relative_error=_PICTURE_ERROR, box=lambda scene: settled(scene, case.laboratory),
-            )  # fmt: skip
+        write_capture(path, case, effects, bounces)
         start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate(path, given))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from cboxlab.validate.synthetic.strengths import STRENGTHS
 
-__all__ = ["named", "print_tables", "summary"]
+__all__ = ["named", "print_tables", "summary", "with_groups"]
 
 
 def named(row: dict[str, Any]) -> bool:
@@ -21,11 +21,12 @@ def named(row: dict[str, Any]) -> bool:
     if row["kind"] == "outside":
         return row["selected"][:1] == ["unknown"]
     if row["kind"] in ("pair", "triple"):
-        return all(name in _with_groups(row, row["selected"]) for name in row["truth"])
-    return bool(set(row["truth"]) & _with_groups(row, row["selected"][:1]))
+        return all(name in with_groups(row, row["selected"]) for name in row["truth"])
+    return bool(set(row["truth"]) & with_groups(row, row["selected"][:1]))
 
 
-def _with_groups(row: dict[str, Any], names: Sequence[str]) -> set[str]:
+def with_groups(row: dict[str, Any], names: Sequence[str]) -> set[str]:
+    """Effects that an answer names, and those that it cannot tell from them."""
     return set(names).union(*(g for g in row["groups"] if g[0] in names)) - {"unknown"}
 
 

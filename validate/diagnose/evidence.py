@@ -96,26 +96,39 @@ class Limit(OwnMappings):
     beside_errors: bool
 
 
-def limit_of(known: Signature, plain: LinearModel, counting: LinearModel, scale: float) -> Limit | None:
+def limit_of(
+    known: Signature, plain: LinearModel, counting: LinearModel, scale: float, again: Signature | None = None
+) -> Limit | None:
     """Of one way for an effect to act, by its first number; None where it changes nothing, or only what priors tell.
 
     plain, counting : models of a capture without the effect, without and with the picture's own errors counted.
-    scale : of the lamp's power.
+    scale : of the lamp's power. again : the same traced with other random numbers, whose noise would else count as a
+    change that is seen; None also where the two have nothing in common, or where the size is beyond the bounds.
     """
     if known.changes is None or not known.hypothesis.free:
         return None
-    change = plain.whiten_used(scale * known.changes[0])
-    whole, left = square(change), square(counting.whiten_used(scale * known.changes[0]))
-    if whole == 0:
+    other = known.changes if again is None or again.changes is None else again.changes
+    ways = [scale * changes[0] for changes in (known.changes, other)]
+    change, second = (plain.whiten_used(way) for way in ways)
+    first_left, second_left = (counting.whiten_used(way) for way in ways)
+    whole, left = float(change @ second), float(first_left @ second_left)
+    if whole <= 0 or left <= 0:
         return None
     visible, by_size = left / whole, least_gain_of(change, plain)
-    certain = max((_CERTAIN**0.5 + _NINE_OF_TEN) ** 2, largest_gain_of_errors(counting)) / visible
+    # this capture's residuals that go together stand for those of all like it
+    spread = dispersion(counting, first_left, counting.residual + first_left) ** 0.5
+    sure = max(_CERTAIN**0.5 * spread, largest_gain_of_errors(counting) ** 0.5)
+    certain = (sure + _NINE_OF_TEN * spread) ** 2 / visible
+    by_size = (by_size**0.5 + _NINE_OF_TEN * spread / visible**0.5) ** 2
     beside = visible > _LEAST_BESIDE_ERRORS and certain < by_size
     gain, parameter = certain if beside else by_size, known.hypothesis.free[0]
     distance = abs(known.steps[0]) * float(np.sqrt(gain / whole))
     tolerated = parameter.tolerance * _beyond_chance(sum(p.tolerance > 0 for p in known.hypothesis.free))
     if distance < tolerated:
         distance, gain = tolerated, gain * (tolerated / distance) ** 2
+    low, high = parameter.coordinate_bounds
+    if not low <= parameter.null_coordinate + distance <= high and parameter.null_coordinate - distance < low:
+        return None
     return Limit(
         known.hypothesis.effect.id, dict(known.hypothesis.fixed), parameter.name, parameter.unit, distance,
         gain / plain.count, visible, beside,

@@ -35,6 +35,10 @@ __all__ = [
 ]
 
 
+#: Changes below this part of the largest signal are rounding.
+_ROUNDING = 1e-9
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate(OwnMappings):
     """A hypothesis with numbers. numbers : fitted. sigma : their standard deviations. chi2 : minimised over the
@@ -195,7 +199,8 @@ class Signature:
 def signature(
     predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
 ) -> Signature | None:
-    """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here."""
+    """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here, as a
+    gradient across a flat face cannot."""
     known = Signature(hypothesis, tuple(p.coordinate_step for p in hypothesis.free) or (1.0,), None)
     by_priors = all(judged_by_priors(effect, predictor.camera) for effect in known.stepped)
     if by_priors:
@@ -204,6 +209,8 @@ def signature(
     try:
         changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]
     except InputError:
+        return None
+    if np.max(np.abs(changes)) <= _ROUNDING * np.max(np.abs(base)):
         return None
     return replace(known, changes=np.array(changes, np.float32))
 

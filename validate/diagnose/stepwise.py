@@ -21,7 +21,7 @@ from .evidence import (
     limit_of,
     something_remains,
 )
-from .hypotheses import hypotheses
+from .hypotheses import Hypothesis, hypotheses
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -38,6 +38,9 @@ __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "
 #: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
 _MOST_EFFECTS = 3
 _FITTED_FIRST = 6
+
+#: Stages whose changes of the picture hang on random numbers.
+_TRACED = stages_between("scene", "transport")
 
 #: The base picture is rendered again where the refit with an effect moves the box's corners by more than this (rms);
 #: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
@@ -147,22 +150,33 @@ def limits_of(
     """The limit of each effect in the way in which it shows most easily, the smallest first.
 
     tried : every signature with the limit that follows from it. The effect is computed once more at that size: a blur
-    grows with a higher power of its width than the first.
+    grows with a higher power of its width than the first. What is traced is traced twice, lest its noise counts.
     """
     best: dict[str, tuple[Signature, Limit]] = {}
     for known, limit in sorted(tried, key=lambda one: one[1].chi2_per_sample):
         best.setdefault(limit.effect, (known, limit))
     rough, found = first.predictor.rough(), []
-    for known, limit in best.values():
+    resampled = rough.resampled()
+
+    def limit_at_step(hypothesis: Hypothesis) -> Limit | None:
+        traced = hypothesis.effect.stage in _TRACED
+        seen = [
+            signature(each, first.given, first.rendered.used, hypothesis)
+            for each in ((rough, resampled) if traced else (rough,))
+        ]
+        one, again = seen[0], seen[-1]
+        return None if one is None else limit_of(one, first.model, counting, first.scale, again)
+
+    for known, _ in best.values():
         (number, *others), step = known.hypothesis.free, abs(known.steps[0])
-        there = replace(known.hypothesis, free=(replace(number, step=limit.distance), *others))
-        near = signature(rough, first.given, first.rendered.used, there)
-        again = near and limit_of(near, first.model, counting, first.scale)
-        if again:
-            closer = np.log(again.distance / limit.distance)
-            power = 1 + closer / np.log(step / limit.distance)
-            limit = replace(limit, distance=limit.distance * float(np.exp(closer / max(1.0, power))))
-        found.append(limit)
+        near = limit_at_step(known.hypothesis)
+        if near is None:
+            continue
+        there = replace(known.hypothesis, free=(replace(number, step=near.distance), *others))
+        if again := limit_at_step(there):
+            closer = np.log(again.distance / near.distance)
+            power = 1 + closer / np.log(step / near.distance)
+            found.append(replace(again, distance=near.distance * float(np.exp(closer / max(1.0, power)))))
     return tuple(found)
 
 

@@ -155,7 +155,8 @@ def _limits(diagnosis: Diagnosis) -> Table:
     return Table(
         ("effect", "found nine times in ten with", "χ² per pixel and band", "limited by"), rows,
         "In captures like this one, to first order, in the way in which the effect shows most easily. Small smooth "
-        "changes are not told from errors of the picture: there the size is the limit.",
+        "changes are not told from errors of the picture: there the size is the limit. An effect that "
+        "does not stand here would be found at no size, or only by what is known of camera and lamp.",
     )  # fmt: skip
 
 
