@@ -97,13 +97,15 @@ class Limit(OwnMappings):
 
 
 def limit_of(
-    known: Signature, plain: LinearModel, counting: LinearModel, scale: float, again: Signature | None = None
-) -> Limit | None:
+    known: Signature, plain: LinearModel, counting: LinearModel, scale: float,
+    again: Signature | None = None, residual: NDArray | None = None,
+) -> Limit | None:  # fmt: skip
     """Of one way for an effect to act, by its first number; None where it changes nothing, or only what priors tell.
 
     plain, counting : models of a capture without the effect, without and with the picture's own errors counted.
     scale : of the lamp's power. again : the same traced with other random numbers, whose noise would else count as a
-    change that is seen; None also where the two have nothing in common, or where the size is beyond the bounds.
+    change that is seen; None also where the two have nothing in common. residual : (n + 11,) of a capture without any
+    effect, whose residuals that go together stand for those of all like it; without, only noise scatters.
     """
     if known.changes is None or not known.hypothesis.free:
         return None
@@ -115,24 +117,26 @@ def limit_of(
     if whole <= 0 or left <= 0:
         return None
     visible, by_size = left / whole, least_gain_of(change, plain)
-    # this capture's residuals that go together stand for those of all like it
-    spread = dispersion(counting, first_left, counting.residual + first_left) ** 0.5
-    sure = max(_CERTAIN**0.5 * spread, largest_gain_of_errors(counting) ** 0.5)
-    certain = (sure + _NINE_OF_TEN * spread) ** 2 / visible
-    by_size = (by_size**0.5 + _NINE_OF_TEN * spread / visible**0.5) ** 2
-    beside = visible > _LEAST_BESIDE_ERRORS and certain < by_size
-    gain, parameter = certain if beside else by_size, known.hypothesis.free[0]
+    largest = largest_gain_of_errors(counting)
+    beside = visible > _LEAST_BESIDE_ERRORS and max(_nine_of_ten(_CERTAIN, 1.0), largest) / visible < by_size
+    spread = 1.0 if residual is None else dispersion(counting, first_left, residual + first_left) ** 0.5
+    gain, parameter = _nine_of_ten(by_size * visible, spread), known.hypothesis.free[0]
+    if beside:
+        gain = min(gain, _nine_of_ten(max(_CERTAIN * spread**2, largest), spread))
+    gain /= visible
     distance = abs(known.steps[0]) * float(np.sqrt(gain / whole))
     tolerated = parameter.tolerance * _beyond_chance(sum(p.tolerance > 0 for p in known.hypothesis.free))
     if distance < tolerated:
         distance, gain = tolerated, gain * (tolerated / distance) ** 2
-    low, high = parameter.coordinate_bounds
-    if not low <= parameter.null_coordinate + distance <= high and parameter.null_coordinate - distance < low:
-        return None
     return Limit(
         known.hypothesis.effect.id, dict(known.hypothesis.fixed), parameter.name, parameter.unit, distance,
         gain / plain.count, visible, beside,
     )  # fmt: skip
+
+
+def _nine_of_ten(least: float, spread: float) -> float:
+    """The chi2 at which nine of ten gain ``least``. spread : of amplitudes, in their standard deviations."""
+    return (least**0.5 + _NINE_OF_TEN * spread) ** 2
 
 
 def first_significant(

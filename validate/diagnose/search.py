@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 
-#: Changes below this part of the largest signal are rounding.
+#: Changes below this part of the largest signal used are rounding.
 _ROUNDING = 1e-9
 
 
@@ -210,7 +210,7 @@ def signature(
         changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]
     except InputError:
         return None
-    if np.max(np.abs(changes)) <= _ROUNDING * np.max(np.abs(base)):
+    if np.max(np.abs(changes)) <= _ROUNDING * np.max(np.abs(base[used])):
         return None
     return replace(known, changes=np.array(changes, np.float32))
 

@@ -21,7 +21,7 @@ from .evidence import (
     limit_of,
     something_remains,
 )
-from .hypotheses import Hypothesis, hypotheses
+from .hypotheses import hypotheses
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -151,6 +151,7 @@ def limits_of(
 
     tried : every signature with the limit that follows from it. The effect is computed once more at that size: a blur
     grows with a higher power of its width than the first. What is traced is traced twice, lest its noise counts.
+    What would be found at no size within its bounds is left out.
     """
     best: dict[str, tuple[Signature, Limit]] = {}
     for known, limit in sorted(tried, key=lambda one: one[1].chi2_per_sample):
@@ -158,25 +159,26 @@ def limits_of(
     rough, found = first.predictor.rough(), []
     resampled = rough.resampled()
 
-    def limit_at_step(hypothesis: Hypothesis) -> Limit | None:
-        traced = hypothesis.effect.stage in _TRACED
-        seen = [
-            signature(each, first.given, first.rendered.used, hypothesis)
-            for each in ((rough, resampled) if traced else (rough,))
-        ]
-        one, again = seen[0], seen[-1]
-        return None if one is None else limit_of(one, first.model, counting, first.scale, again)
+    def stated(known: Signature) -> Limit | None:
+        again = None
+        if known.hypothesis.effect.stage in _TRACED:
+            again = signature(resampled, first.given, first.rendered.used, known.hypothesis)
+        return limit_of(known, first.model, counting, first.scale, again, counting.residual)
 
     for known, _ in best.values():
         (number, *others), step = known.hypothesis.free, abs(known.steps[0])
-        near = limit_at_step(known.hypothesis)
+        near = stated(known)
         if near is None:
             continue
         there = replace(known.hypothesis, free=(replace(number, step=near.distance), *others))
-        if again := limit_at_step(there):
+        close = signature(rough, first.given, first.rendered.used, there)
+        if close and (again := stated(close)):
             closer = np.log(again.distance / near.distance)
             power = 1 + closer / np.log(step / near.distance)
-            found.append(replace(again, distance=near.distance * float(np.exp(closer / max(1.0, power)))))
+            near = replace(again, distance=near.distance * float(np.exp(closer / max(1.0, power))))
+        low, high = number.coordinate_bounds
+        if number.null_coordinate - near.distance >= low or number.null_coordinate + near.distance <= high:
+            found.append(near)
     return tuple(found)
 
 

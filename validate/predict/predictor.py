@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from cboxlab.calibration.radiometry import sensor_matrix
@@ -103,13 +103,16 @@ class Predictor:
     _traced: _Traced = field(default_factory=_Traced, init=False)
     _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict, init=False)
 
+    def _sharing(self, *stores: str, **changes: Any) -> Predictor:
+        """The same with changes, and with the stores of what was traced that do not depend on them."""
+        other = replace(self, **changes)
+        for store in stores:
+            object.__setattr__(other, store, getattr(self, store))
+        return other
+
     def rough(self) -> Predictor:
         """The same with fewer rays per pixel, for screening."""
-        other = replace(self, samples=_SCREENING_SAMPLES)
-        object.__setattr__(
-            other, "_traced", self._traced
-        )  # patches and form factors do not depend on the samples
-        return other
+        return self._sharing("_traced", samples=_SCREENING_SAMPLES)  # patches do not depend on the samples
 
     def draft(self) -> Predictor:
         """The same with fewer rays per pixel for what is traced anew, too: three times as fast, twice the noise."""
@@ -123,23 +126,15 @@ class Predictor:
 
     def with_settings(self, settings: RenderSettings) -> Predictor:
         """The same base picture, taken for one rendered with other settings."""
-        other = replace(self, settings=settings)
-        object.__setattr__(other, "_traced", self._traced)  # rays do not depend on the depth of paths
-        return other
+        return self._sharing("_traced", settings=settings)  # rays do not depend on the depth of paths
 
     def seen_by(self, camera: Camera) -> Predictor:
         """The base picture warped to a camera a few hundredths of a pixel off, before any effect acts on it."""
-        other = replace(self, moved=warp_change(self.warp, camera))
-        object.__setattr__(other, "_traced", self._traced)
-        object.__setattr__(other, "_pictures", self._pictures)  # changes are those of the picture as rendered
-        return other
+        return self._sharing("_traced", "_pictures", moved=warp_change(self.warp, camera))
 
     def at_lamp(self, scale: float) -> Predictor:
         """The same at another power of the lamp. scale : factor on its stated power."""
-        other = replace(self, lamp_scale=scale)
-        object.__setattr__(other, "_traced", self._traced)  # rays do not depend on the lamp's power
-        object.__setattr__(other, "_pictures", self._pictures)
-        return other
+        return self._sharing("_traced", "_pictures", lamp_scale=scale)
 
     def resampled(self) -> Predictor:
         """The same with other random numbers for changes by effects of the scene."""
