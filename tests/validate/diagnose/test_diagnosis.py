@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.image.blur import blur
+from cboxlab.render.perturbation import warp_change
 from cboxlab.scenes import cornell_box
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.commands import console
@@ -226,12 +227,15 @@ def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included
     others = () if given is None else (apply_checked(*given, "test"),)
     light = tuple(e for e in others if included and e.stage in ("scene", "transport"))
     moved = rendered.predictor.camera.parameters + np.array([0.1, *np.zeros(9)])
-    there = replace(rendered.predictor, included=light).at_lamp(1.0)
-    there = there.seen_by(there.camera.with_parameters(moved))
+    still = replace(rendered.predictor, included=light).at_lamp(1.0)
+    camera = still.camera.with_parameters(moved)
+    there = still.seen_by(camera)
     brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
     before, after = there.signal(others), there.signal((*others, brighter))
     lit = rendered.used & (rendered.predictor.base.signal > 300)
-    assert np.abs(before - rendered.predictor.signal(others))[lit].max() > 10
+    assert np.abs(before - still.signal(others))[lit].max() > 10
+    if given is None:
+        np.testing.assert_allclose(before, still.signal(()) + warp_change(still.warp, camera), atol=1e-6)
     np.testing.assert_allclose(1.3 * there.at_lamp(1.3).signal(others)[lit], after[lit], rtol=1e-5)
     grown = np.median(after[lit] / before[lit])
     if given is not None and given[0] in ("ambient-light", "dark-offset"):

@@ -217,15 +217,24 @@ def test_residuals_that_go_together_raise_a_limit_as_they_raise_what_is_asked_fo
     assert noisy.beside_errors  # what is tried in the search does not hang on what is left in the capture
 
 
-def limits_alone(plain, predictor, stage, parameter=AMOUNT):
-    """The first-order limit of a "grey" pattern by this predictor, and what is stated of it."""
+def limits_alone(plain, predictor, stage, parameter=AMOUNT, left=0.0):
+    """The first-order limit of a "grey" pattern by this predictor, and what is stated of it. left : residual."""
     seen = SimpleNamespace(**vars(plain.rendered), used=np.ones(SHAPE, bool))
     first = replace(plain, predictor=predictor, rendered=seen)
     effect = Effect("grey", stage, "grey", (parameter,), lambda value, amount: value, "")
     known = signature(predictor, (), seen.used, Hypothesis(effect, (parameter,), {}))
     counting = plain.counting_errors(()).model
+    counting = replace(counting, residual=left * counting.residual)
     limit = limit_of(known, plain.model, counting, 1.0)
     return limit, limits_of(first, counting, [(known, limit)])
+
+
+def test_what_is_left_in_a_capture_raises_what_is_stated():
+    """What goes together raises a limit; it has one patch here, so that a residual is taken with its own size."""
+    _, drawn = beside_errors()
+    pattern = Squares({"grey": waves(1, 1)})
+    (quiet,), (noisy,) = (limits_alone(drawn(0.0), pattern, "filter", left=left)[1] for left in (0.0, 10.0))
+    assert noisy.distance > 1.5 * quiet.distance
 
 
 @pytest.mark.parametrize("size", [1.0, 0.0])
@@ -239,10 +248,13 @@ def test_noise_of_rays_is_no_change_that_is_seen(size):
     assert not size or found[0].visible < 0.1
 
 
-@pytest.mark.parametrize(("most", "told"), [(0.05, False), (10.0, True)])
-def test_a_size_beyond_an_effects_bounds_is_not_stated(most, told):
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(-0.05, 0.05, False), (-10.0, 10.0, True), (0.0, 10.0, True), (-10.0, 0.0, True)],
+)
+def test_a_size_beyond_an_effects_bounds_is_not_stated(low, high, told):
     _, drawn = beside_errors()
-    parameter = replace(AMOUNT, low=-most, high=most)
+    parameter = replace(AMOUNT, low=low, high=high)
     _, found = limits_alone(drawn(0.0), Squares({"grey": waves(1, 1)}), "filter", parameter)
     assert bool(found) is told
 

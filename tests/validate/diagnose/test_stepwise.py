@@ -36,13 +36,21 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     )
     monkeypatch.setattr(stepwise, "replace", lambda one, **_: one)
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
-    monkeypatch.setattr(
-        stepwise, "linearised_fit", lambda prepared, altered, given, added: altered.fit.camera
-    )
+    held = []
+
+    def linearised_fit(prepared, altered, given, added):
+        held.append((given, added))
+        return altered.fit.camera
+
+    monkeypatch.setattr(stepwise, "linearised_fit", linearised_fit)
     predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
-    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), given=())
+    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), given=("own",))
     validation = SimpleNamespace(
         prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
     )
-    assert refitted(validation, linearised, []) is after
+    chosen = SimpleNamespace(
+        applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage="optics"))
+    )
+    assert refitted(validation, linearised, [chosen]) is after
     assert made == [after] * renderings
+    assert held == [(("own",), ("found",))]
