@@ -131,7 +131,7 @@ def _strip(
     ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:  # fmt: skip
         """Throughputs and sums of all wavelengths after a vertex with its material and direct light of each lamp."""
         throughput = [
-            dr.select(begun, one, t) * r for t, r in zip(throughput, reflectance_of(material), strict=True)
+            dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)
         ]
         if len(lights) == 1:  # of share 1 at every wavelength
             light = lights * len(sums)
@@ -198,25 +198,16 @@ def _strip(
 
 
 class _MaterialTable:
-    """A table (material, w), the lamps' rows last, of which each lane reads the row of its material."""
-
-    #: Up to this number of materials, a chain of selections is faster than gathering from memory.
-    MOST_SELECTED = 4
+    """A table (material, w), the lamps' rows last, of which each lane reads the row of its material, four at a time."""
 
     def __init__(self, table: np.ndarray) -> None:
-        self._materials, self._wavelengths = table.shape
-        self._selects = self._materials <= self.MOST_SELECTED
-        if self._selects:
-            self._rows = [[dr.opaque(mi.Float, float(x)) for x in row] for row in table]
-        else:
-            self._packed = device_array(mi.Float, table)
+        self._wavelengths = table.shape[1]
+        self._fours = -(-self._wavelengths // 4)
+        self._packed = device_array(
+            mi.Float, np.pad(table, ((0, 0), (0, 4 * self._fours - self._wavelengths)))
+        )
 
     def __call__(self, material: mi.UInt32) -> list[mi.Float]:
-        if not self._selects:
-            base = material * self._wavelengths
-            return [dr.gather(mi.Float, self._packed, base + k) for k in range(self._wavelengths)]
-        values = list(self._rows[0])
-        for other in range(1, self._materials):
-            here = material == other
-            values = [dr.select(here, new, old) for new, old in zip(self._rows[other], values, strict=True)]
-        return values
+        base = material * self._fours
+        fours = [dr.gather(mi.Vector4f, self._packed, base + k) for k in range(self._fours)]
+        return [value for four in fours for value in four][: self._wavelengths]

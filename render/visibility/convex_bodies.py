@@ -1,4 +1,5 @@
-"""Blocks among flat faces: rays meet a convex body where they enter the last of its planes, or leave the first."""
+"""Blocks and the room among flat faces: rays meet a convex body where they enter the last of its planes, or leave the
+first."""
 
 from __future__ import annotations
 
@@ -11,45 +12,85 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ..device import dr, mi
 
-__all__ = ["ConvexBody", "convex_bodies"]
+__all__ = ["ConvexBody", "convex_bodies", "convex_room"]
 
 #: Corners are one point, and lie in one plane, within this, mm.
 _SAME_MM = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class ConvexBody:
-    """A convex body whose faces are among a scene's. Open sides, as a block's on the floor, have planes without a face.
+class Side:
+    """One side of a convex body.
 
-    rows : (n, n . p) of each plane, n outwards, in numbers of one lane. faces : of each plane, the index of its face;
-    None for an open side. shut : whether open sides lie on the scene's convex hull, so that nothing enters by them from
-    within it.
+    row : (n, n . p) of its plane, n outwards, in numbers of one lane. faces : those that fill it; none for an open
+    side. lines : (a, b) of the edges between its faces, as rows. pieces : for each face but the last, which lines it
+    lies at, and whether where a . p > b.
     """
 
-    rows: tuple[tuple[mi.Float, ...], ...]
-    faces: tuple[int | None, ...]
+    row: tuple[mi.Float, ...]
+    faces: tuple[int, ...]
+    lines: tuple[tuple[mi.Float, ...], ...]
+    pieces: tuple[tuple[tuple[int, bool], ...], ...]
+
+    def at(self, position: mi.Point3f) -> mi.UInt32:
+        """Which of several faces a position on the side lies in."""
+        beyond = [dr.dot(mi.Vector3f(*line[:3]), position) > line[3] for line in self.lines]
+        found = mi.UInt32(self.faces[-1])
+        for face, piece in zip(self.faces, self.pieces, strict=False):
+            inside = mi.Bool(True)
+            for line, above in piece:
+                inside &= beyond[line] if above else ~beyond[line]
+            found = dr.select(inside, face, found)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexBody:
+    """A convex body whose faces are among a scene's. Open sides, as a block's on the floor, have no face.
+
+    shut : whether open sides lie on the scene's convex hull, so that nothing enters by them from within it.
+    """
+
+    sides: tuple[Side, ...]
     shut: bool
+
+    @property
+    def faces(self) -> list[int]:
+        """The faces of all sides, in order."""
+        return sorted(face for side in self.sides for face in side.faces)
 
     def met(self, ray: mi.Ray3f, none: int) -> tuple[mi.Float, mi.UInt32]:
         """Distance to the nearest face, and which; ``none`` where the ray meets none or starts beyond all."""
         enter, at_enter, leave, at_leave = self._span(ray, none)
         outside = (enter > 0) & (at_enter != none)
         t, face = dr.select(outside, enter, leave), dr.select(outside, at_enter, at_leave)
-        return t, dr.select((enter <= leave) & (t > 0), face, none)
+        return t, self._divided(dr.select((enter <= leave) & (t > 0), face, none), ray(t))
 
     def entered(self, ray: mi.Ray3f, none: int) -> mi.UInt32:
         """The face by which a ray enters; ``none`` where it does not, or by an open side."""
         enter, at_enter, leave, _ = self._span(ray, none)
-        return dr.select((enter <= leave) & (enter > 0), at_enter, none)
+        return self._divided(dr.select((enter <= leave) & (enter > 0), at_enter, none), ray(enter))
+
+    def left(self, ray: mi.Ray3f, none: int) -> mi.UInt32:
+        """The face by which a ray leaves; ``none`` where it does not, or by an open side."""
+        enter, _, leave, at_leave = self._span(ray, none)
+        return self._divided(dr.select((enter <= leave) & (leave > 0), at_leave, none), ray(leave))
+
+    def _divided(self, face: mi.UInt32, position: mi.Point3f) -> mi.UInt32:
+        """Which face, if ``face`` is the first of a side with several."""
+        for side in self.sides:
+            if len(side.faces) > 1:
+                face = dr.select(face == side.faces[0], side.at(position), face)
+        return face
 
     def _span(self, ray: mi.Ray3f, none: int) -> tuple[mi.Float, mi.UInt32, mi.Float, mi.UInt32]:
-        """Distances at which a ray enters the last plane and leaves the first one, each with the plane's face."""
+        """Distances at which a ray enters the last plane and leaves the first one, each with the side's first face."""
         enter, leave = mi.Float(-dr.inf), mi.Float(dr.inf)
         at_enter, at_leave = mi.UInt32(none), mi.UInt32(none)
-        for row, face in zip(self.rows, self.faces, strict=True):
-            t, inwards = _plane(row, ray)
+        for side in self.sides:
+            t, inwards = _plane(side.row, ray)
             later, sooner = inwards & (t > enter), ~inwards & (t < leave)
-            index = mi.UInt32(none if face is None else face)
+            index = mi.UInt32(side.faces[0] if side.faces else none)
             enter, at_enter = dr.select(later, t, enter), dr.select(later, index, at_enter)
             leave, at_leave = dr.select(sooner, t, leave), dr.select(sooner, index, at_leave)
         return enter, at_enter, leave, at_leave
@@ -57,8 +98,8 @@ class ConvexBody:
     def blocks(self, ray: mi.Ray3f) -> mi.Bool:
         """Whether a ray meets it before the ray's end, if the ray passes no open side."""
         enter, leave = mi.Float(-dr.inf), mi.Float(dr.inf)
-        for row in self.rows:
-            t, inwards = _plane(row, ray)
+        for side in self.sides:
+            t, inwards = _plane(side.row, ray)
             enter = dr.select(inwards, dr.maximum(enter, t), enter)
             leave = dr.select(inwards, leave, dr.minimum(leave, t))
         nearest = dr.select(enter > 0, enter, leave)
@@ -86,27 +127,80 @@ def convex_bodies(
     found = []
     everything = np.concatenate(outlines)
     for members in _connected(outlines):
-        corners = np.concatenate([outlines[i] for i in members])
-        try:
-            hull = ConvexHull(corners)
-        except QhullError:  # flat
-            continue
-        sides = _sides(hull)
-        faces: list[int | None] = []
-        for plane, area in sides:
-            own = [
-                i for i in members
-                if np.abs(outlines[i] @ plane[:3] - plane[3]).max() < _SAME_MM and normals[i] @ plane[:3] > 0
-            ]  # fmt: skip
-            whole = len(own) == 1 and abs(_area(outlines[own[0]]) / area - 1) < 1e-6
-            faces.append(own[0] if whole else None)
-        if sorted(face for face in faces if face is not None) == members:
-            grown = [[*plane[:3], plane[3] + overlap_mm] for plane, _ in sides]
-            rows = tuple(tuple(dr.opaque(mi.Float, float(v)) for v in plane) for plane in grown)
-            open_sides = [plane for (plane, _), face in zip(sides, faces, strict=True) if face is None]
+        planes = _planes(np.concatenate([outlines[i] for i in members]))
+        filled = [_filling(plane, area, outlines, members) for plane, area in planes]
+        outwards = all(
+            normals[i] @ plane[:3] > 0 for (plane, _), own in zip(planes, filled, strict=True) for i in own
+        )
+        if sorted(i for own in filled for i in own) == members and outwards:
+            open_sides = [plane for (plane, _), own in zip(planes, filled, strict=True) if not own]
             shut = all((everything @ plane[:3] - plane[3]).max() < _SAME_MM for plane in open_sides)
-            found.append(ConvexBody(rows, tuple(faces), shut))
+            found.append(_body(planes, filled, outlines, overlap_mm, shut))
     return tuple(found)
+
+
+def convex_room(
+    outlines: Sequence[NDArray[np.float64]], loose: Sequence[int], overlap_mm: float
+) -> ConvexBody | None:
+    """The scene's convex hull, with those ``loose`` faces that fill sides of it; None where it has too few to pay."""
+    planes = _planes(np.concatenate(outlines))
+    filled = [_filling(plane, area, outlines, loose) for plane, area in planes]
+    if 2 * sum(map(len, filled)) <= len(planes):
+        return None
+    return _body(planes, filled, outlines, overlap_mm, shut=False)
+
+
+def _filling(
+    plane: NDArray[np.float64], area: float, outlines: Sequence[NDArray[np.float64]], members: Sequence[int]
+) -> tuple[int, ...]:
+    """Those of some faces that fill one side of a hull between them; none where they do not."""
+    own = [i for i in members if np.abs(outlines[i] @ plane[:3] - plane[3]).max() < _SAME_MM]
+    whole = abs(sum(_area(outlines[i]) for i in own) / area - 1) < 1e-6
+    return tuple(own) if whole else ()
+
+
+def _body(
+    planes: Sequence[tuple[NDArray[np.float64], float]],
+    filled: Sequence[tuple[int, ...]],
+    outlines: Sequence[NDArray[np.float64]],
+    overlap_mm: float,
+    shut: bool,
+) -> ConvexBody:
+    sides = []
+    for (plane, _), own in zip(planes, filled, strict=True):
+        lines, pieces = _division(plane, [outlines[i] for i in own])
+        sides.append(Side(_one_lane([*plane[:3], plane[3] + overlap_mm]), own, lines, pieces))
+    return ConvexBody(tuple(sides), shut)
+
+
+def _division(
+    plane: NDArray[np.float64], outlines: Sequence[NDArray[np.float64]]
+) -> tuple[tuple[tuple[mi.Float, ...], ...], tuple[tuple[tuple[int, bool], ...], ...]]:
+    """``lines`` and ``pieces`` of a side with these faces."""
+    corners = np.concatenate(outlines) if outlines else np.empty((0, 3))
+    lines: list[NDArray[np.float64]] = []
+    pieces = []
+    for outline in outlines[:-1]:
+        middle, piece = outline.mean(axis=0), []
+        for first, second in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            across = np.cross(plane[:3], second - first)
+            line = np.array([*across, across @ first]) / np.linalg.norm(across)
+            heights = corners @ line[:3] - line[3]
+            if min(heights.max(), -heights.min()) < _SAME_MM:  # at the side's own edge
+                continue
+            ends = np.array([first, second])
+            known = [np.abs(ends @ other[:3] - other[3]).max() < _SAME_MM for other in lines]
+            if not any(known):
+                known.append(True)
+                lines.append(line)
+            number = known.index(True)
+            piece.append((number, bool(middle @ lines[number][:3] > lines[number][3])))
+        pieces.append(tuple(piece))
+    return tuple(_one_lane(line) for line in lines), tuple(pieces)
+
+
+def _one_lane(row: Sequence[float] | NDArray[np.float64]) -> tuple[mi.Float, ...]:
+    return tuple(dr.opaque(mi.Float, float(value)) for value in row)
 
 
 def _connected(outlines: Sequence[NDArray[np.float64]]) -> list[list[int]]:
@@ -122,8 +216,12 @@ def _connected(outlines: Sequence[NDArray[np.float64]]) -> list[list[int]]:
     return groups
 
 
-def _sides(hull: ConvexHull) -> list[tuple[NDArray[np.float64], float]]:
-    """Planes (n, n . p) of a hull and the area in each."""
+def _planes(corners: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
+    """Planes (n, n . p), n outwards, of the hull of points (k, 3), and the area in each; none of a flat one."""
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        return []
     found: list[tuple[NDArray[np.float64], float]] = []
     for equation, simplex in zip(hull.equations, hull.simplices, strict=True):
         plane, area = np.array([*equation[:3], -equation[3]]), _area(hull.points[simplex])

@@ -2,8 +2,8 @@
 
 Each face is a convex polygon of one or two triangles. A ray meets its plane at t; the point is inside where four
 linear functions of its two coordinates in the plane, distances from the edges in mm, are positive. Faces that bound a
-convex body need no such functions, see ``convex_bodies``. All faces are tried one after the other, without branches:
-for a few dozen that takes less time than Embree's tree.
+convex body, as a block or the room, need no such functions, see ``convex_bodies``. All faces are tried one after the
+other, without branches: for a few dozen that takes less time than Embree's tree.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
-from .convex_bodies import ConvexBody, convex_bodies
+from .convex_bodies import ConvexBody, convex_bodies, convex_room
 
-__all__ = ["MOST_FACES", "FlatFaces", "flat_faces"]
+__all__ = ["MOST_FACES", "FlatFaces", "Nearest", "flat_faces"]
 
 #: More faces than this are cheaper in a tree.
 MOST_FACES = 64
@@ -32,9 +32,11 @@ _OVERLAP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """What Mitsuba's preliminary intersection tells: t, infinite for none, the triangle, barycentric coordinates."""
+    """What Mitsuba's preliminary intersection tells: t, infinite for none, the triangle, barycentric coordinates; also
+    the face."""
 
     t: mi.Float
+    face: mi.UInt32
     prim_index: mi.UInt32
     prim_uv: mi.Point2f
     valid: mi.Bool
@@ -49,7 +51,8 @@ class FlatFaces:
 
     outlines : (3 or 4, 3) corners of each face, mm, counterclockwise seen from the lit side.
     planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
-    the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones.
+    the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones,
+    outwards. room : of those that fill sides of the scene's convex hull; None where they are few.
     rows : of each other face its index and 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
     two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for directions. hull : for each face, whether it lies on
     the scene's convex hull. overlap_mm : how far faces of ``rows`` reach beyond edges. triangles : (f, 2) of each face,
@@ -60,6 +63,7 @@ class FlatFaces:
     outlines: tuple[NDArray[np.float64], ...]
     planes: NDArray[np.float64]
     bodies: tuple[ConvexBody, ...]
+    room: ConvexBody | None
     rows: tuple[tuple[int, tuple[mi.Float, ...]], ...]
     hull: tuple[bool, ...]
     overlap_mm: float
@@ -79,7 +83,7 @@ class FlatFaces:
             hit = inside & (t > 0) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
             face = dr.select(hit, index, face)
-        for body in self.bodies:
+        for body in (*self.bodies, *([self.room] if self.room else [])):
             t, own = body.met(ray, none)
             hit = (own < none) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
@@ -91,7 +95,7 @@ class FlatFaces:
         triangle = dr.gather(mi.UInt32, self.triangles, 2 * face + mi.UInt32(second), valid)
         u, v = (dr.gather(mi.Vector4f, self.coordinates, 2 * triangle + i, valid) for i in (0, 1))
         uv = mi.Point2f(*(dr.clip(_line(row, position), 0, 1) for row in (u, v)))
-        return Nearest(dr.select(valid, nearest, dr.inf), triangle, uv, valid)
+        return Nearest(dr.select(valid, nearest, dr.inf), face, triangle, uv, valid)
 
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
         """Whether any face is met before the ray's end.
@@ -107,13 +111,18 @@ class FlatFaces:
             if enclosed and body.shut:
                 blocked |= body.blocks(ray)
             else:
-                t, own = body.met(ray, len(self.planes))
-                blocked |= (own < len(self.planes)) & (t < ray.maxt)
+                blocked |= self._met_by(body, ray)
+        if self.room and not enclosed:
+            blocked |= self._met_by(self.room, ray)
         return blocked & active
 
+    def _met_by(self, body: ConvexBody, ray: mi.Ray3f) -> mi.Bool:
+        t, own = body.met(ray, len(self.planes))
+        return (own < len(self.planes)) & (t < ray.maxt)
+
     def crossed(self, ray: mi.Ray3f, walls: Sequence[int]) -> list[mi.UInt32]:
-        """Faces that a ray would cross if nothing else were there: the nearest of ``walls``, then for each body that by
-        which it enters. Indices of faces; their number for none.
+        """Faces that a ray from within the scene's convex hull would cross if nothing else were there: the nearest of
+        ``walls`` or of the room, then for each body that by which it enters. Indices of faces; their number for none.
         """
         none = len(self.planes)
         nearest, wall = mi.Float(dr.inf), mi.UInt32(none)
@@ -122,6 +131,9 @@ class FlatFaces:
                 t, inside = self._met(row, ray)
                 hit = inside & (t > 0) & (t < nearest)
                 nearest, wall = dr.select(hit, t, nearest), dr.select(hit, index, wall)
+        if self.room:
+            left = self.room.left(ray, none)
+            wall = dr.select(left < none, left, wall)
         return [wall, *(body.entered(ray, none) for body in self.bodies)]
 
     def _met(self, row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
@@ -149,13 +161,17 @@ def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatF
     planes = np.array([_planes(outline) for outline, _ in polygons])
     height = corners @ planes[:, 0, :3].T - planes[:, 0, 3]
     overlap_mm = _OVERLAP * float(np.ptp(corners, axis=0).max())
-    bodies = convex_bodies([outline for outline, _ in polygons], planes[:, 0, :3], overlap_mm)
-    of_bodies = {face for body in bodies for face in body.faces}
-    loose = [index for index in range(len(polygons)) if index not in of_bodies]
+    outlines = tuple(outline for outline, _ in polygons)
+    bodies = convex_bodies(outlines, planes[:, 0, :3], overlap_mm)
+    loose = sorted({*range(len(polygons))}.difference(*(body.faces for body in bodies)))
+    room = convex_room(outlines, loose, overlap_mm)
+    if room:
+        loose = [index for index in loose if index not in room.faces]
     return FlatFaces(
-        outlines=tuple(outline for outline, _ in polygons),
+        outlines=outlines,
         planes=planes,
         bodies=bodies,
+        room=room,
         rows=tuple((i, tuple(dr.opaque(mi.Float, float(value)) for value in _row(planes[i]))) for i in loose),
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=overlap_mm,

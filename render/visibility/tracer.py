@@ -10,7 +10,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from ..device import device_array, dr, mi
-from .flat_faces import FlatFaces, flat_faces
+from .flat_faces import FlatFaces, Nearest, flat_faces
 
 __all__ = [
     "RAY_OFFSET_MM",
@@ -43,7 +43,8 @@ class Tracer:
     ``scene.surfaces``; len(surfaces) for the lamps. material : (t,) index into ``material_names``; for lamps
     len(material_names) and the lamp's index. facet : (t,) index of the flat face, see ``facets``. facet_surface :
     (f,) the surface of each face, the lamps' last. accelerator : what rays are asked of. packed_triangles : normal
-    and material of each triangle in two 64-bit words, which reduces the number of gathers.
+    and material of each triangle in two 64-bit words, which reduces the number of gathers. packed_faces : the same of
+    the faces of ``FlatFaces``, otherwise None.
     """
 
     scene: Scene
@@ -56,6 +57,7 @@ class Tracer:
     facet: np.ndarray
     facet_surface: np.ndarray
     packed_triangles: mi.UInt64
+    packed_faces: mi.UInt64 | None
     packed_facet: mi.UInt32
 
     @property
@@ -106,6 +108,7 @@ def build_tracer(scene: Scene) -> Tracer:
     owner = surface + np.maximum(material - len(names), 0)  # no face has two lamps
     facet, facet_surface = facets(normals, owner)
     faces = None if mi.variant().startswith("cuda") else flat_faces(vertices, facet)
+    first = None if faces is None else faces.triangles.numpy()[::2]
     return Tracer(
         scene=scene,
         accelerator=in_a_tree(vertices) if faces is None else faces,
@@ -116,7 +119,8 @@ def build_tracer(scene: Scene) -> Tracer:
         material=material,
         facet=facet,
         facet_surface=np.minimum(facet_surface, len(scene.surfaces)),
-        packed_triangles=device_array(mi.UInt64, _packed(normals, material)),
+        packed_triangles=_packed(normals, material),
+        packed_faces=None if first is None else _packed(normals[first], material[first]),
         packed_facet=device_array(mi.UInt32, facet),
     )
 
@@ -130,11 +134,11 @@ def in_a_tree(vertices: np.ndarray) -> mi.Scene:
     return mi.load_dict({"type": "scene", "mesh": mesh})
 
 
-def _packed(normals: np.ndarray, material: np.ndarray) -> np.ndarray:
+def _packed(normals: np.ndarray, material: np.ndarray) -> mi.UInt64:
     words = np.empty((len(normals), 4), "<u4")
     words[:, :3] = normals.astype("<f4").view("<u4")
     words[:, 3] = material
-    return words.view("<u8").ravel()
+    return device_array(mi.UInt64, words.view("<u8").ravel())
 
 
 def facets(normals: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +175,10 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
     """Nearest hit of each lane's ray."""
     found = tracer.accelerator.ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = found.is_valid() & active
-    normal, material = normal_and_material(tracer, found.prim_index, valid)
+    if isinstance(found, Nearest):
+        normal, material = _unpacked(tracer.packed_faces, found.face, valid)
+    else:
+        normal, material = normal_and_material(tracer, found.prim_index, valid)
     front = valid & (dr.dot(normal, ray.d) < 0)
     return Hit(
         valid=valid,
@@ -191,8 +198,12 @@ def normal_and_material(
     tracer: Tracer, triangle: mi.UInt32, active: mi.Bool | bool = True
 ) -> tuple[mi.Vector3f, mi.UInt32]:
     """Unit normal, towards the lit side, and material of each lane's triangle."""
-    first = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle, active)
-    second = dr.gather(mi.UInt64, tracer.packed_triangles, 2 * triangle + 1, active)
+    return _unpacked(tracer.packed_triangles, triangle, active)
+
+
+def _unpacked(packed: mi.UInt64, index: mi.UInt32, active: mi.Bool | bool) -> tuple[mi.Vector3f, mi.UInt32]:
+    first = dr.gather(mi.UInt64, packed, 2 * index, active)
+    second = dr.gather(mi.UInt64, packed, 2 * index + 1, active)
     x, y, z = (dr.reinterpret_array(mi.Float, mi.UInt32(word)) for word in (first, first >> 32, second))
     return mi.Vector3f(x, y, z), mi.UInt32(second >> 32)
 

@@ -160,8 +160,8 @@ def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(see
     vertices = block(seed)
     faces, tree, normals = both(vertices)
     (body,) = faces.bodies
-    assert not faces.rows and sorted(f for f in body.faces if f is not None) == [0, 1, 2, 3, 4]
-    assert body.faces.count(None) == 1 and body.shut
+    assert not faces.rows and faces.room is None and body.faces == [0, 1, 2, 3, 4]
+    assert sum(not side.faces for side in body.sides) == 1 and body.shut
     rng = np.random.default_rng(5)
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
@@ -196,7 +196,7 @@ def test_rays_along_a_blocks_faces_meet_what_embree_says():
     np.testing.assert_array_equal(np.array(faces.ray_test(ray)).astype(bool), hit_tree)
 
 
-def test_what_is_no_convex_body_stays_single_faces():
+def test_what_is_no_convex_body_is_the_room_or_single_faces():
     """A block with a face that looks inwards, one with a dent, and walls seen from inside."""
     good = block()
     inwards = good.copy()
@@ -205,9 +205,69 @@ def test_what_is_no_convex_body_stays_single_faces():
     dent[np.all(np.isclose(dent, good[0, 0]), axis=-1)] += 0.5 * (
         good.reshape(-1, 3).mean(axis=0) - good[0, 0]
     )
-    for vertices in (inwards, dent, good[:, ::-1]):
+    for vertices, single in ((inwards, 0), (dent, 2), (good[:, ::-1], 0)):
         faces, _, _ = both(vertices)
-        assert not faces.bodies and len(faces.rows) == len(faces.planes)
+        assert not faces.bodies and len(faces.rows) == single
+        assert len(faces.room.faces if faces.room else []) + single == len(faces.planes)
+
+
+def test_the_walls_of_the_published_box_are_one_room_with_a_divided_ceiling():
+    faces = build_tracer(cornell_box()).accelerator
+    assert faces.room.faces == np.flatnonzero(faces.hull).tolist() and not faces.rows
+    assert [len(side.faces) for side in faces.room.sides if len(side.faces) > 1] == [5]
+    assert sum(not side.faces for side in faces.room.sides) == 1  # the front
+
+
+def fan(quad, middle):
+    """Four triangles about a point of a quadrilateral."""
+    return np.stack([quad, np.roll(quad, -1, axis=0), np.broadcast_to(middle, (4, 3))], axis=1)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wall_of_several_faces_is_divided_as_embree_says(seed):
+    """A wall of four triangles, some joined; one with a gap, which stays open there."""
+    rng = np.random.default_rng(seed)
+    quads = 500 * BOX
+    middles = [(quad.T * rng.dirichlet((3, 3, 3, 3))).sum(axis=1) for quad in quads[:2]]
+    parts = [fan(quad, middle) for quad, middle in zip(quads[:2], middles, strict=True)]
+    vertices = turned(np.concatenate([parts[0], parts[1][:3], triangles(quads[2:])]), seed)
+    faces, tree, normals = both(vertices)
+    assert max(len(side.faces) for side in faces.room.sides) in (3, 4)
+    assert sum(not side.faces for side in faces.room.sides) == 1 and len(faces.rows) in (2, 3)
+    rng = np.random.default_rng(seed)
+    middle = vertices.reshape(-1, 3).mean(axis=0)
+    direction = directions(rng)
+    ray = rays(middle + rng.uniform(-350, 350, (COUNT, 3)), direction)
+    (hit, t, triangle, _), (hit_tree, t_tree, triangle_tree, _) = asked(faces, ray), asked(tree, ray)
+    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
+    met = hit & hit_tree
+    off = np.abs(np.where(met, t, 0) - np.where(met, t_tree, 0)) * angle
+    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    assert differs.sum() <= 20
+    assert (triangle[hit & ~differs] != triangle_tree[hit & ~differs]).sum() <= 40
+    assert set(triangle[hit]) == {*range(len(vertices))}
+
+
+def test_rays_from_within_cross_one_wall_of_the_room():
+    """That which they would meet if the blocks were not there, single faces among them."""
+    vertices = np.concatenate([triangles(500 * BOX[:5, ::-1]), block() + np.array([50, 0, 50])])
+    gap = vertices.copy()
+    gap[0, 2] = gap[0].mean(axis=0)  # a floor that does not fill its side
+    for own, single in ((vertices, 0), (gap, 2)):
+        faces, _, _ = both(own)
+        assert len(faces.rows) == single
+        walls = [i for i in range(len(faces.planes)) if faces.hull[i]]
+        empty, *_ = both(own[:10])
+        rng = np.random.default_rng(4)
+        start = rng.uniform(1, 499, (COUNT, 3))
+        ray = rays(start, directions(rng))
+        wall, entered = (np.array(found) for found in faces.crossed(ray, walls))
+        hit, _, triangle, _ = asked(empty, ray)
+        of = np.full(len(own), -1)
+        of[faces.triangles.numpy()[::2]] = of[faces.triangles.numpy()[1::2]] = range(len(faces.planes))
+        expected = np.where(hit, of[triangle % len(own)], len(faces.planes))
+        assert (wall != expected).sum() <= 20
+        assert 0.02 < (entered < len(faces.planes)).mean() < 0.5
 
 
 def test_a_block_above_the_floor_is_entered_from_below_too():
