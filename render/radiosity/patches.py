@@ -55,12 +55,14 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
     group = _groups(tracer, reflecting & (sides < _SMALL * edge_mm), edge_mm)
     divisions = np.maximum(1, np.ceil(sides / edge_mm)).astype(int) * finer
     divisions[~reflecting | (group >= 0)] = 1
-    first, total, parts = np.zeros(len(sides), int), 0, []
-    for index in np.flatnonzero(reflecting & (group < 0)):
-        corners, uv = _divided(tracer.vertices[index], divisions[index])
-        first[index] = total
-        parts.append((np.arange(total, total + len(uv)), np.full(len(uv), index), uv, corners))
-        total += len(uv)
+    alone = np.flatnonzero(reflecting & (group < 0))
+    counts = divisions[alone] ** 2
+    total, first = int(counts.sum()), np.zeros(len(sides), int)
+    first[alone] = np.cumsum(counts) - counts
+    owner = np.repeat(alone, counts)
+    weights = _weights(divisions[owner], np.arange(total) - first[owner])
+    base, along = tracer.vertices[owner, :1], tracer.vertices[owner, 1:] - tracer.vertices[owner, :1]
+    parts = [(np.arange(total), owner, weights.mean(axis=1), base + weights @ along)]
     grouped = np.argsort(np.where(group < 0, len(group), group), kind="stable")[
         : np.count_nonzero(group >= 0)
     ]
@@ -72,14 +74,14 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
     pieces = _areas(corners)
     area: NDArray[np.float64] = np.bincount(patch, pieces).astype(float)
     normal = _sums(pieces[:, None] * tracer.normals[triangle], patch)
-    alone = triangle[np.searchsorted(patch, np.arange(len(area)))]
+    one = triangle[np.searchsorted(patch, np.arange(len(area)))]
     return Patches(
         area=area,
         centre=_sums(pieces[:, None] * corners.mean(axis=1), patch) / area[:, None],
         normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        facet=tracer.facet[alone],
-        material=tracer.material[alone],
-        surface=tracer.surface[alone],
+        facet=tracer.facet[one],
+        material=tracer.material[one],
+        surface=tracer.surface[one],
         patch=patch,
         triangle=triangle,
         uv=uv,
@@ -103,12 +105,19 @@ def _groups(tracer: Tracer, small: NDArray[np.bool_], edge_mm: float) -> NDArray
     return group
 
 
-def _divided(vertices: NDArray[np.float64], n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Corners (n^2, 3, 3) of a triangle's patches and barycentric coordinates (n^2, 2) of their centroids.
+def _weights(divisions: NDArray[np.int64], local: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(k, 3, 2) barycentric coordinates of the corners of patches ``local`` (k,) of triangles divided so many times."""
+    different, which = np.unique(divisions, return_inverse=True)
+    tables = [_division(int(n)) for n in different]
+    start = np.cumsum([0, *map(len, tables)])
+    return np.concatenate([*tables, np.empty((0, 3, 2))])[start[which] + local]
+
+
+def _division(n: int) -> NDArray[np.float64]:
+    """(n^2, 3, 2) those of all patches of one triangle.
 
     In the order of ``patch_of``: row by row, each row with one cell (two patches) fewer.
     """
-    a, b, c = vertices
     i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
     keep = i + j + upper < n
     i, j, upper = i[keep], j[keep], upper[keep]
@@ -117,8 +126,7 @@ def _divided(vertices: NDArray[np.float64], n: int) -> tuple[NDArray[np.float64]
     grid = np.stack(
         [np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1
     )
-    weights = grid / n
-    return a + weights[..., :1] * (b - a) + weights[..., 1:] * (c - a), weights.mean(axis=1)
+    return grid / n
 
 
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:

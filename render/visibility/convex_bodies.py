@@ -118,14 +118,17 @@ def _plane(row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]
 
 
 def convex_bodies(
-    outlines: Sequence[NDArray[np.float64]], normals: NDArray[np.float64], overlap_mm: float
+    outlines: Sequence[NDArray[np.float64]],
+    normals: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    overlap_mm: float,
 ) -> tuple[ConvexBody, ...]:
-    """The convex bodies that faces with corners (k, 3) and normals (f, 3), outwards, bound.
+    """The convex bodies that faces with ``outlines`` (k, 3) and normals (f, 3), outwards, bound.
 
-    overlap_mm : how far their planes are moved outwards, so that a ray at an edge passes no gap.
+    corners : (n, 3) of the whole scene. overlap_mm : how far their planes are moved outwards, so that a ray at an edge
+    passes no gap.
     """
     found = []
-    everything = np.concatenate(outlines)
     for members in _connected(outlines):
         planes = _planes(np.concatenate([outlines[i] for i in members]))
         filled = [_filling(plane, area, outlines, members) for plane, area in planes]
@@ -134,16 +137,21 @@ def convex_bodies(
         )
         if sorted(i for own in filled for i in own) == members and outwards:
             open_sides = [plane for (plane, _), own in zip(planes, filled, strict=True) if not own]
-            shut = all((everything @ plane[:3] - plane[3]).max() < _SAME_MM for plane in open_sides)
+            shut = all((corners @ plane[:3] - plane[3]).max() < _SAME_MM for plane in open_sides)
             found.append(_body(planes, filled, outlines, overlap_mm, shut))
     return tuple(found)
 
 
 def convex_room(
-    outlines: Sequence[NDArray[np.float64]], loose: Sequence[int], overlap_mm: float
+    outlines: Sequence[NDArray[np.float64]],
+    loose: Sequence[int],
+    corners: NDArray[np.float64],
+    overlap_mm: float,
 ) -> ConvexBody | None:
-    """The scene's convex hull, with those ``loose`` faces that fill sides of it; None where it has too few to pay."""
-    planes = _planes(np.concatenate(outlines))
+    """The convex hull of the scene's ``corners`` (n, 3), with those ``loose`` faces that fill sides of it; None where
+    it has too few to pay.
+    """
+    planes = _planes(corners)
     filled = [_filling(plane, area, outlines, loose) for plane, area in planes]
     if 2 * sum(map(len, filled)) <= len(planes):
         return None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..device import device_array, dr, mi
 from .convex_bodies import ConvexBody, convex_bodies, convex_room
 
-__all__ = ["MOST_FACES", "FlatFaces", "Nearest", "flat_faces"]
+__all__ = ["MOST_FACES", "FlatFaces", "Nearest", "NearestFace", "flat_faces"]
 
 #: More faces than this are cheaper in a tree.
 MOST_FACES = 64
@@ -32,17 +32,22 @@ _OVERLAP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """What Mitsuba's preliminary intersection tells: t, infinite for none, the triangle, barycentric coordinates; also
-    the face."""
+    """What Mitsuba's preliminary intersection tells: t, infinite for none, the triangle, barycentric coordinates."""
 
     t: mi.Float
-    face: mi.UInt32
     prim_index: mi.UInt32
     prim_uv: mi.Point2f
     valid: mi.Bool
 
     def is_valid(self) -> mi.Bool:
         return self.valid
+
+
+@dataclass(frozen=True, eq=False)
+class NearestFace(Nearest):
+    """Also tells the face, whose normal and material need no triangle."""
+
+    face: mi.UInt32
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +78,7 @@ class FlatFaces:
 
     def ray_intersect_preliminary(
         self, ray: mi.Ray3f, coherent: bool = False, active: mi.Bool | bool = True
-    ) -> Nearest:
+    ) -> NearestFace:
         """The nearest face of each lane's ray; of one at the same distance as another the first."""
         nearest = dr.select(mi.Bool(active), ray.maxt, -1.0)
         none = len(self.planes)
@@ -95,7 +100,7 @@ class FlatFaces:
         triangle = dr.gather(mi.UInt32, self.triangles, 2 * face + mi.UInt32(second), valid)
         u, v = (dr.gather(mi.Vector4f, self.coordinates, 2 * triangle + i, valid) for i in (0, 1))
         uv = mi.Point2f(*(dr.clip(_line(row, position), 0, 1) for row in (u, v)))
-        return Nearest(dr.select(valid, nearest, dr.inf), face, triangle, uv, valid)
+        return NearestFace(dr.select(valid, nearest, dr.inf), triangle, uv, valid, face)
 
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
         """Whether any face is met before the ray's end.
@@ -150,21 +155,26 @@ def _line(row: mi.Vector4f, position: mi.Point3f) -> mi.Float:
     return dr.fma(row.x, position.x, dr.fma(row.y, position.y, dr.fma(row.z, position.z, row.w)))
 
 
-def flat_faces(vertices: NDArray[np.float64], facet: NDArray[np.int64]) -> FlatFaces | None:
-    """The faces of triangles (t, 3, 3) in mm, by flat face ``facet`` (t,); None for more than MOST_FACES."""
+def flat_faces(
+    vertices: NDArray[np.float64], facet: NDArray[np.int64], among: NDArray[np.float64] | None = None
+) -> FlatFaces | None:
+    """The faces of triangles (t, 3, 3) in mm, by flat face ``facet`` (t,); None for more than MOST_FACES.
+
+    among : (k, 3) corners of the whole scene, where there is more than these triangles.
+    """
     if len(vertices) > 2 * MOST_FACES:
         return None
     polygons = _polygons(vertices, facet)
     if len(polygons) > MOST_FACES:
         return None
-    corners = vertices.reshape(-1, 3)
+    corners = vertices.reshape(-1, 3) if among is None else among
     planes = np.array([_planes(outline) for outline, _ in polygons])
     height = corners @ planes[:, 0, :3].T - planes[:, 0, 3]
     overlap_mm = _OVERLAP * float(np.ptp(corners, axis=0).max())
     outlines = tuple(outline for outline, _ in polygons)
-    bodies = convex_bodies(outlines, planes[:, 0, :3], overlap_mm)
+    bodies = convex_bodies(outlines, planes[:, 0, :3], corners, overlap_mm)
     loose = sorted({*range(len(polygons))}.difference(*(body.faces for body in bodies)))
-    room = convex_room(outlines, loose, overlap_mm)
+    room = convex_room(outlines, loose, corners, overlap_mm)
     if room:
         loose = [index for index in loose if index not in room.faces]
     return FlatFaces(

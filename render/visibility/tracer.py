@@ -1,4 +1,4 @@
-"""The scene's triangles for rays, with the properties of each: a few flat faces in the kernel, many in a tree."""
+"""The scene's triangles for rays, with the properties of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from ..device import device_array, dr, mi
-from .flat_faces import FlatFaces, Nearest, flat_faces
+from .faces_and_tree import FacesAndTree, build_accelerator
+from .flat_faces import FlatFaces, NearestFace
 
 __all__ = [
     "RAY_OFFSET_MM",
@@ -48,7 +49,7 @@ class Tracer:
     """
 
     scene: Scene
-    accelerator: mi.Scene | FlatFaces
+    accelerator: mi.Scene | FlatFaces | FacesAndTree
     material_names: tuple[str, ...]
     vertices: np.ndarray
     normals: np.ndarray
@@ -95,7 +96,7 @@ class Hit:
 def build_tracer(scene: Scene) -> Tracer:
     """The tracer of a scene, with all triangles in one mesh.
 
-    Scenes of few faces are intersected in the compiled kernel; others, and all on GPUs, by Mitsuba (Embree, OptiX).
+    Few flat faces are intersected in the compiled kernel; meshes, and everything on GPUs, by Mitsuba (Embree, OptiX).
     """
     names = tuple(scene.materials)
     parts = [(s, i, names.index(s.material)) for i, s in enumerate(scene.surfaces)]
@@ -107,11 +108,14 @@ def build_tracer(scene: Scene) -> Tracer:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     owner = surface + np.maximum(material - len(names), 0)  # no face has two lamps
     facet, facet_surface = facets(normals, owner)
-    faces = None if mi.variant().startswith("cuda") else flat_faces(vertices, facet)
-    first = None if faces is None else faces.triangles.numpy()[::2]
+    accelerator = build_accelerator(vertices, facet, owner)
+    packed_faces = None
+    if isinstance(accelerator, FlatFaces):
+        first = accelerator.triangles.numpy()[::2]
+        packed_faces = _packed(normals[first], material[first])
     return Tracer(
         scene=scene,
-        accelerator=in_a_tree(vertices) if faces is None else faces,
+        accelerator=accelerator,
         material_names=names,
         vertices=vertices,
         normals=normals,
@@ -120,18 +124,9 @@ def build_tracer(scene: Scene) -> Tracer:
         facet=facet,
         facet_surface=np.minimum(facet_surface, len(scene.surfaces)),
         packed_triangles=_packed(normals, material),
-        packed_faces=None if first is None else _packed(normals[first], material[first]),
+        packed_faces=packed_faces,
         packed_facet=device_array(mi.UInt32, facet),
     )
-
-
-def in_a_tree(vertices: np.ndarray) -> mi.Scene:
-    mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = device_array(mi.Float, vertices)
-    parameters["faces"] = device_array(mi.UInt32, np.arange(3 * len(vertices)))
-    parameters.update()
-    return mi.load_dict({"type": "scene", "mesh": mesh})
 
 
 def _packed(normals: np.ndarray, material: np.ndarray) -> mi.UInt64:
@@ -175,7 +170,7 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
     """Nearest hit of each lane's ray."""
     found = tracer.accelerator.ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = found.is_valid() & active
-    if isinstance(found, Nearest):
+    if isinstance(found, NearestFace):
         normal, material = _unpacked(tracer.packed_faces, found.face, valid)
     else:
         normal, material = normal_and_material(tracer, found.prim_index, valid)
@@ -217,7 +212,7 @@ def visible(
     """
     ray = mi.Ray3f(origin, target - origin)
     ray.maxt = 1 - 1e-4
-    if isinstance(tracer.accelerator, FlatFaces):
+    if isinstance(tracer.accelerator, FlatFaces | FacesAndTree):
         return active & ~tracer.accelerator.ray_test(ray, active, enclosed)
     return active & ~tracer.accelerator.ray_test(ray, active=active)
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.visibility.faces_and_tree import in_a_tree
 from cboxlab.render.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
-from cboxlab.render.visibility.tracer import build_tracer, facets, in_a_tree
+from cboxlab.render.visibility.tracer import build_tracer, facets
 from cboxlab.scenes import cornell_box
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

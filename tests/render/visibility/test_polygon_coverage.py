@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.visibility import build_tracer, pixel_coverage
-from cboxlab.render.visibility.tracer import in_a_tree
+from cboxlab.render.visibility.faces_and_tree import in_a_tree
 from cboxlab.scenes import cornell_box, cornell_camera
 from scipy.spatial.transform import Rotation
 

@@ -1,0 +1,128 @@
+"""Flat walls in the kernel and meshes in a tree: together the hits of one tree with everything."""
+
+import numpy as np
+import pytest
+import trimesh
+from cboxlab.render.device import dr, mi
+from cboxlab.render.device.variant import compiled
+from cboxlab.render.visibility.faces_and_tree import FacesAndTree, build_accelerator, in_a_tree
+from cboxlab.render.visibility.flat_faces import FlatFaces
+from cboxlab.render.visibility.tracer import facets
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+
+COUNT = 200_000
+#: Errors of single precision, mm, see ``test_flat_faces``.
+ROUNDING_MM = 2e-3
+WALLS = np.array(
+    [
+        [[0, 0, 0], [0, 0, 500], [500, 0, 500], [500, 0, 0]],
+        [[0, 500, 0], [500, 500, 0], [500, 500, 500], [0, 500, 500]],
+        [[0, 0, 500], [0, 500, 500], [500, 500, 500], [500, 0, 500]],
+        [[0, 0, 0], [0, 500, 0], [0, 500, 500], [0, 0, 500]],
+        [[500, 0, 0], [500, 0, 500], [500, 500, 500], [500, 500, 0]],
+    ],
+    dtype=float,
+)
+ROOM = np.concatenate([WALLS[:, [0, 1, 2]], WALLS[:, [0, 2, 3]]])
+
+
+def ball(centre, radius=60.0):
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+    return np.asarray(mesh.triangles) + np.asarray(centre, float)
+
+
+def scene(*meshes):
+    """The room as one surface and each mesh as another: both accelerators, normals, all triangles."""
+    vertices = np.concatenate([ROOM, *meshes])
+    surface = np.repeat(np.arange(1 + len(meshes)), [len(ROOM), *map(len, meshes)])
+    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return (
+        build_accelerator(vertices, facets(normals, surface)[0], surface),
+        in_a_tree(vertices),
+        normals,
+        vertices,
+    )
+
+
+def rays(origin, direction):
+    return mi.Ray3f(mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
+
+
+def asked(accelerator, ray, active=True):
+    found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
+    return [np.array(part) for part in (dr.isfinite(found.t), found.t, found.prim_index, found.prim_uv)]
+
+
+BALLS = {
+    "one": [[250, 100, 250]],
+    "out of the open front, beyond the walls' hull": [[250, 100, -20]],
+    "six, in one box": [[100 + 60 * i, 100 + 50 * (i % 3), 150 + 40 * i] for i in range(6)],
+}
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_rays_meet_what_one_tree_says(name):
+    meshes = [ball(centre, 30.0 if len(BALLS[name]) > 1 else 60.0) for centre in BALLS[name]]
+    both, tree, normals, _ = scene(*meshes)
+    assert isinstance(both, FacesAndTree) and len(both.boxes) == 1
+    assert (both.faces.room is None) == ("beyond" in name)  # walls are not the hull then
+    rng = np.random.default_rng(2)
+    direction = rng.standard_normal((COUNT, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction[::10] = np.eye(3)[rng.integers(3, size=len(direction[::10]))]  # along the boxes' planes
+    ray = rays(rng.uniform(-150, 650, (COUNT, 3)), direction)
+    (hit, t, triangle, uv), (hit_tree, t_tree, triangle_tree, uv_tree) = asked(both, ray), asked(tree, ray)
+    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
+    met = hit & hit_tree
+    off = np.abs(np.where(met, t, 0) - np.where(met, t_tree, 0)) * angle
+    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    assert differs.sum() <= 20
+    assert (triangle >= len(ROOM))[hit].mean() > 0.01
+    same = hit & ~differs & (triangle == triangle_tree)
+    assert same.sum() >= hit.sum() - 100  # at edges either triangle
+    close = np.abs(uv - uv_tree)[:, same] * angle[same]
+    assert np.quantile(close, 0.99) < 1e-3
+    ray.maxt = 200.0
+    blocked, blocked_tree = (np.array(a.ray_test(ray, mi.Bool(True))).astype(bool) for a in (both, tree))
+    assert (blocked != blocked_tree).sum() <= 20
+    np.testing.assert_array_equal(asked(both, ray)[0], blocked)
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_segments_between_surfaces_may_leave_out_the_hull(name):
+    both, tree, normals, vertices = scene(*(ball(centre) for centre in BALLS[name]))
+    rng = np.random.default_rng(3)
+    chosen = rng.integers(len(vertices), size=(2, COUNT))
+    chosen[:, ::2] = rng.integers(len(ROOM), size=(2, COUNT // 2))
+    weights = rng.dirichlet((1, 1, 1), size=(2, COUNT))
+    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[chosen]) + 0.01 * normals[chosen]
+    ray = rays(ends[0], ends[1] - ends[0])
+    ray.maxt = 1 - 1e-4
+    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[chosen[0]]) > 0
+    facing &= np.einsum("ij,ij->i", ends[0] - ends[1], normals[chosen[1]]) > 0
+    enclosed = np.array(both.ray_test(ray, enclosed=True)).astype(bool)[facing]
+    expected = np.array(tree.ray_test(ray)).astype(bool)[facing]
+    assert 50 < expected.sum() < len(expected) - 50
+    assert (enclosed != expected).sum() <= 5
+
+
+def test_lanes_that_are_not_asked_meet_nothing():
+    both, *_ = scene(ball([250, 100, 250]))
+    ray = rays(
+        np.full((4, 3), [250.0, 400.0, 250.0]), np.array([[0, -1.0, 0], [0, -1, 0], [1, 0, 0], [1, 0, 0]])
+    )
+    active = [True, False, True, False]
+    hit, _, triangle, _ = asked(both, ray, active)
+    assert hit.tolist() == active
+    assert triangle[0] >= len(ROOM) > triangle[2]
+    assert np.array(both.ray_test(ray, mi.Bool(active))).tolist() == active
+
+
+def test_a_few_faces_need_no_tree_and_many_flat_ones_stay_in_it():
+    few, *_ = scene()
+    assert isinstance(few, FlatFaces)
+    crowd = [np.roll(ROOM, 1, axis=2) * 0.05 + 40 * i for i in range(12)]  # 120 triangles of small surfaces
+    tree, *_ = scene(ball([250, 100, 250]), *crowd)
+    assert isinstance(tree, mi.Scene)
