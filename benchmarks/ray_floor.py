@@ -11,7 +11,7 @@ import numpy as np
 from cboxlab.render.device import dr, mi
 from cboxlab.render.integrators.path_points import PathPoints
 from cboxlab.render.integrators.path_tracer import trace_paths
-from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.render.radiosity import final_gather
 from cboxlab.render.visibility.flat_faces import FlatFaces
 from cboxlab.render.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
@@ -45,7 +45,7 @@ def own_rays(
     if name == "path":
         light, tracer = None, build_tracer(scene)
     else:
-        light = solve_light(scene, wavelengths)
+        light = final_gather.solve_light(scene, wavelengths)
         tracer = light.tracer
     watched = _Watched(tracer.accelerator)
     tracer = replace(tracer, accelerator=watched)  # type: ignore[arg-type]
@@ -66,7 +66,9 @@ def own_rays(
             with mock.patch.object(PathPoints, "at_vertex", at_vertex):
                 trace_paths(tracer, camera, wavelengths, samples=samples, batches=1, seed=1, max_bounces=None)
         else:
-            gather(replace(light, tracer=tracer), camera, samples, 1)
+            view = final_gather._view(light, camera)  # its rays do not grow with the samples
+            with mock.patch.object(final_gather, "_view", return_value=view):
+                final_gather.gather(replace(light, tracer=tracer), camera, samples, 1)
     return tuple(  # type: ignore[return-value]
         _rays(np.concatenate([_columns(*asked) for asked in rays], axis=1))
         for rays in (watched.segments, watched.tests)
