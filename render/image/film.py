@@ -1,4 +1,4 @@
-"""Assembles a picture from kernel calls on strips of rows and divides the sums of each pixel by the samples."""
+"""Assembles a picture from kernel calls on strips of pixels and divides the sums of each pixel by its samples."""
 
 from __future__ import annotations
 
@@ -21,33 +21,46 @@ _ROWS_APART = 16
 
 
 def means_by_strips(
-    strip: Callable[[mi.UInt32, int], list[mi.Float]],
+    strip: Callable[[mi.UInt32, int, int], list[mi.Float]],
     camera: Camera,
-    samples: int,
+    samples: int | NDArray[np.int64],
     batches: int,
     seed: int,
     progress: Progress = QUIET,
 ) -> NDArray[np.float32]:
-    """(batch, y, x, n) means over ``samples`` of the sums of ``strip``.
+    """(batch, y, x, n) means over samples of the sums of ``strip``.
 
-    strip : takes pixel indices (counted along the rows) and a seed, returns n sums with one lane per pixel.
+    strip : takes pixel indices (counted along the rows), samples and a seed, returns n sums with one lane per pixel.
+    samples : of all pixels, or (y, x) of each.
     """
-    order = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
-    calls = np.array_split(order, -(-camera.height_px * camera.width_px // _LANES_PER_CALL))
-    columns = np.arange(camera.width_px)
-    share = dr.opaque(mi.Float, 1 / samples)
-    pictures = np.empty((batches, camera.height_px, camera.width_px, 0), np.float32)
+    calls = _calls(camera, samples)
+    whole = batches * sum(own * len(pixels) for own, pixels in calls)
+    done = 0
+    pictures = np.empty((batches, camera.height_px * camera.width_px, 0), np.float32)
     for batch in range(batches):
-        for done, rows in enumerate(calls, 1):
-            pixels = (rows[:, None] * camera.width_px + columns).ravel()
-            sums = strip(device_array(mi.UInt32, pixels), seed + 7919 * (batch + 1))
+        for own, pixels in calls:
+            sums = strip(device_array(mi.UInt32, pixels), own, seed + 7919 * (batch + 1))
+            share = dr.opaque(mi.Float, 1 / own)
             means = dr.zeros(mi.Float, len(pixels) * len(sums))
             first = dr.arange(mi.UInt32, len(pixels)) * len(sums)
             for k, values in enumerate(sums):
                 dr.scatter(means, values * share, first + k, mode=dr.ReduceMode.NoConflicts)
             if not pictures.size:
-                pictures = np.empty((*pictures.shape[:3], len(sums)), np.float32)
-            pictures[batch, rows] = means.numpy().reshape(len(rows), -1, len(sums))
-            progress.part((batch + done / len(calls)) / batches)
+                pictures = np.empty((*pictures.shape[:2], len(sums)), np.float32)
+            pictures[batch, pixels] = means.numpy().reshape(len(pixels), len(sums))
+            done += own * len(pixels)
+            progress.part(done / whole)
     dr.flush_malloc_cache()  # what the strips took
-    return pictures
+    return pictures.reshape(batches, camera.height_px, camera.width_px, -1)
+
+
+def _calls(camera: Camera, samples: int | NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
+    """Samples and pixels of each kernel call."""
+    rows = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
+    pixels = (rows[:, None] * camera.width_px + np.arange(camera.width_px)).ravel()
+    own = np.broadcast_to(samples, (camera.height_px, camera.width_px)).ravel()[pixels]
+    calls = []
+    for count in np.unique(own):
+        alike = pixels[own == count]
+        calls += [(int(count), part) for part in np.array_split(alike, -(-len(alike) // _LANES_PER_CALL))]
+    return calls

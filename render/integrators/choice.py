@@ -27,7 +27,7 @@ def render(
     scene: Scene,
     camera: Camera,
     wavelength_nm: np.ndarray,
-    samples: int = 256,
+    samples: int | np.ndarray = 256,
     batches: int = 4,
     *,
     seed: int = 0,
@@ -37,7 +37,8 @@ def render(
 ) -> RenderedImage:
     """Render the scene through the camera; the integrators agree within their standard errors.
 
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch. batches :
+    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
+    where (y, x). batches :
     independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
     between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed : results are repeatable.
     progress : called with the completed share, 0 to 1. integrator : "default" is the final gather, or, with a

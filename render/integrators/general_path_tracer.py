@@ -31,7 +31,7 @@ def render_general_path_tracer(
     scene: Scene,
     camera: Camera,
     wavelength_nm: np.ndarray,
-    samples: int = 256,
+    samples: int | np.ndarray = 256,
     batches: int = 4,
     *,
     seed: int = 0,
@@ -57,9 +57,9 @@ def render_general_path_tracer(
         )
         media = SpectralMedia(tracer, wavelengths) if filled else None
 
-        def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+        def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
             parts = tracer, lamps, _Stuff(bsdfs, textures, media), wavelengths, camera
-            return _strip(*parts, pixels, samples=samples, seed=own_seed, max_bounces=max_bounces)
+            return _strip(*parts, pixels, samples=own_samples, seed=own_seed, max_bounces=max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)

@@ -34,7 +34,8 @@ TIMEOUT_S = 10.0
 class Job:
     """One pass of a picture. seed : of the picture. number : of the pass; passes share no random numbers.
 
-    All passes of a picture share one radiosity solution, which depends on the picture's seed.
+    samples : of a pixel. halvings : (y, x) how many times they are halved in each; None for nowhere. All passes of a
+    picture share one radiosity solution, which depends on the picture's seed.
     """
 
     scene: Scene
@@ -44,6 +45,12 @@ class Job:
     seed: int = 0
     max_bounces: int | None = None
     number: int = 0
+    halvings: NDArray[np.uint8] | None = None
+
+    @property
+    def samples_of_pixels(self) -> int | NDArray[np.int64]:
+        """Samples of all pixels, or (y, x) of each."""
+        return self.samples if self.halvings is None else self.samples >> self.halvings.astype(np.int64)
 
     def numbered(self, number: int) -> Job:
         """Another pass of the same picture."""
@@ -56,12 +63,12 @@ def render_pass(job: Job, progress: Progress = QUIET) -> RenderedImage:
         own_seed = job.seed + 7919 * job.number
         if job.scene.diffuse and variant.compiled():
             light = _light(pickle.dumps((job.scene, job.wavelength_nm, job.max_bounces, job.seed)))
-            return gather(light, job.camera, job.samples, 1, own_seed, progress)
+            return gather(light, job.camera, job.samples_of_pixels, 1, own_seed, progress)
         return render(
             job.scene,
             job.camera,
             job.wavelength_nm,
-            job.samples,
+            job.samples_of_pixels,
             1,
             seed=own_seed,
             max_bounces=job.max_bounces,

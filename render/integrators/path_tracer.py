@@ -33,7 +33,7 @@ def render_path_tracer(
     scene: Scene,
     camera: Camera,
     wavelength_nm: np.ndarray,
-    samples: int = 256,
+    samples: int | np.ndarray = 256,
     batches: int = 4,
     *,
     seed: int = 0,
@@ -42,7 +42,8 @@ def render_path_tracer(
 ) -> RenderedImage:
     """Render the scene through the camera by path tracing.
 
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : paths per pixel and batch. batches :
+    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : paths per pixel and batch; of each
+    pixel where (y, x). batches :
     independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
     between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed : results are repeatable.
 
@@ -78,7 +79,7 @@ def trace_paths(
     camera: Camera,
     wavelengths: np.ndarray,
     *,
-    samples: int,
+    samples: int | np.ndarray,
     batches: int,
     seed: int,
     max_bounces: int | None,
@@ -93,10 +94,10 @@ def trace_paths(
     """
     lamps = build_lamp_samplers(tracer)
 
-    def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
         return _strip(
             tracer, lamps, wavelengths, camera, pixels,
-            samples=samples, seed=own_seed, max_bounces=max_bounces, counted=counted, split=split,
+            samples=own_samples, seed=own_seed, max_bounces=max_bounces, counted=counted, split=split,
         )  # fmt: skip
 
     return means_by_strips(strip, camera, samples, batches, seed, progress)

@@ -13,6 +13,7 @@ import numpy as np
 from cboxlab.scenes.files import keep, kept
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 from scipy.stats import t as student
 
 from ..image import RenderedImage
@@ -31,10 +32,17 @@ MOST_PASSES = 64
 
 def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
     """Percentile of the relative standard error, over pixels that see surfaces and about 30 wavelengths."""
+    relative = _relative_variance(image)
+    known = np.isfinite(relative)
+    return float(np.percentile(np.sqrt(relative[known]), percentile)) if known.any() else 0.0
+
+
+def _relative_variance(image: RenderedImage) -> NDArray[np.float64]:
+    """(y, x, q) of the mean at about 30 wavelengths; NaN where no surface is seen or no light."""
     every = max(1, image.wavelength_nm.size // 30)
     mean, variance = image.project(np.eye(image.wavelength_nm.size)[:, ::every])
     lit = (mean > 0) & image.sees_surfaces[..., None]
-    return float(np.percentile(np.sqrt(variance[lit]) / mean[lit], percentile)) if lit.any() else 0.0
+    return np.divide(variance, mean**2, out=np.full_like(mean, np.nan), where=lit)
 
 
 def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
@@ -69,8 +77,9 @@ def render_to_precision(
 ) -> RenderedImage:
     """Render until a percentile (default: the median) of the pixels' relative standard errors is at most ``error``.
 
-    pilot : the picture's first pass with few samples. BATCHES such passes determine the samples of as many proper ones;
-    if they do not suffice, more follow, up to MOST_PASSES. checkpoint : a file that keeps finished passes; a later call
+    pilot : the picture's first pass with few samples. BATCHES such passes determine the samples of as many proper ones,
+    in each pixel those that its own error asks for, between those of the median pixel and of the percentile's; if the
+    passes do not suffice, more follow, up to MOST_PASSES. checkpoint : a file that keeps finished passes; a later call
     with the same arguments resumes from it. The caller removes it. scheduler : address of a Dask scheduler, whose
     workers share the passes.
     """
@@ -82,7 +91,7 @@ def render_to_precision(
         return rough
     wanted = pilot.samples * (found / error) ** (1 / CONVERGENCE)
     samples = int(min(2 ** np.ceil(np.log2(wanted)), MOST_SAMPLES))
-    job = replace(pilot, samples=samples)
+    job = replace(pilot, samples=samples, halvings=_halvings(rough, percentile, samples // pilot.samples))
     passes = _read(checkpoint, job, rough)
     total = max(BATCHES, len(passes))
     progress.part(len(passes) / total)
@@ -100,6 +109,26 @@ def render_to_precision(
         if reached <= error or total >= MOST_PASSES:
             return result
         total = int(min(max(total + 1, np.ceil(total * (reached / error) ** 2)), MOST_PASSES))
+
+
+def _halvings(rough: RenderedImage, percentile: float, most: int) -> NDArray[np.uint8] | None:
+    """How many times fewer samples than the percentile's a pixel needs, by halves, at most ``most``; None if nowhere.
+
+    A pixel's error in the pilot is the larger one of its own and of the rms about it: few batches tell it roughly.
+    """
+    relative = _relative_variance(rough)
+    known = np.isfinite(relative)
+    own = np.where(known, relative, 0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
+    seen = np.asarray(known.any(axis=-1))
+    around = uniform_filter(own, 3) / np.maximum(uniform_filter(seen.astype(float), 3), 1e-9)
+    error = np.sqrt(np.where(seen, np.maximum(own, around), 0))
+    if not seen.any():
+        return None
+    middle, top = np.percentile(error[seen], [50.0, max(percentile, 50.0)])
+    if not middle < top:
+        return None
+    fewer = np.clip((top / np.clip(error, middle, top)) ** (1 / CONVERGENCE), 1, most)
+    return np.floor(np.log2(fewer)).astype(np.uint8)
 
 
 def render_passes(first: Job, count: int, progress: Progress = QUIET) -> RenderedImage:

@@ -34,7 +34,7 @@ def render_stock(
     scene: Scene,
     camera: Camera,
     wavelength_nm: np.ndarray,
-    samples: int = 256,
+    samples: int | np.ndarray = 256,
     batches: int = 4,
     *,
     seed: int = 0,
@@ -77,7 +77,7 @@ def render_stock(
             sensor = mi.load_dict(view)
             for batch in range(batches):
                 picture = mi.render(
-                    loaded, sensor=sensor, integrator=integrator, spp=-(-samples // oversampling**2),
+                    loaded, sensor=sensor, integrator=integrator, spp=-(-int(np.max(samples)) // oversampling**2),
                     seed=(seed + 7919 * (batch + 1)) & 0xFFFFFFFF,
                 )  # fmt: skip
                 fine = np.array(picture).reshape(film.pixels, 3)

@@ -176,17 +176,17 @@ def _direct_cells(places: _Places) -> tuple[DirectCells, ...]:
 
 
 def gather(
-    light: LightField, camera: Camera, samples: int = 256, batches: int = 4, seed: int = 0,
+    light: LightField, camera: Camera, samples: int | np.ndarray = 256, batches: int = 4, seed: int = 0,
     progress: Progress = QUIET,
 ) -> RenderedImage:  # fmt: skip
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
     lamps, view = _gatherings(light), _view(light, camera)
 
-    def strip(pixels: mi.UInt32, own_seed: int) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
         sums = []
         for index, lamp in enumerate(lamps):
             own = own_seed + 6007 * index
-            sums += _strip(lamp, camera, pixels.numpy(), view.planar, view.shares[index], samples, own)
+            sums += _strip(lamp, camera, pixels.numpy(), view.planar, view.shares[index], own_samples, own)
         return sums
 
     return RenderedImage(
@@ -203,7 +203,7 @@ def render_final_gather(
     scene: Scene,
     camera: Camera,
     wavelength_nm: np.ndarray,
-    samples: int = 256,
+    samples: int | np.ndarray = 256,
     batches: int = 4,
     *,
     seed: int = 0,
@@ -214,7 +214,8 @@ def render_final_gather(
 ) -> RenderedImage:
     """Render the scene through the camera.
 
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch. batches :
+    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
+    where (y, x). batches :
     independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
     between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). patch_edge_mm, patch_samples :
     largest edge of the radiosity patches and number of rays from each. seed : results are repeatable.

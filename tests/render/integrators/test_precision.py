@@ -12,7 +12,13 @@ from cboxlab.render.image.image import RenderedImage
 from cboxlab.render.integrators import passes, precision
 from cboxlab.render.integrators.choice import render
 from cboxlab.render.integrators.passes import Job, combined, render_pass
-from cboxlab.render.integrators.precision import BATCHES, fireflies, relative_error, render_to_precision
+from cboxlab.render.integrators.precision import (
+    BATCHES,
+    fireflies,
+    relative_error,
+    render_passes,
+    render_to_precision,
+)
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.progress import Cancelled, Teller
 from helpers.boxes import BANDS
@@ -27,6 +33,39 @@ def test_the_error_asked_for_is_met(percentile):
     image = render_to_precision(Job(*WHERE), 0.02, percentile=percentile)
     assert relative_error(image, percentile) <= 0.02
     assert len(image.coefficients) >= BATCHES
+
+
+@pytest.mark.parametrize("bsdf", [None, {"type": "roughplastic", "diffuse_reflectance": "reflectance"}])
+def test_each_pixel_takes_its_own_samples(bsdf):
+    """A pixel is that of an even picture with as many samples, to the bit; of diffuse paint and of a coat."""
+    scene = cornell_box()
+    white = replace(scene.materials["white"], bsdf=bsdf)
+    scene = replace(scene, materials={**scene.materials, "white": white})
+    job = Job(scene, *WHERE[1:], samples=32, seed=4)
+    halvings = np.random.default_rng(0).integers(3, size=(12, 12)).astype(np.uint8)
+    mixed = render_pass(replace(job, halvings=halvings)).coefficients
+    for times in range(3):
+        even = render_pass(replace(job, samples=32 >> times)).coefficients
+        assert np.array_equal(mixed[:, halvings == times], even[:, halvings == times])
+
+
+def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
+    """Half as many or fewer in all, the error asked for met, the pixels above it no noisier, the median as it is."""
+    where = cornell_box(), cornell_camera(32), BANDS
+    rough = render_passes(Job(*where, samples=64), BATCHES)
+    assert precision._halvings(rough, 50.0, 64) is None
+    halvings = precision._halvings(rough, 95.0, 16)
+    assert halvings.max() <= 4 and np.mean(0.5**halvings) < 0.5
+    even = render_passes(Job(*where, samples=1024, seed=1), BATCHES)
+    spread = render_passes(Job(*where, samples=1024, seed=1, halvings=halvings), BATCHES)
+    assert relative_error(spread, 95.0) < 1.5 * relative_error(even, 95.0)
+    hard = halvings == 0
+    assert 0.05 <= hard.mean() < 0.6
+    assert np.array_equal(spread.coefficients[:, hard], even.coefficients[:, hard])
+    width = [
+        np.subtract(*np.log([relative_error(image, p) for p in (95.0, 25.0)])) for image in (spread, even)
+    ]
+    assert width[0] < 0.7 * width[1]
 
 
 def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
