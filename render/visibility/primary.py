@@ -16,6 +16,9 @@ from .tracer import Tracer, intersect, pixel_rays
 
 __all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
 
+#: Lanes of a pixel whose coverage is found by rays.
+_LANES = 16
+
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
     """(y, x, f) float32: share of each pixel covered by each flat face, 0 to 1, the lamp's face last.
@@ -60,23 +63,24 @@ def pixel_coverage(
 
 
 def _by_rays(tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(n, f) by rays through the tree."""
-    count = len(pixels)
-    lane = device_array(mi.UInt32, pixels)
-    rays = pixel_rays(camera, lane)
-    points = SobolPoints(2, samples, lane, seed)
-    faces = len(tracer.facet_surface)
+    """(n, f) by rays through the tree. Neighbouring lanes share a pixel: their rays meet the same parts of the tree."""
+    count, faces = len(pixels), len(tracer.facet_surface)
+    lanes = _LANES if samples % _LANES == 0 else 1
+    lane = dr.arange(mi.UInt32, count * lanes)
+    pixel = dr.gather(mi.UInt32, device_array(mi.UInt32, pixels), lane // lanes)
+    rays = pixel_rays(camera, pixel)
+    points = SobolPoints(2, samples, pixel, seed)
     seen = dr.zeros(mi.Float, count * faces)
-    here = dr.arange(mi.UInt32, count) * faces
+    here, first = lane // lanes * faces, lane % lanes * (samples // lanes)
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
-        hit = intersect(tracer, rays(points.point(i, 0), points.point(i, 1)), coherent=True)
+        hit = intersect(tracer, rays(points.point(first + i, 0), points.point(first + i, 1)), coherent=True)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
         dr.scatter_add(seen, mi.Float(1), here + facet, hit.front)
         return (i + 1,)
 
-    total = dr.opaque(mi.UInt32, samples)
-    dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
+    total = dr.opaque(mi.UInt32, samples // lanes)
+    dr.while_loop((dr.zeros(mi.UInt32, count * lanes),), lambda i: i < total, body)
     dr.eval(seen)
     return seen.numpy().reshape(count, faces) / np.float32(samples)
 
