@@ -64,13 +64,13 @@ class FacesAndTree:
         return blocked | (self.tree.ray_test(ray, active=asked) & asked)
 
     def _reached(self, ray: mi.Ray3f) -> mi.Bool:
-        """Whether a ray passes a box before its end; also where 0 is divided by 0, in the plane of a box's face."""
+        """Whether a ray passes a box before its end."""
         slowness = dr.rcp(ray.d)
         found = mi.Bool(False)
         for low, high in self.boxes:
             one, other = (low - ray.o) * slowness, (high - ray.o) * slowness
             enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
-            found |= ~((enter > leave) | (leave < 0) | (enter > ray.maxt))
+            found |= (enter <= leave) & (leave >= 0) & (enter <= ray.maxt)
         return found
 
 

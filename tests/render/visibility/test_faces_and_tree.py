@@ -52,7 +52,8 @@ def rays(origin, direction):
 
 def asked(accelerator, ray, active=True):
     found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
-    return [np.array(part) for part in (dr.isfinite(found.t), found.t, found.prim_index, found.prim_uv)]
+    assert np.array_equal(np.array(found.is_valid()), np.array(dr.isfinite(found.t)))
+    return [np.array(part) for part in (found.is_valid(), found.t, found.prim_index, found.prim_uv)]
 
 
 BALLS = {
