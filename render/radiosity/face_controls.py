@@ -103,14 +103,13 @@ def build_face_controls(
     none = len(geometry.planes)
     triangles = geometry.triangles.numpy().reshape(-1, 2)
     painted = tracer.material[triangles[:, 0]] < len(tracer.material_names)
-    of_bodies = {face for body in geometry.bodies for face in body.faces}
     walls: list[int] = []
-    for face in sorted({*range(none)} - of_bodies):
+    for face in range(none):
         normal, height = geometry.planes[face, 0, :3], geometry.planes[face, 0, 3]
         inwards = (tracer.vertices @ normal).max() > height + _SAME_MM
         if geometry.hull[face] and painted[face] and inwards and not _overlaps(geometry, face, walls):
             walls.append(face)
-    of_blocks = [face for face in sorted(of_bodies) if painted[face]]
+    of_blocks = [face for body in geometry.bodies for face in body.faces if painted[face]]
     light, area = np.zeros((none + 1, 1 + CONTROLLED)), np.zeros(none + 1)
     for face in (*walls, *of_blocks):
         own, own_finer = (np.isin(_triangle(p), triangles[face]) for p in (patches, finer))
