@@ -257,6 +257,7 @@ def run(case: Case) -> dict[str, Any] | None:
         start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate(path, given))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
+    offsets = block_offsets(place.scene, case.laboratory)
     return {
         "key": case.key,
         "kind": case.kind,
@@ -273,9 +274,8 @@ def run(case: Case) -> dict[str, Any] | None:
         "probability": diagnosis.ranking[0].probability,
         "best_gain": diagnosis.chi2_per_dof - min(r.chi2_per_dof for r in diagnosis.ranking),
         "fitted": {e.id: dict(e.values) for e in diagnosis.path[-1].effects},
-        "parameters_right": _parameters_right(
-            effects, diagnosis, block_offsets(place.scene, case.laboratory)
-        ),
+        "parameters_right": _parameters_right(effects, diagnosis, offsets),
+        "settled_block": _is_settled_block(diagnosis, offsets),
         "chi2_per_dof": diagnosis.chi2_per_dof,
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "seconds": seconds,
@@ -304,6 +304,19 @@ def _parameters_right(
                 allowed = max(_CLOSE * abs(true - null), _SIGMAS * sigma.get(p.name, 0.0))
                 right.append(bool(abs(found - true) <= allowed))
     return right
+
+
+def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) -> bool:
+    """Whether all that was found is a block where the laboratory's really stands, a little beside its survey."""
+    last = diagnosis.path[-1]
+    off = [
+        abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf))
+        / sigma[name]
+        for one, sigma in zip(last.effects, last.sigma, strict=True)
+        if one.id == "block-pose"
+        for name in sigma
+    ]
+    return list(diagnosis.selected) == ["block-pose"] and max(off) <= _SIGMAS
 
 
 def main() -> None:

@@ -13,9 +13,10 @@ __all__ = ["named", "print_tables", "summary", "with_groups"]
 
 
 def named(row: dict[str, Any]) -> bool:
-    """Whether the answer is right: the effect, its group, both of a pair, nothing, or unknown."""
+    """Whether the answer is right: the effect, its group, both of a pair, nothing (or a block where it really stands,
+    beside its survey), or unknown."""
     if row["kind"] == "none":
-        return not row["selected"]
+        return not row["selected"] or row["settled_block"]
     if row["kind"] == "unknown":
         return bool(row["right"])
     if row["kind"] == "outside":
