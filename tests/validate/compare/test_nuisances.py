@@ -9,6 +9,7 @@ from cboxlab.render.perturbation import build_warp, pixels_per_unit, warp_change
 from cboxlab.render.radiosity import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.compare.nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances
+from helpers.boxes import box_with_lamp, camera_inside
 
 
 def test_values_keep_their_places_in_the_vector():
@@ -58,9 +59,12 @@ def test_a_dark_picture_leaves_the_lamp_at_its_prior():
 
 @pytest.fixture(scope="module")
 def drawn():
-    """A box of 48 px through a camera, as counts up to 20,000, with its warp; (band, y, x) True outside the lamp."""
-    camera = cornell_camera(48)
-    light = solve_light(cornell_box(), np.array([450.0, 550.0, 650.0]), patch_samples=256)
+    return picture(cornell_box(), cornell_camera(48))
+
+
+def picture(box, camera):
+    """A box through a camera, as counts up to 20,000, with its warp; (band, y, x) True outside the lamp."""
+    light = solve_light(box, np.array([450.0, 550.0, 650.0]), patch_samples=256)
     image = gather(light, camera, samples=16, batches=2)
     signal = np.moveaxis(image.coefficients.mean(axis=0) @ image.spectra, -1, 0)
     signal = 20_000 * signal / signal[:, ~image.sees_lamp].max()
@@ -72,6 +76,26 @@ def drawn():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_quiet_picture_gives_the_camera_to_a_thousandth_of_a_pixel(drawn, seed):
     """Noise of 0.1 %, all ten parameters 0.3 px off: weak directions and grazing edges are followed to their end."""
+    off, chi2 = fitted(drawn, seed)
+    assert off < 2e-3
+    assert chi2 < 1.1
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+@pytest.mark.parametrize("seed", [3, 6])
+def test_edges_along_rows_and_columns_do_not_stop_the_search(seed):
+    """A straight cube seen straight on: each edge comes to the next row or column at once, where the cost has a kink.
+
+    Without smoothed pictures the search stops 0.09 and 0.12 px off, at chi-square 80 and 160.
+    """
+    camera = camera_inside(64, z=-1000.0, focal=1.2)
+    off, chi2 = fitted(picture(box_with_lamp(0.6, front=False), camera), seed)
+    assert off < 0.02
+    assert chi2 < 1.5
+
+
+def fitted(drawn, seed):
+    """Rms of corners' positions, px, and chi-square of the fit to a picture that another camera took."""
     warp, signal, used = drawn
     camera, pixels = warp.camera, pixels_per_unit(warp.tracer, warp.camera)
     rng = np.random.default_rng(seed)
@@ -83,8 +107,7 @@ def test_a_quiet_picture_gives_the_camera_to_a_thousandth_of_a_pixel(drawn, seed
     found = fit_nuisances(measured, variance, used, signal, warp, surveyed, 0.02)
     corners = warp.tracer.vertices.reshape(-1, 3)
     seen = true.project(corners)
-    inside = np.all((seen > -0.5) & (seen < 47.5), axis=1)
+    inside = np.all((seen > -0.5) & (seen < camera.width_px - 0.5), axis=1)
     off = np.linalg.norm(found.camera.project(corners) - seen, axis=1)[inside]
-    assert np.sqrt(np.mean(off**2)) < 2e-3
-    fitted = found.lamp_scale * (signal + warp_change(warp, found.camera))
-    assert np.mean(((measured - fitted) ** 2 / variance)[used]) < 1.1
+    expected = found.lamp_scale * (signal + warp_change(warp, found.camera))
+    return np.sqrt(np.mean(off**2)), np.mean(((measured - expected) ** 2 / variance)[used])
