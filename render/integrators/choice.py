@@ -38,9 +38,9 @@ def render(
     """Render the scene through the camera; the integrators agree within their standard errors.
 
     wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
-    where (y, x). batches :
-    independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
-    between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed : results are repeatable.
+    where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces : largest
+    number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed :
+    results are repeatable.
     progress : called with the completed share, 0 to 1. integrator : "default" is the final gather, or, with a
     warning, Mitsuba's own integrator ("stock") if no compiled variant is available. For scenes with non-Lambertian
     surfaces or a medium, the general path tracer replaces the final gather and "path".

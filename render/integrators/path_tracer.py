@@ -43,9 +43,9 @@ def render_path_tracer(
     """Render the scene through the camera by path tracing.
 
     wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : paths per pixel and batch; of each
-    pixel where (y, x). batches :
-    independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
-    between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed : results are repeatable.
+    pixel where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces :
+    largest number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit).
+    seed : results are repeatable.
 
     The coefficients are radiance relative to the lamps': of each visible lamp relative to its own, then of reflected
     light at each wavelength relative to the lamps' mean (``Scene.lamp_radiance``).

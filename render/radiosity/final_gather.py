@@ -215,11 +215,10 @@ def render_final_gather(
     """Render the scene through the camera.
 
     wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
-    where (y, x). batches :
-    independent randomisations, whose scatter gives the standard error. max_bounces : largest number of reflections
-    between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). patch_edge_mm, patch_samples :
-    largest edge of the radiosity patches and number of rays from each. seed : results are repeatable.
-    Raises InputError for a scene that is not diffuse.
+    where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces : largest
+    number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit).
+    patch_edge_mm, patch_samples : largest edge of the radiosity patches and number of rays from each. seed : results
+    are repeatable. Raises InputError for a scene that is not diffuse.
     """
     light = solve_light(scene, wavelength_nm, max_bounces, patch_edge_mm, patch_samples, seed)
     return gather(light, camera, samples, batches, seed, progress)

@@ -136,73 +136,89 @@ def fit_nuisances(
     prior = np.zeros((Nuisances.count, Nuisances.count))
     prior[of_camera, of_camera] = np.linalg.inv(calibrated.covariance)
     prior[of_lamp, of_lamp] = 0.0 if lamp_sigma is None else lamp_sigma**-2
+    problem = _Problem(measured, signal, warp, calibrated, prior)
     camera, scale = warp.camera, fit_lamp_scale(measured, signal, variance, used, lamp_sigma)[0]
-    pixels = pixels_per_unit(warp.tracer, camera)
-
-    def search(
-        camera: Camera,
-        scale: float,
-        of: Callable[[NDArray], NDArray],
-        inverse: NDArray,
-        steps: Sequence[float],
-    ) -> tuple[Camera, float, NDArray]:
-        """Camera, scale and information after ``steps`` and as many further ones as pay, by the values ``of`` maps."""
-        target = of(measured)
-
-        def seen(there: Camera) -> NDArray:
-            return of(signal + warp_change(warp, there))
-
-        def cost(there: Camera, factor: float, values: NDArray) -> float:
-            deviation = Nuisances(calibrated.parameters - there.parameters, 1.0 - factor).vector
-            z = np.abs(target - factor * values) * np.sqrt(inverse)
-            robust = np.where(z < _HUBER, z**2, 2 * _HUBER * z - _HUBER**2)
-            return float(robust.sum() + deviation @ prior @ deviation)
-
-        current = seen(camera)
-        design = np.zeros((Nuisances.count, len(target)))
-        lowest = at_last = cost(camera, scale, current)
-        for index, search_step in enumerate((*steps, *_MOST_FURTHER * _FURTHER_STEPS_PX)):
-            if index >= len(steps) and at_last - lowest < _WORTH * lowest:
-                break
-            at_last = lowest
-            for row, derivative in zip(design, camera_jacobian(warp, camera, search_step), strict=False):
-                row[:] = of(derivative)
-            for _ in range(_ROUNDS_EACH):
-                scaled = design * scale
-                scaled[of_lamp] = current
-                residual = target - scale * current
-                weight = inverse * np.minimum(
-                    1.0, _HUBER / np.maximum(np.abs(residual) * np.sqrt(inverse), 1e-9)
-                )
-                information = (scaled * weight) @ scaled.T + prior
-                deviation = Nuisances(calibrated.parameters - camera.parameters, 1.0 - scale).vector
-                step = Nuisances.from_vector(
-                    np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation)
-                )
-                for damping in (1.0, 0.5, 0.25, 0.1):
-                    there = camera.with_parameters(camera.parameters + damping * step.camera)
-                    factor = scale + damping * step.lamp_scale
-                    values = seen(there)
-                    reached = cost(there, factor, values)
-                    if reached < lowest:
-                        break
-                else:
-                    break
-                camera, scale, current, gain, lowest = there, factor, values, lowest - reached, reached
-                if gain < _SMALLEST_GAIN or np.max(np.abs(step.camera) * pixels) < 1e-3:
-                    break
-        return camera, scale, information
-
     whole = _smoothed(used.astype(float), _SMOOTHING) > 1 - 1e-9
     if whole.any():
-        camera, scale, _ = search(
-            camera, scale, lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[whole],
+        camera, scale, _ = _search(
+            problem, camera, scale, lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[whole],
             1 / _smoothed(np.where(used, variance, 0.0), _SMOOTHING**2)[whole], _SMOOTHED_STEPS_PX,
         )  # fmt: skip
-    camera, scale, information = search(camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX)
+    camera, scale, information = _search(
+        problem, camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX
+    )
     # No covariance is stated: that from noise (below 0.001 px) is much smaller than the error by flaws of the picture.
     sigma = float(np.sqrt(np.linalg.inv(information)[of_lamp, of_lamp]))
     return NuisanceFit(replace(camera, covariance=None), scale, sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What a search compares, see ``fit_nuisances``. prior : (11, 11) information about the nuisances beforehand."""
+
+    measured: NDArray
+    signal: NDArray
+    warp: Warp
+    calibrated: Camera
+    prior: NDArray[np.float64]
+
+
+def _search(
+    problem: _Problem, camera: Camera, scale: float, of: Callable[[NDArray], NDArray], inverse: NDArray,
+    steps: Sequence[float],
+) -> tuple[Camera, float, NDArray]:  # fmt: skip
+    """Camera, scale and the information about both after ``steps`` and as many further ones as pay.
+
+    of : picks the values to be compared out of maps (band, y, x). inverse : of their variance.
+    """
+    warp, calibrated, prior = problem.warp, problem.calibrated, problem.prior
+    of_camera, of_lamp = Nuisances.of_camera, Nuisances.of_lamp
+    pixels = pixels_per_unit(warp.tracer, warp.camera)
+    target = of(problem.measured)
+
+    def seen(there: Camera) -> NDArray:
+        return of(problem.signal + warp_change(warp, there))
+
+    def cost(there: Camera, factor: float, values: NDArray) -> float:
+        deviation = Nuisances(calibrated.parameters - there.parameters, 1.0 - factor).vector
+        z = np.abs(target - factor * values) * np.sqrt(inverse)
+        robust = np.where(z < _HUBER, z**2, 2 * _HUBER * z - _HUBER**2)
+        return float(robust.sum() + deviation @ prior @ deviation)
+
+    current = seen(camera)
+    design = np.zeros((Nuisances.count, len(target)))
+    lowest = at_last = cost(camera, scale, current)
+    for index, search_step in enumerate((*steps, *_MOST_FURTHER * _FURTHER_STEPS_PX)):
+        if index >= len(steps) and at_last - lowest < _WORTH * lowest:
+            break
+        at_last = lowest
+        for row, derivative in zip(
+            design[of_camera], camera_jacobian(warp, camera, search_step), strict=True
+        ):
+            row[:] = of(derivative)
+        for _ in range(_ROUNDS_EACH):
+            scaled = design * scale
+            scaled[of_lamp] = current
+            residual = target - scale * current
+            weight = inverse * np.minimum(1.0, _HUBER / np.maximum(np.abs(residual) * np.sqrt(inverse), 1e-9))
+            information = (scaled * weight) @ scaled.T + prior
+            deviation = Nuisances(calibrated.parameters - camera.parameters, 1.0 - scale).vector
+            step = Nuisances.from_vector(
+                np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation)
+            )
+            for damping in (1.0, 0.5, 0.25, 0.1):
+                there = camera.with_parameters(camera.parameters + damping * step.camera)
+                factor = scale + damping * step.lamp_scale
+                values = seen(there)
+                reached = cost(there, factor, values)
+                if reached < lowest:
+                    break
+            else:
+                break
+            camera, scale, current, gain, lowest = there, factor, values, lowest - reached, reached
+            if gain < _SMALLEST_GAIN or np.max(np.abs(step.camera) * pixels) < 1e-3:
+                break
+    return camera, scale, information
 
 
 def _smoothed(maps: NDArray, weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 import trimesh
-from cboxlab.render.device import dr, mi
+from cboxlab.render.device import mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.visibility.faces_and_tree import FacesAndTree, build_accelerator, in_a_tree
 from cboxlab.render.visibility.flat_faces import FlatFaces
 from cboxlab.render.visibility.tracer import facets
+from helpers.hits import COUNT, asked, between_surfaces, blocked_by, differing, directions, normals_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
-COUNT = 200_000
-#: Errors of single precision, mm, see ``test_flat_faces``.
-ROUNDING_MM = 2e-3
 WALLS = np.array(
     [
         [[0, 0, 0], [0, 0, 500], [500, 0, 500], [500, 0, 0]],
@@ -36,24 +34,13 @@ def scene(*meshes):
     """The room as one surface and each mesh as another: both accelerators, normals, all triangles."""
     vertices = np.concatenate([ROOM, *meshes])
     surface = np.repeat(np.arange(1 + len(meshes)), [len(ROOM), *map(len, meshes)])
-    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals_of(vertices)
     return (
         build_accelerator(vertices, facets(normals, surface)[0], surface),
         in_a_tree(vertices),
         normals,
         vertices,
     )
-
-
-def rays(origin, direction):
-    return mi.Ray3f(mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
-
-
-def asked(accelerator, ray, active=True):
-    found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
-    assert np.array_equal(np.array(found.is_valid()), np.array(dr.isfinite(found.t)))
-    return [np.array(part) for part in (found.is_valid(), found.t, found.prim_index, found.prim_uv)]
 
 
 BALLS = {
@@ -70,24 +57,22 @@ def test_rays_meet_what_one_tree_says(name):
     assert isinstance(both, FacesAndTree) and len(both.boxes) == 1
     assert (both.faces.room is None) == ("beyond" in name)  # walls are not the hull then
     rng = np.random.default_rng(2)
-    direction = rng.standard_normal((COUNT, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = directions(rng)
     direction[::10] = np.eye(3)[rng.integers(3, size=len(direction[::10]))]  # along the boxes' planes
     ray = rays(rng.uniform(-150, 650, (COUNT, 3)), direction)
-    (hit, t, triangle, uv), (hit_tree, t_tree, triangle_tree, uv_tree) = asked(both, ray), asked(tree, ray)
-    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
-    met = hit & hit_tree
-    off = np.abs(np.where(met, t, 0) - np.where(met, t_tree, 0)) * angle
-    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    found, expected = asked(both, ray), asked(tree, ray)
+    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = found, expected
+    differs = differing(found, expected, normals, direction)
     assert differs.sum() <= 20
     assert (triangle >= len(ROOM))[hit].mean() > 0.01
     same = hit & ~differs & (triangle == triangle_tree)
     assert same.sum() >= hit.sum() - 100  # at edges either triangle
-    close = np.abs(uv - uv_tree)[:, same] * angle[same]
+    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
+    close = np.abs(uv[:, same] - uv_tree[:, same]) * angle[same]
     assert np.quantile(close, 0.99) < 1e-3
     ray.maxt = 200.0
-    blocked, blocked_tree = (np.array(a.ray_test(ray, mi.Bool(True))).astype(bool) for a in (both, tree))
-    assert (blocked != blocked_tree).sum() <= 20
+    blocked = blocked_by(both, ray)
+    assert (blocked != blocked_by(tree, ray)).sum() <= 20
     np.testing.assert_array_equal(asked(both, ray)[0], blocked)
 
 
@@ -97,14 +82,8 @@ def test_segments_between_surfaces_may_leave_out_the_hull(name):
     rng = np.random.default_rng(3)
     chosen = rng.integers(len(vertices), size=(2, COUNT))
     chosen[:, ::2] = rng.integers(len(ROOM), size=(2, COUNT // 2))
-    weights = rng.dirichlet((1, 1, 1), size=(2, COUNT))
-    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[chosen]) + 0.01 * normals[chosen]
-    ray = rays(ends[0], ends[1] - ends[0])
-    ray.maxt = 1 - 1e-4
-    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[chosen[0]]) > 0
-    facing &= np.einsum("ij,ij->i", ends[0] - ends[1], normals[chosen[1]]) > 0
-    enclosed = np.array(both.ray_test(ray, enclosed=True)).astype(bool)[facing]
-    expected = np.array(tree.ray_test(ray)).astype(bool)[facing]
+    ray, facing = between_surfaces(vertices, normals, chosen, rng)
+    enclosed, expected = blocked_by(both, ray, enclosed=True)[facing], blocked_by(tree, ray)[facing]
     assert 50 < expected.sum() < len(expected) - 50
     assert (enclosed != expected).sum() <= 5
 

@@ -8,12 +8,20 @@ from cboxlab.render.visibility.faces_and_tree import in_a_tree
 from cboxlab.render.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
 from cboxlab.render.visibility.tracer import build_tracer, facets
 from cboxlab.scenes import cornell_box
+from helpers.hits import (
+    COUNT,
+    ROUNDING_MM,
+    asked,
+    between_surfaces,
+    blocked_by,
+    differing,
+    directions,
+    normals_of,
+    rays,
+)
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
-COUNT = 200_000
-#: Errors of single precision, mm: along a ray that meets its face at an angle, at coordinates up to a metre.
-ROUNDING_MM = 2e-3
 BOX = np.array(
     [
         [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]],
@@ -33,26 +41,10 @@ def triangles(quads):
 
 def both(vertices):
     """The same triangles as faces and in Embree's tree."""
-    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals_of(vertices)
     faces = flat_faces(vertices, facets(normals, np.zeros(len(vertices), int))[0])
     assert faces is not None
     return faces, in_a_tree(vertices), normals
-
-
-def rays(origin, direction):
-    return mi.Ray3f(mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
-
-
-def asked(accelerator, ray):
-    found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(True))
-    t, triangle, uv = (np.array(part) for part in (found.t, found.prim_index, found.prim_uv))
-    return np.isfinite(t), t, triangle, uv
-
-
-def directions(rng, count=COUNT):
-    found = rng.standard_normal((count, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def turned(vertices, seed):
@@ -81,22 +73,19 @@ def test_random_rays_meet_what_embree_says(name):
     low, high = vertices.reshape(-1, 3).min(axis=0), vertices.reshape(-1, 3).max(axis=0)
     direction = directions(rng)
     ray = rays(rng.uniform(low - 200, high + 200, (COUNT, 3)), direction)
-    (hit, t, triangle, uv), (hit_tree, t_tree, triangle_tree, uv_tree) = asked(faces, ray), asked(tree, ray)
-    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
-    off = np.abs(np.where(hit & hit_tree, t, 0) - np.where(hit & hit_tree, t_tree, 0)) * angle
-    # what differs is a ray within rounding of an edge
-    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    found, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = found, expected
+    differs = differing(found, expected, normals, direction)  # within rounding of an edge
     assert differs.sum() <= 20
     same = hit & ~differs & (triangle == triangle_tree)
     assert same.sum() >= hit.sum() - 40
     edge = np.linalg.norm(vertices[:, 1] - vertices[:, 0], axis=1).min()
-    close = np.abs(uv - uv_tree)[:, same] * edge * angle[same]
+    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
+    close = np.abs(uv[:, same] - uv_tree[:, same]) * edge * angle[same]
     assert np.quantile(close, 0.999) < ROUNDING_MM
     ray.maxt = 150.0
-    blocked, blocked_tree = (
-        np.array(a.ray_test(ray, active=mi.Bool(True))).astype(bool) for a in (faces, tree)
-    )
-    assert (blocked != blocked_tree).sum() <= 20
+    blocked = blocked_by(faces, ray)
+    assert (blocked != blocked_by(tree, ray)).sum() <= 20
     np.testing.assert_array_equal(asked(faces, ray)[0], blocked)
 
 
@@ -122,13 +111,8 @@ def test_segments_between_points_of_surfaces_need_no_hull():
     assert 0 < sum(faces.hull) < len(faces.hull)
     rng = np.random.default_rng(9)
     chosen = rng.integers(len(vertices), size=(2, COUNT))
-    weights = rng.dirichlet((1, 1, 1), size=(2, COUNT))
-    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[chosen]) + 0.01 * normals[chosen]
-    ray = rays(ends[0], ends[1] - ends[0])
-    ray.maxt = 1 - 1e-4
-    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[chosen[0]]) > 0
-    facing &= np.einsum("ij,ij->i", ends[0] - ends[1], normals[chosen[1]]) > 0
-    free, enclosed = (~np.array(faces.ray_test(ray, enclosed=e)).astype(bool)[facing] for e in (False, True))
+    ray, facing = between_surfaces(vertices, normals, chosen, rng)
+    free, enclosed = (~blocked_by(faces, ray, enclosed=e)[facing] for e in (False, True))
     assert 0.1 < free.mean() < 0.9
     assert (free != enclosed).sum() <= 5
 
@@ -167,19 +151,15 @@ def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(see
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-400, 400, (COUNT, 3)), direction)
-    (hit, t, triangle, _), (hit_tree, t_tree, triangle_tree, _) = asked(faces, ray), asked(tree, ray)
-    met = hit & hit_tree
-    differs = hit != hit_tree
-    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree[met]], direction[met]))
-    differs[met] |= np.abs(t[met] - t_tree[met]) * angle > ROUNDING_MM
+    found, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, _), (_, _, triangle_tree, _) = found, expected
+    differs = differing(found, expected, normals, direction)
     assert differs.sum() <= 20
     assert 0.02 < hit.mean() < 0.5
     assert (triangle[hit & ~differs] == triangle_tree[hit & ~differs]).mean() > 0.999
     ray.maxt = 250.0
-    blocked, blocked_tree = (
-        np.array(a.ray_test(ray, active=mi.Bool(True))).astype(bool) for a in (faces, tree)
-    )
-    assert (blocked != blocked_tree).sum() <= 20
+    blocked = blocked_by(faces, ray)
+    assert (blocked != blocked_by(tree, ray)).sum() <= 20
 
 
 def test_rays_along_a_blocks_faces_meet_what_embree_says():
@@ -194,7 +174,7 @@ def test_rays_along_a_blocks_faces_meet_what_embree_says():
     (hit, t, *_), (hit_tree, t_tree, *_) = asked(faces, ray), asked(tree, ray)
     np.testing.assert_array_equal(hit, hit_tree)
     np.testing.assert_allclose(t[hit], t_tree[hit], atol=ROUNDING_MM)
-    np.testing.assert_array_equal(np.array(faces.ray_test(ray)).astype(bool), hit_tree)
+    np.testing.assert_array_equal(blocked_by(faces, ray), hit_tree)
 
 
 def test_what_is_no_convex_body_is_the_room_or_single_faces():
@@ -239,11 +219,9 @@ def test_a_wall_of_several_faces_is_divided_as_embree_says(seed):
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-350, 350, (COUNT, 3)), direction)
-    (hit, t, triangle, _), (hit_tree, t_tree, triangle_tree, _) = asked(faces, ray), asked(tree, ray)
-    angle = np.abs(np.einsum("ij,ij->i", normals[triangle_tree % len(normals)], direction))
-    met = hit & hit_tree
-    off = np.abs(np.where(met, t, 0) - np.where(met, t_tree, 0)) * angle
-    differs = (hit != hit_tree) | (off > ROUNDING_MM)
+    found, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, _), (_, _, triangle_tree, _) = found, expected
+    differs = differing(found, expected, normals, direction)
     assert differs.sum() <= 20
     assert (triangle[hit & ~differs] != triangle_tree[hit & ~differs]).sum() <= 40
     assert set(triangle[hit]) == {*range(len(vertices))}
