@@ -94,8 +94,18 @@ def test_edges_along_rows_and_columns_do_not_stop_the_search(seed):
     assert chi2 < 1.5
 
 
-def fitted(drawn, seed):
-    """Rms of corners' positions, px, and chi-square of the fit to a picture that another camera took."""
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+def test_spoilt_pixels_hardly_move_the_camera(drawn):
+    """One pixel in a hundred is 1000 standard deviations too bright."""
+    off, _ = fitted(drawn, 1, spoilt=0.01)
+    assert off < 0.02
+
+
+def fitted(drawn, seed, spoilt=0.0):
+    """Rms of corners' positions, px, and chi-square of the fit to a picture that another camera took.
+
+    spoilt : share of the values that are far too bright.
+    """
     warp, signal, used = drawn
     camera, pixels = warp.camera, pixels_per_unit(warp.tracer, warp.camera)
     rng = np.random.default_rng(seed)
@@ -103,6 +113,7 @@ def fitted(drawn, seed):
     measured = signal + warp_change(warp, true)
     variance = (1e-3 * measured) ** 2 + 9.0
     measured = measured + np.sqrt(variance) * rng.standard_normal(measured.shape)
+    measured[rng.random(measured.shape) < spoilt] += 1000 * np.sqrt(variance).mean()
     surveyed = replace(camera, covariance=np.diag(pixels**-2.0))
     found = fit_nuisances(measured, variance, used, signal, warp, surveyed, 0.02)
     corners = warp.tracer.vertices.reshape(-1, 3)
