@@ -43,7 +43,8 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     everywhere = np.ones(SHAPE, bool)
     model = LinearModel(
         used=everywhere, interior=np.ones(COUNT, bool), patch=np.zeros(COUNT, int), sigma=np.ones(COUNT),
-        priors=np.zeros((11, 11)), basis=np.zeros((COUNT + 11, 11)), shared_errors=np.zeros((COUNT + 11, 1)),
+        priors=np.zeros((11, 11)), by_lamp=np.ones(COUNT), basis=np.zeros((COUNT + 11, 11)),
+        shared_errors=np.zeros((COUNT + 11, 1)),
         residual=np.append(residual.ravel(), np.zeros(11)),
     )  # fmt: skip
     fit = SimpleNamespace(lamp_scale=scale)

@@ -64,6 +64,7 @@ def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 class LinearModel:
     """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
     of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
+    by_lamp : (n,) DN, derivative by the lamp's scale.
     basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``marginalised_over`` adds.
     shared_errors : (n + 11, m) over sigma, one standard deviation each of errors that a band or a face shares.
     dark_errors : so many of them, the first, are of bands' dark levels.
@@ -77,6 +78,7 @@ class LinearModel:
     patch: NDArray[np.int64]
     sigma: NDArray[np.float64]
     priors: NDArray[np.float64]
+    by_lamp: NDArray[np.float64]
     basis: NDArray[np.float64]
     shared_errors: NDArray[np.float32]
     residual: NDArray[np.float64]
@@ -149,8 +151,21 @@ class LinearModel:
         The camera's fit can do the same to the picture, so only the rows of the priors differ, and no error of the
         picture enters.
         """
-        rows = self.priors @ Nuisances(change, 0.0).vector
-        return self.project(np.append(np.zeros(self.count), -rows))
+        return self._of_priors(Nuisances(change, 0.0).vector)
+
+    def lamp_change(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A change (band, y, x) in DN by the lamp's power, projected: only the row of its prior differs, too.
+
+        ``by_lamp`` may be of a picture with effects that the change's base lacks: their difference is no change.
+        """
+        ours, theirs = self.by_lamp / self.sigma, change[self.used] / self.sigma
+        vector = np.zeros(Nuisances.count)
+        vector[Nuisances.of_lamp] = (ours @ theirs) / (ours @ ours)
+        return self._of_priors(vector)
+
+    def _of_priors(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The change (n + 11,) by nuisances (11,), projected, their part in the picture taken off."""
+        return self.project(np.append(np.zeros(self.count), -self.priors @ vector))
 
     @property
     def chi2(self) -> float:
@@ -250,7 +265,8 @@ def build_linear_model(
     patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]
     interior = np.broadcast_to(inside, used.shape)[used]
     return LinearModel(
-        used=used, interior=interior, patch=patch, sigma=sigma, priors=priors, basis=basis,
+        used=used, interior=interior, patch=patch, sigma=sigma, priors=priors,
+        by_lamp=derivative[Nuisances.of_lamp][used], basis=basis,
         shared_errors=_shared_errors(fit.lamp_scale * base, coverage, used, sigma, band_errors),
         residual=projected, dark_errors=len(base) if band_errors.dark_counts else 0,
     )  # fmt: skip

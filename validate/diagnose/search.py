@@ -145,6 +145,8 @@ class Problem:
         if not _in_picture(applied, self.predictor.camera):
             return self.camera_change(applied)
         picture = self.scale * (self.predictor.signal((*self.others, applied)) - self.base)
+        if applied.effect.imitates_lamp_power:
+            return self.model.lamp_change(picture)
         return self.model.whiten(picture) + self.camera_change(applied)
 
     def camera_change(self, applied: AppliedEffect) -> NDArray[np.float64]:

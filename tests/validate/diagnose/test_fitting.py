@@ -32,6 +32,7 @@ def model_of(shared_errors=None):
         patch=np.repeat(np.arange(PATCHES), EACH),
         sigma=np.ones(COUNT),
         priors=np.zeros((11, 11)),
+        by_lamp=np.ones(COUNT),
         basis=np.zeros((COUNT + 11, 11)),
         shared_errors=np.zeros((COUNT + 11, 1)) if shared_errors is None else shared_errors,
         residual=np.zeros(COUNT + 11),

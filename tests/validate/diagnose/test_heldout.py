@@ -18,6 +18,7 @@ def model():
         patch=np.zeros(COUNT, int),
         sigma=np.ones(COUNT),
         priors=np.zeros((11, 11)),
+        by_lamp=np.ones(COUNT),
         basis=np.zeros((COUNT + 11, 11)),
         shared_errors=np.zeros((COUNT + 11, 1)),
         residual=np.zeros(COUNT + 11),

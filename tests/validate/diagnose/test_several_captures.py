@@ -24,7 +24,7 @@ def model(residual):
     whitened = np.append(residual, np.zeros(NUISANCES))
     return LinearModel(
         used=np.ones((1, 1, COUNT), bool), interior=np.ones(COUNT, bool), patch=np.arange(COUNT) // 20,
-        sigma=np.ones(COUNT), priors=np.zeros((NUISANCES, NUISANCES)),
+        sigma=np.ones(COUNT), priors=np.zeros((NUISANCES, NUISANCES)), by_lamp=np.ones(COUNT),
         basis=np.eye(COUNT + NUISANCES)[:, -1:], shared_errors=np.zeros((COUNT + NUISANCES, 1), np.float32),
         residual=whitened,
     )  # fmt: skip

@@ -17,7 +17,8 @@ def _model(excess):
     basis = np.append(excess.nuisances.reshape(count, 1), np.zeros((11, 1)), axis=0)
     return LinearModel(
         used=excess.used, interior=np.ones(count, bool), patch=np.zeros(count, int), sigma=SIGMA.ravel(),
-        priors=np.zeros((11, 11)), basis=basis, shared_errors=np.zeros((count + 11, 1), np.float32),
+        priors=np.zeros((11, 11)), by_lamp=np.ones(count), basis=basis,
+        shared_errors=np.zeros((count + 11, 1), np.float32),
         residual=np.append(excess.residual.ravel().astype(float), np.zeros(11)),
     )  # fmt: skip
 
