@@ -86,7 +86,8 @@ class Surface:
 
     vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side. texture_uv : (n, 2) texture
     coordinates of the vertices, u along a texture's columns and v along its rows, or None. inside : what fills a closed
-    surface, whose faces are lit from outside; None for nothing else than what is around it.
+    surface, whose faces are lit from outside; None for nothing else than what is around it. ball : whether the
+    triangles stand for a sphere of their area about the mean of their vertices, as those of ``sphere_mesh`` do.
     """
 
     name: str
@@ -95,12 +96,18 @@ class Surface:
     faces: NDArray[np.int64]
     texture_uv: NDArray[np.float64] | None = None
     inside: Medium | None = None
+    ball: bool = False
 
     @property
     def areas_mm2(self) -> NDArray[np.float64]:
         """(m,) triangle areas."""
         a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    @property
+    def sphere_mm(self) -> tuple[NDArray[np.float64], float]:
+        """Centre (3,) and radius of the sphere that a ball's triangles stand for."""
+        return self.vertices_mm.mean(axis=0), float(np.sqrt(self.areas_mm2.sum() / (4 * np.pi)))
 
 
 def _black() -> Spectrum:

@@ -115,7 +115,7 @@ def _built(path: Path, file: SceneFile) -> Scene:
             if entry.material not in file.material:
                 faults.append(_missing_material(entry.material, list(file.material), f"{where}.material"))
             mesh = surface_mesh(entry, file.lamp, path.parent, where)
-            surface = Surface(entry.name, entry.material, *mesh)
+            surface = Surface(entry.name, entry.material, *mesh, ball=entry.sphere is not None)
             if entry.material in file.material and file.material[entry.material].texture is not None:
                 surface = replace(surface, texture_uv=surface_uv(entry, path.parent, where))
             faults += surface_faults(surface, where)

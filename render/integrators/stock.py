@@ -106,7 +106,7 @@ def scene_dict(
     used = dict.fromkeys(surface.material for surface in scene.surfaces)
     bsdfs = {name: mi.load_dict(bsdf_dict(scene.materials[name], reflectances[name])) for name in used}
     shapes = {
-        s.name: _mesh(s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}) for s in scene.surfaces
+        s.name: _shape(s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}) for s in scene.surfaces
     }
     for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
         parts = {
@@ -192,6 +192,14 @@ def _medium(key: str, medium: Medium | None, wavelengths: NDArray) -> dict[str, 
 
 def _rgb(values: NDArray) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(v) for v in values]}
+
+
+def _shape(surface: Surface, parts: Mapping[str, Any]) -> mi.Shape | dict[str, Any]:
+    """A ball as Mitsuba's sphere, everything else as a mesh."""
+    if not surface.ball:
+        return _mesh(surface, parts)
+    centre, radius = surface.sphere_mm
+    return {"type": "sphere", "center": centre.tolist(), "radius": radius, **parts}
 
 
 def _mesh(surface: Surface, parts: Mapping[str, Any]) -> mi.Mesh:

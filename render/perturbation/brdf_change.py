@@ -1,13 +1,12 @@
 """Change of a picture by a non-Lambertian material, rough or glossy.
 
-At the surface that the camera sees, the changed reflection is applied to direct light and to light from the patches.
-At the previous reflection it is applied to the lamps' light; all other light is treated as diffusely reflected with
-the changed albedo.
+At the surface that the camera sees and at the reflection before, the changed reflection is applied to direct light and
+to light from the patches. At earlier ones light is treated as diffusely reflected with the changed albedo.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -20,6 +19,9 @@ from ..radiosity import LampSampler, LightField, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 
 __all__ = ["Coat", "Reflection", "changed_reflection", "fresnel"]
+
+#: Angles by which light from all directions is summed.
+_COSINES = 256
 
 Albedo: TypeAlias = "Callable[[mi.Float], tuple[mi.Float, mi.Float]]"
 Base: TypeAlias = "Callable[[mi.Vector3f, mi.Vector3f], mi.Float]"
@@ -126,6 +128,13 @@ def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
     return 0.5 * a * (1 + b)
 
 
+def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
+    """The albedos of base and coat for light that is equally bright from all directions."""
+    cosine = (np.arange(_COSINES) + 0.5) / _COSINES
+    each = albedo(device_array(mi.Float, cosine))
+    return [dr.opaque(mi.Float, float(np.mean(2 * cosine * np.array(mean, float)))) for mean in each]
+
+
 def changed_reflection(
     light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
     reflection: Reflection, *, material: int, samples: int = 256, seed: int = 0,
@@ -134,8 +143,8 @@ def changed_reflection(
 
     radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
     and of the lamps. lamp_shares : (lamps, w) radiance of each lamp relative to their mean. reflection : if it has
-    albedos, which ``radiance`` includes for the lamps' light, the lamps' light reflected towards the surfaces seen by
-    the camera gets the directional distribution of the changed reflection.
+    albedos, which ``radiance`` includes, the light reflected towards the surfaces seen by the camera gets the
+    directional distribution of the changed reflection.
     """
     tracer, patches = light.tracer, light.patches
     base, coat, albedo = reflection.base, reflection.coat, reflection.albedo
@@ -147,12 +156,14 @@ def changed_reflection(
     count = camera.width_px * camera.height_px
     lane = dr.arange(mi.UInt32, count)
     rays = pixel_rays(camera, lane)
-    points = SobolPoints(8 if albedo is None else 12, samples, lane, seed)
+    points = SobolPoints(8 if albedo is None else 14, samples, lane, seed)
 
     def seen(hit: Hit, active: mi.Bool) -> list[mi.Float]:
         on = hit.reflecting & active
         patch = patch_of(patches, hit.triangle, hit.uv, on)
         return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
+
+    diffuse = None if albedo is None else _for_diffuse_light(albedo)
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         ray = rays(points.point(i, 4), points.point(i, 5))
@@ -180,13 +191,9 @@ def changed_reflection(
                 for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
             ]
         change = [dr.select(mine, c, 0) for c in change]
-        if albedo is not None:
-            change = [
-                c + d
-                for c, d in zip(
-                    change, before_last(albedo, i, hit, origin, frame.to_world(gathered)), strict=True
-                )
-            ]
+        if albedo is not None and diffuse is not None:
+            before = before_last(albedo, diffuse, i, hit, mi.Ray3f(origin, frame.to_world(gathered)))
+            change = [c + d for c, d in zip(change, before, strict=True)]
         return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
 
     def from_lamps(
@@ -224,28 +231,41 @@ def changed_reflection(
         return lobes, strength, near, valid
 
     def before_last(
-        albedo: Albedo, i: mi.UInt32, hit: Hit, origin: mi.Point3f, direction: mi.Vector3f
+        albedo: Albedo, diffuse: Sequence[mi.Float], i: mi.UInt32, hit: Hit, ray: mi.Ray3f
     ) -> list[mi.Float]:
-        """The lamps' light reflected by the material before the surface seen, minus its mean over directions."""
-        far = intersect(tracer, mi.Ray3f(origin, direction), hit.reflecting)
+        """The light reflected by the material before the surface seen, minus its mean over directions."""
+        far = intersect(tracer, ray, hit.reflecting)
         theirs = far.front & (far.material == material)
         frame = mi.Frame3f(far.normal)
-        outgoing = frame.to_local(-direction)
+        outgoing = frame.to_local(-ray.d)
         there = far.position + far.normal * RAY_OFFSET_MM
         arriving = from_lamps(frame, there, points.point(i, 8), points.point(i, 9), theirs)
         change = [mi.Float(0) for _ in rho]
         for one, own in zip(arriving, shares, strict=True):
             # rays that meet no surface have no angle of incidence; the albedo may be read from a table
             base_mean, coat_mean = albedo(dr.select(theirs, one.incoming.z, 0))
-            diffuse = one.weight * (base(one.incoming, outgoing) - base_mean)
+            beyond = one.weight * (base(one.incoming, outgoing) - base_mean)
             change = [
-                c + s * (r * diffuse - one.weight * coat_mean)
+                c + s * (r * beyond - one.weight * coat_mean)
                 for c, s, r in zip(change, own, rho, strict=True)
             ]
+        base_mean, coat_mean = diffuse
+        gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 12), points.point(i, 13)))
+        source = intersect(tracer, mi.Ray3f(there, frame.to_world(gathered)), theirs)
+        factor = base(gathered, outgoing) - base_mean
+        change = [
+            c + (r * factor - coat_mean) * b
+            for c, r, b in zip(change, rho, seen(source, theirs), strict=True)
+        ]
         if coat is not None:
             u, v = points.point(i, 10), points.point(i, 11)
-            lobes, *_ = mirrored(coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs)
-            change = [c + lobe for c, lobe in zip(change, lobes, strict=True)]
+            lobes, strength, near, valid = mirrored(
+                coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs
+            )
+            change = [
+                c + lobe + dr.select(valid, strength * b, 0)
+                for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
+            ]
         entry = hit.material * bands
         first = [dr.gather(mi.Float, table_rho, entry + k, hit.reflecting) for k in range(bands)]
         return [dr.select(theirs, f * c, 0) for f, c in zip(first, change, strict=True)]

@@ -1,14 +1,18 @@
-"""What rays are asked of: flat faces in the kernel, a tree of many triangles, or both, where a mesh is among walls."""
+"""What rays are asked of: flat faces in the kernel, a tree of many triangles, or, where balls and meshes are among
+walls, faces and balls in the kernel and the meshes in a tree."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
-from .flat_faces import FlatFaces, Nearest, flat_faces
+from .balls import Ball, NearestOnBall, build_ball
+from .flat_faces import FlatFaces, flat_faces
 
 __all__ = ["FacesAndTree", "build_accelerator", "in_a_tree"]
 
@@ -18,48 +22,68 @@ _MOST_BESIDE = 32
 #: Surfaces in a tree that have a bounding box of their own; more of them share one.
 _MOST_BOXES = 4
 
+#: More balls than this are cheaper in the tree, as triangles.
+_MOST_BALLS = 8
+
 #: Bounding boxes reach so much further than their corners, mm.
 _MARGIN_MM = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class FacesAndTree:
-    """Rays against flat faces first; only those that reach a box about the other triangles are asked of the tree.
+    """Rays against flat faces and balls first; only those that reach a box about the other triangles are asked of the
+    tree, None where there are no others.
 
     boxes : the lower and upper corners, in numbers of one lane. of_faces, of_tree : the scene's triangle of each one of
     the faces' and of the tree's.
     """
 
     faces: FlatFaces
-    tree: mi.Scene
+    balls: tuple[Ball, ...]
+    tree: mi.Scene | None
     boxes: tuple[tuple[mi.Point3f, mi.Point3f], ...]
     of_faces: mi.UInt32
     of_tree: mi.UInt32
 
     def ray_intersect_preliminary(
         self, ray: mi.Ray3f, coherent: bool = False, active: mi.Bool | bool = True
-    ) -> Nearest:
-        """The nearest triangle of each lane's ray."""
+    ) -> NearestOnBall:
+        """The nearest triangle of each lane's ray; on a ball, that which stands for the place met, at its middle."""
         flat = self.faces.ray_intersect_preliminary(ray, coherent, active)
-        shorter = mi.Ray3f(ray.o, ray.d)
-        shorter.maxt = dr.minimum(ray.maxt, flat.t)
-        asked = self._reached(shorter) & active
-        curved = self.tree.ray_intersect_preliminary(shorter, coherent=coherent, active=asked)
-        met = curved.is_valid() & asked
-        return Nearest(
-            dr.select(met, curved.t, flat.t),
-            dr.select(
-                met,
-                dr.gather(mi.UInt32, self.of_tree, curved.prim_index, met),
-                dr.gather(mi.UInt32, self.of_faces, flat.prim_index, flat.valid),
-            ),
-            dr.select(met, curved.prim_uv, flat.prim_uv),
-            flat.valid | met,
-        )
+        distance, uv = dr.select(active, dr.minimum(ray.maxt, flat.t), -1.0), flat.prim_uv
+        triangle = dr.gather(mi.UInt32, self.of_faces, flat.prim_index, flat.valid)
+        which = mi.UInt32(len(self.balls))
+        for index, ball in enumerate(self.balls):
+            t, met = ball.met(ray)
+            met &= t < distance
+            distance, which = dr.select(met, t, distance), dr.select(met, index, which)
+        on_ball = which < len(self.balls)
+        normal = mi.Vector3f(0)
+        for index, ball in enumerate(self.balls):
+            own = which == index
+            there, outwards = ball.at(ray(distance), own)
+            triangle, normal = dr.select(own, there, triangle), dr.select(own, outwards, normal)
+        uv = dr.select(on_ball, mi.Point2f(1 / 3), uv)
+        valid = flat.valid | on_ball
+        if self.tree is not None:
+            shorter = mi.Ray3f(ray.o, ray.d)
+            shorter.maxt = distance
+            asked = self._reached(shorter) & active
+            found = self.tree.ray_intersect_preliminary(shorter, coherent=coherent, active=asked)
+            met = found.is_valid() & asked
+            distance, uv = dr.select(met, found.t, distance), dr.select(met, found.prim_uv, uv)
+            triangle = dr.select(met, dr.gather(mi.UInt32, self.of_tree, found.prim_index, met), triangle)
+            valid, on_ball = valid | met, on_ball & ~met
+        return NearestOnBall(dr.select(valid, distance, dr.inf), triangle, uv, valid, on_ball, normal)
 
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
         """Whether anything is met before the ray's end; ``enclosed`` as for ``FlatFaces``."""
         blocked = self.faces.ray_test(ray, active, enclosed)
+        for ball in self.balls:
+            t, met = ball.met(ray)
+            blocked |= met & (t < ray.maxt) & active
+        if self.tree is None:
+            return blocked
         asked = self._reached(ray) & active & ~blocked
         return blocked | (self.tree.ray_test(ray, active=asked) & asked)
 
@@ -75,9 +99,14 @@ class FacesAndTree:
 
 
 def build_accelerator(
-    vertices: NDArray[np.float64], facet: NDArray[np.int64], surface: NDArray[np.int64]
+    vertices: NDArray[np.float64],
+    facet: NDArray[np.int64],
+    surface: NDArray[np.int64],
+    balls: Mapping[int, Surface],
 ) -> mi.Scene | FlatFaces | FacesAndTree:
-    """What rays are asked of. vertices : (t, 3, 3) mm. facet, surface : (t,) of each triangle."""
+    """What rays are asked of. vertices : (t, 3, 3) mm. facet, surface : (t,) of each triangle. balls : the opaque ones,
+    by their index among surfaces.
+    """
     if mi.variant().startswith("cuda"):
         return in_a_tree(vertices)
     faces = flat_faces(vertices, facet)
@@ -88,15 +117,19 @@ def build_accelerator(
     faces = flat_faces(vertices[few], facet[few], vertices.reshape(-1, 3)) if few.any() else None
     if faces is None or len(faces.outlines) > _MOST_BESIDE:
         return in_a_tree(vertices)
-    others = np.unique(surface[~few])
-    groups = [[one] for one in others] if len(others) <= _MOST_BOXES else [others]
+    if len(balls) > _MOST_BALLS:
+        balls = {}
+    many = ~few & ~np.isin(surface, list(balls))
+    others = np.unique(surface[many])
+    groups = [] if not len(others) else [[one] for one in others] if len(others) <= _MOST_BOXES else [others]
     corners = [vertices[np.isin(surface, group)].reshape(-1, 3) for group in groups]
     return FacesAndTree(
         faces,
-        in_a_tree(vertices[~few]),
+        tuple(build_ball(ball, int(np.argmax(surface == index))) for index, ball in balls.items()),
+        in_a_tree(vertices[many]) if many.any() else None,
         tuple((_point(c.min(axis=0) - _MARGIN_MM), _point(c.max(axis=0) + _MARGIN_MM)) for c in corners),
         device_array(mi.UInt32, np.flatnonzero(few)),
-        device_array(mi.UInt32, np.flatnonzero(~few)),
+        device_array(mi.UInt32, np.flatnonzero(many)),
     )
 
 

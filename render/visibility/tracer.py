@@ -10,6 +10,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 
 from ..device import device_array, dr, mi
+from .balls import NearestOnBall
 from .faces_and_tree import FacesAndTree, build_accelerator
 from .flat_faces import FlatFaces, NearestFace
 
@@ -96,7 +97,8 @@ class Hit:
 def build_tracer(scene: Scene) -> Tracer:
     """The tracer of a scene, with all triangles in one mesh.
 
-    Few flat faces are intersected in the compiled kernel; meshes, and everything on GPUs, by Mitsuba (Embree, OptiX).
+    Few flat faces and opaque balls are intersected in the compiled kernel; meshes, and everything on GPUs, by Mitsuba
+    (Embree, OptiX).
     """
     names = tuple(scene.materials)
     parts = [(s, i, names.index(s.material)) for i, s in enumerate(scene.surfaces)]
@@ -108,7 +110,12 @@ def build_tracer(scene: Scene) -> Tracer:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     owner = surface + np.maximum(material - len(names), 0)  # no face has two lamps
     facet, facet_surface = facets(normals, owner)
-    accelerator = build_accelerator(vertices, facet, owner)
+    balls = {
+        index: s
+        for index, s in enumerate(scene.surfaces)
+        if s.ball and s.inside is None and scene.materials[s.material].bsdf is None
+    }
+    accelerator = build_accelerator(vertices, facet, owner, balls)
     packed_faces = None
     if isinstance(accelerator, FlatFaces):
         first = accelerator.triangles.numpy()[::2]
@@ -174,6 +181,8 @@ def intersect(tracer: Tracer, ray: mi.Ray3f, active: mi.Bool | bool = True, cohe
         normal, material = _unpacked(tracer.packed_faces, found.face, valid)
     else:
         normal, material = normal_and_material(tracer, found.prim_index, valid)
+        if isinstance(found, NearestOnBall):
+            normal = dr.select(found.on_ball, found.normal, normal)
     front = valid & (dr.dot(normal, ray.d) < 0)
     return Hit(
         valid=valid,

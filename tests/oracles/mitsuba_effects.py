@@ -11,7 +11,7 @@ import numpy as np
 from cboxlab.render.device import dr, mi
 from cboxlab.render.integrators.stock import sensor_dict
 from cboxlab.render.visibility.pinhole import film_for
-from cboxlab.scenes import Camera, Scene, Surface
+from cboxlab.scenes import Camera, Scene, Spectrum, Surface
 from numpy.typing import NDArray
 
 __all__ = ["coat", "haze", "oren_nayar", "reference"]
@@ -57,13 +57,13 @@ def reference(
     with mi.scoped_set_variant(VARIANT):
         bsdfs = {}
         for name, material in scene.materials.items():
-            rgb = {"type": "rgb", "value": [float(r) for r in material.reflectance.at(wavelength_nm)]}
+            rgb = _rgb(material.reflectance, wavelength_nm)
             own = paint is not None and paint[0] == name
             bsdfs[name] = {**paint[1], "reflectance": rgb} if own and paint else _diffuse(rgb)
         parts: dict[str, Any] = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
-        black = _diffuse({"type": "rgb", "value": 0.0})
+        panel = _diffuse(_rgb(scene.lamp.reflectance, wavelength_nm))
         glow = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
-        parts["lamp"] = _mesh(scene.lamp.surface, {"bsdf": black, "emitter": glow})
+        parts["lamp"] = _mesh(scene.lamp.surface, {"bsdf": panel, "emitter": glow})
         sensor = sensor_dict(film_for(camera, 1), camera, {"pixel_format": "rgb"})
         if surround:
             parts["surround"] = {"type": "constant", "radiance": {"type": "rgb", "value": surround}}
@@ -88,6 +88,10 @@ def reference(
             pictures.append(np.moveaxis(np.array(picture, float), -1, 0))
     stack = np.array(pictures)
     return stack.mean(axis=0), stack.var(axis=0, ddof=1) / batches
+
+
+def _rgb(reflectance: Spectrum, wavelength_nm: NDArray) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(r) for r in reflectance.at(wavelength_nm)]}
 
 
 def _diffuse(reflectance: Any) -> dict[str, Any]:

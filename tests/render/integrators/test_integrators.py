@@ -96,7 +96,7 @@ def mean_agrees(a, b, here, name):
 def test_a_box_with_a_ball_of_many_triangles():
     """Groups of small triangles as patches: surface means agree with the path tracer's, which has no patches."""
     published = cornell_box()
-    ball = Surface("ball", "white", *sphere_mesh([186.0, 90.0, 169.0], 90.0))
+    ball = Surface("ball", "white", *sphere_mesh([186.0, 90.0, 169.0], 90.0), ball=True)
     kept = tuple(s for s in published.surfaces if s.name != "short-block")
     scene = replace(published, surfaces=(*kept, ball))
     camera = cornell_camera(24)

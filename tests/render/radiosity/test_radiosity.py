@@ -158,7 +158,7 @@ def test_what_stands_on_a_patch_takes_its_place():
 @pytest.fixture(scope="module")
 def room_with_a_ball():
     """A ball of small triangles in a box with an open front and a lamp that lights nothing; patches of 200 mm."""
-    ball = Surface("ball", "grey", *sphere_mesh([500.0, 300.0, 500.0], 150.0))
+    ball = Surface("ball", "grey", *sphere_mesh([500.0, 300.0, 500.0], 150.0), ball=True)
     surfaces = [quad(n, c) for n, c in walls(front=False).items()]
     scene = lamp_and([*surfaces, ball], square(np.full(3, -EDGE), 10.0, 1, -1))
     return exchange_of(scene, 200.0, 2048, seed=6)

@@ -36,7 +36,7 @@ def scene(*meshes):
     surface = np.repeat(np.arange(1 + len(meshes)), [len(ROOM), *map(len, meshes)])
     normals = normals_of(vertices)
     return (
-        build_accelerator(vertices, facets(normals, surface)[0], surface),
+        build_accelerator(vertices, facets(normals, surface)[0], surface, {}),
         in_a_tree(vertices),
         normals,
         vertices,
