@@ -2,7 +2,7 @@
 
     python benchmarks/against_stock.py [--size 32] [--samples 512]
 
-Boxes: the published one; with a ball of 1280 triangles on each block; with a ball of 99,904 triangles in place of the
+Boxes: the published one; with a ball on each block; with a mesh of 99,904 triangles in place of the
 short block; with a rough coat on all that is white; in haze. Three bands, 16 batches of --samples paths a pixel for
 stock and for each of ours; pixels that see one surface alone. Printed for each: the root mean square of all differences
 over their standard errors (1.04 is expected of 16 batches each), the largest of them, the largest relative difference
@@ -24,6 +24,7 @@ from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.integrators.stock import render_stock
 from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Medium, Scene, Spectrum, Surface, cornell_box, cornell_camera
+from cboxlab.scenes.shapes import sphere_mesh
 from contenders import BANDS, REFERENCE_BANDS
 
 BATCHES = 16
@@ -35,22 +36,20 @@ OURS: dict[str, Callable[..., RenderedImage]] = {
 
 
 def with_balls() -> Scene:
-    """A ball on each block."""
+    """A ball on each block, which stock renders as a sphere, too."""
     box = cornell_box()
     places = {"ball": (186.0, 215.0, 169.0), "second ball": (368.0, 380.0, 351.0)}
-    balls = [_ball(trimesh.creation.icosphere(3, 50.0), name, at) for name, at in places.items()]
+    balls = [Surface(name, "white", *sphere_mesh(at, 50.0), ball=True) for name, at in places.items()]
     return replace(box, surfaces=(*box.surfaces, *balls))
 
 
 def with_fine_ball() -> Scene:
     """A ball of very many triangles in place of the short block."""
     box = cornell_box()
-    ball = _ball(trimesh.creation.uv_sphere(80.0, (224, 224)), "ball", (186.0, 82.5, 169.0))
+    mesh = trimesh.creation.uv_sphere(80.0, (224, 224))
+    vertices = np.asarray(mesh.vertices) + np.array([186.0, 82.5, 169.0])
+    ball = Surface("ball", "white", vertices, np.asarray(mesh.faces, np.int64))
     return replace(box, surfaces=(*(s for s in box.surfaces if s.name != "short-block"), ball))
-
-
-def _ball(mesh: trimesh.Trimesh, name: str, centre_mm: tuple[float, float, float]) -> Surface:
-    return Surface(name, "white", np.asarray(mesh.vertices) + centre_mm, np.asarray(mesh.faces, np.int64))
 
 
 def glossy() -> Scene:

@@ -23,6 +23,8 @@ def test_a_sphere_has_its_area_and_radius(tmp_path):
     shape = '\n[[surface]]\nname = "ball"\nmaterial = "white"\nsphere = { center_mm = [1, 2, 3], radius_mm = 0.5 }\n'
     ball = load(tmp_path, GOOD + shape).surfaces[-1]
     assert ball.areas_mm2.sum() == pytest.approx(np.pi, rel=1e-9)
+    assert ball.ball and ball.sphere_mm[1] == pytest.approx(0.5, rel=1e-9)
+    np.testing.assert_allclose(ball.sphere_mm[0], [1, 2, 3], atol=1e-12)
     corners = ball.vertices_mm[ball.faces] - [1, 2, 3]
     assert np.linalg.norm(corners, axis=2) == pytest.approx(0.5, rel=2e-4)
     assert np.linalg.norm(corners.mean(axis=1), axis=1) == pytest.approx(0.5, rel=4e-4)

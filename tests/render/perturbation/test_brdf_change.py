@@ -242,3 +242,51 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
     difference = (change[0][used] - expected)[steep]
     assert np.sqrt(np.mean(difference**2)) < 0.1 * expected[steep].mean()
     assert abs(difference.mean()) < 0.01 * expected[steep].mean()
+
+
+def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
+    """Radiance 1 from everywhere: what a wall sends to another one is (1.5 rho c + A(c)) at cosine c from its normal,
+    where the patches have rho plus the coat's mean albedo. The difference reaches the pixel by Lambert's law."""
+    rho, coat = 0.5, Coat(1.0, 0.3)
+    light, camera = (
+        solve_light(box_with_lamp(rho, lamp_half=5.0), BANDS[:2], patch_edge_mm=250.0),
+        camera_inside(12),
+    )
+    grid = np.linspace(0.005, 1.0, 200)
+    table = coat.albedo(grid)
+    mean = 2 * float(np.trapezoid(table * grid, grid))
+    packed = mi.Float(table.astype(np.float32))
+
+    def albedo(cosine):
+        index = mi.UInt32(dr.clip(200 * cosine - 0.5, 0, 199))
+        return mi.Float(1), dr.gather(mi.Float, packed, index)
+
+    with_it, without = (
+        changed_reflection(
+            light, camera, np.ones((len(light.patches), 2)), np.full((1, 2), rho), ONE_LAMP,
+            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, samples=1024, seed=5,
+        )[0]
+        for means in (albedo, None)
+    )  # fmt: skip
+    image = gather(light, camera, 4, 1)
+    used = image.single_surface & (image.surface >= 0)
+    v, u = np.nonzero(used)
+    triangle = [np.argmax(light.tracer.facet == f) for f in np.argmax(image.coverage[used], axis=1)]
+    normal, corner = light.tracer.normals[triangle], light.tracer.vertices[triangle, 0]
+    way = camera.directions(u, v)
+    depth = np.sum((corner - camera.position_mm) * normal, axis=1) / np.sum(way * normal, axis=1)
+    place = camera.position_mm + depth[:, None] * way
+    # directions of equal weight in Lambert's law, and the cosine at the wall of the cube that each meets
+    z, phi = np.sqrt((np.arange(4096) + 0.5) / 4096), 2 * np.pi * 0.618034 * (np.arange(4096) + 0.3)
+    local = np.stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z])
+    expected = []
+    for point, n in zip(place, normal, strict=True):
+        frame = np.linalg.qr(np.column_stack([n, np.eye(3)]))[0]
+        direction = np.column_stack([frame[:, 1], frame[:, 2], n]) @ local
+        reach = np.where(direction > 0, 1000.0 - point[:, None], -point[:, None]) / direction
+        cosine = np.abs(np.take_along_axis(direction, reach.argmin(axis=0)[None], axis=0)[0])
+        expected.append(rho * np.mean(rho * (1.5 * cosine - 1) + np.interp(cosine, grid, table) - mean))
+    found = (with_it - without)[used]
+    assert np.std(expected) > 0.01
+    assert np.std(found - expected) < 0.2 * np.std(expected)
+    assert abs(np.mean(found - expected)) < 0.05 * np.std(expected)

@@ -95,6 +95,9 @@ def test_a_ball_beside_a_mesh_and_walls():
         hit = intersect(tracer, rays(origin, np.tile([0.0, 0.0, direction], (50, 1))))
         names = [tracer.scene.surfaces[i].name for i in tracer.surface[np.array(hit.triangle)]]
         assert names == [first] * 50
+        if first == "mesh":
+            own = tracer.normals[np.array(hit.triangle)]
+            np.testing.assert_allclose(np.array(hit.normal).T, own, atol=1e-6)
     assert np.array(hit.front).all()
 
 
@@ -112,6 +115,14 @@ def test_what_light_passes_through_stays_a_mesh():
     assert not tracer_of(filled).accelerator.balls
     several = [replace(BALLS["high"], name=f"ball {i}") for i in range(9)]
     assert not tracer_of(*several).accelerator.balls
-    active = mi.Bool([True, False])
+    tracer = tracer_of(BALLS["low"])
+    shining = replace(tracer.scene.materials["grey"], bsdf={"type": "conductor"})
+    assert not build_tracer(replace(tracer.scene, materials={"grey": shining})).accelerator.balls
+
+
+def test_lanes_that_are_not_asked_meet_no_ball():
+    accelerator = tracer_of(BALLS["low"]).accelerator
     down = rays(np.full((2, 3), [300.0, 900.0, 400.0]), np.tile([0.0, -1.0, 0.0], (2, 1)))
-    assert np.array(intersect(tracer_of(BALLS["low"]), down, active).valid).tolist() == [True, False]
+    active = [True, False]
+    assert asked(accelerator, down, active)[0].tolist() == active
+    assert blocked_by(accelerator, down, active=mi.Bool(active)).tolist() == active
