@@ -179,6 +179,10 @@ class Scene(OwnMappings):
         opaque = tuple(replace(s, inside=None) if s.inside is not None else s for s in self.surfaces)
         return replace(self, surfaces=opaque, medium=None, materials=plain)
 
+    def meets_sphere(self, surface: Surface) -> bool:
+        """Whether rays meet a ball's sphere: an opaque one's. Of others, which light enters, they meet triangles."""
+        return surface.ball and surface.inside is None and self.materials[surface.material].bsdf is None
+
     @property
     def corners_mm(self) -> NDArray[np.float64]:
         """(n, 3) vertices of all surfaces except the lamps."""

@@ -87,10 +87,20 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
 
 
 def _shape(surface: Surface, material: str, emitter: list[str]) -> list[str]:
-    return [
+    kind = [
         f'  <shape type="ply" id="shape-{surface.name}">',
         f'    <string name="filename" value="../{mesh_path(surface)}"/>',
         '    <boolean name="face_normals" value="true"/>',
+    ]
+    if surface.ball:
+        (x, y, z), radius = surface.sphere_mm
+        kind = [
+            f'  <shape type="sphere" id="shape-{surface.name}">',
+            f'    <point name="center" x="{float(x)!r}" y="{float(y)!r}" z="{float(z)!r}"/>',
+            f'    <float name="radius" value="{radius!r}"/>',
+        ]
+    return [
+        *kind,
         f'    <ref id="{material}"/>',
         *emitter,
         "  </shape>",

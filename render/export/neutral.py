@@ -30,6 +30,7 @@ _CONVENTIONS = {
     "spectra": "linear between samples; a reflectance keeps its end values beyond its table, the lamp is zero there",
     "radiance": "W m^-2 sr^-1 nm^-1",
     "surfaces": "Lambertian on the side from which corners run counter-clockwise, black on the other",
+    "balls": "a surface with a sphere is that sphere; its mesh of the same area carries the sphere's normals",
     "lamp": "emits the same radiance in all directions of its counter-clockwise side, and reflects there by Lambert's "
     "law",
     "pixels": "a pixel's value is the mean over its square (box filter); rows from the top",
@@ -100,7 +101,7 @@ def _entry(exported: Exported) -> dict[str, Any]:
         "format": "cboxlab-export/1",
         "name": scene.name,
         "conventions": _CONVENTIONS,
-        "surfaces": [{"name": s.name, "material": s.material, "mesh": mesh_path(s)} for s in scene.surfaces],
+        "surfaces": list(map(_surface_entry, scene.surfaces)),
         "materials": {name: f"spectra/material-{name}.csv" for name in scene.materials},
         "lamp": first,
         **({"further_lamps": further} if further else {}),
@@ -131,6 +132,14 @@ def _lamp_spectra(one: ExportedLamp) -> tuple[str, str]:
     return f"spectra/{one.key}.csv", f"spectra/{one.key}_reflectance.csv"
 
 
+def _surface_entry(surface: Surface) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": surface.name, "material": surface.material, "mesh": mesh_path(surface)}
+    if surface.ball:
+        centre, radius = surface.sphere_mm
+        entry["sphere"] = {"center_mm": centre.tolist(), "radius_mm": radius}
+    return entry
+
+
 def _lamp_entry(one: ExportedLamp) -> dict[str, Any]:
     radiance, reflectance = _lamp_spectra(one)
     return {
@@ -140,13 +149,18 @@ def _lamp_entry(one: ExportedLamp) -> dict[str, Any]:
 
 
 def _ply(surface: Surface) -> str:
-    """ASCII, double precision, vertices and triangles as they are."""
+    """ASCII, double precision, vertices and triangles as they are; of a ball with the sphere's normals."""
+    columns, names = surface.vertices_mm, ["x", "y", "z"]
+    if surface.ball:
+        outwards = surface.vertices_mm - surface.sphere_mm[0]
+        columns = np.hstack([columns, outwards / np.linalg.norm(outwards, axis=1, keepdims=True)])
+        names += ["nx", "ny", "nz"]
     head = [
-        "ply", "format ascii 1.0", f"element vertex {len(surface.vertices_mm)}",
-        *(f"property double {axis}" for axis in "xyz"), f"element face {len(surface.faces)}",
+        "ply", "format ascii 1.0", f"element vertex {len(columns)}",
+        *(f"property double {name}" for name in names), f"element face {len(surface.faces)}",
         "property list uchar int vertex_indices", "end_header",
     ]  # fmt: skip
-    rows = [" ".join(repr(float(x)) for x in vertex) for vertex in surface.vertices_mm]
+    rows = [" ".join(repr(float(x)) for x in vertex) for vertex in columns]
     rows += [" ".join(["3", *(str(int(i)) for i in face)]) for face in surface.faces]
     return "\n".join([*head, *rows]) + "\n"
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
 from .exported import Exported, Layout
@@ -130,16 +131,23 @@ def _world(exported: Exported) -> str:
         spectrum = f'"spectrum reflectance" {_steps(values)}'
         lines.append(f'MakeNamedMaterial "{name}" "string type" "diffuse" {spectrum}')
     for surface in exported.scene.surfaces:
-        lines += [f'NamedMaterial "{surface.material}"',
-                  f'Shape "plymesh" "string filename" "../{mesh_path(surface)}"']  # fmt: skip
+        lines += [f'NamedMaterial "{surface.material}"', *_shape(surface)]
     for one in exported.lamps:
         lines += [
             f'MakeNamedMaterial "{one.key}--" "string type" "diffuse" "spectrum reflectance" {_steps(one.reflectance)}',
             "AttributeBegin", f'NamedMaterial "{one.key}--"',
             f'AreaLightSource "diffuse" "spectrum L" {_steps(one.radiance)} "float scale" {_scale(one.radiance)!r}',
-            f'Shape "plymesh" "string filename" "../{mesh_path(one.surface)}"', "AttributeEnd",
+            *_shape(one.surface), "AttributeEnd",
         ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _shape(surface: Surface) -> list[str]:
+    if not surface.ball:
+        return [f'Shape "plymesh" "string filename" "../{mesh_path(surface)}"']
+    centre, radius = surface.sphere_mm
+    place = f"Translate {_numbers(centre)}"
+    return ["AttributeBegin", place, f'Shape "sphere" "float radius" {radius!r}', "AttributeEnd"]
 
 
 def _numbers(values: NDArray[np.float64] | list[float]) -> str:

@@ -69,7 +69,8 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         blocks += [_spectrum(f"spectrum-{name}", values[group]),
                    f"spectrum-{name} plastic material-{name}\n0\n0\n5 1 1 1 0 0"]  # fmt: skip
     for surface in exported.scene.surfaces:
-        blocks += _polygons(surface, f"material-{surface.material}")
+        shapes = _sphere if surface.ball else _polygons
+        blocks += shapes(surface, f"material-{surface.material}")
     for one in exported.lamps:
         own = f"spectrum--{one.key}"
         blocks += [_spectrum(own, one.radiance[group]), f"{own} light {one.key}\n0\n0\n3 1 1 1"]
@@ -82,6 +83,12 @@ def _spectrum(name: str, values: NDArray[np.float64]) -> str:
     padded = [values[0], *values, values[-1]]
     ends = f"{_RANGE_NM[0] + half:.9g} {_RANGE_NM[1] - half:.9g}"
     return f"void spectrum {name}\n0\n0\n{len(padded) + 2} {ends}\n{' '.join(f'{v:.9g}' for v in padded)}"
+
+
+def _sphere(surface: Surface, modifier: str) -> list[str]:
+    centre, radius = surface.sphere_mm
+    numbers = " ".join(repr(float(x)) for x in (*centre, radius))
+    return [f"{modifier} sphere {surface.name}\n0\n0\n4 {numbers}"]
 
 
 def _polygons(surface: Surface, modifier: str, whole: bool = False) -> list[str]:

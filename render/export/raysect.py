@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
 from .exported import Exported, Layout
@@ -28,18 +29,18 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from raysect.core import Point3D, Vector3D
+from raysect.core import Point3D, Vector3D, translate
 from raysect.core.math.random import seed
 from raysect.optical import InterpolatedSF, Ray, World
 from raysect.optical.material import AbsorbingSurface, Add, Lambert, UniformSurfaceEmitter
-from raysect.primitive import Mesh
+from raysect.primitive import Mesh, Sphere
 
 FOLDER = Path(__file__).resolve().parent
 ROWS, COLUMNS, SAMPLES, CHANNELS = @NUMBERS@
 MATERIALS = {
 @MATERIALS@
 }
-SURFACES = [
+SURFACES = [  # mesh, material, centre and radius of a ball
 @SURFACES@
 ]
 LAMPS = [  # mesh, radiance, reflectance
@@ -69,8 +70,12 @@ def mesh(path, world, material):
 
 
 WORLD = World()
-for path, name in SURFACES:
-    mesh(path, WORLD, paint(MATERIALS[name]))
+for path, name, ball in SURFACES:
+    if ball:
+        x, y, z, radius = (value / 1000 for value in ball)
+        Sphere(radius, WORLD, translate(x, y, z), paint(MATERIALS[name]))
+    else:
+        mesh(path, WORLD, paint(MATERIALS[name]))
 for path, radiance, reflectance in LAMPS:
     lamp = Add(paint(reflectance), UniformSurfaceEmitter(spectrum(radiance)), surface_only=True)
     lamp.importance = 1.0
@@ -113,7 +118,7 @@ def write(folder: Path, exported: Exported) -> None:
     materials = [
         f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)
     ]
-    surfaces = [f"    ({mesh_path(s)!r}, {s.material!r})," for s in scene.surfaces]
+    surfaces = [f"    ({mesh_path(s)!r}, {s.material!r}, {_ball(s)!r})," for s in scene.surfaces]
     lamps = [
         f"    ({mesh_path(one.surface)!r}, {one.radiance.tolist()!r}, {(some * one.reflectance).tolist()!r}),"
         for one in exported.lamps
@@ -137,6 +142,14 @@ def write(folder: Path, exported: Exported) -> None:
     for key, text in filled.items():
         script = script.replace(f"@{key}@", text)
     (folder / "run.py").write_text(script, encoding="ascii")
+
+
+def _ball(surface: Surface) -> tuple[float, ...]:
+    """Centre and radius, mm; empty where it is none."""
+    if not surface.ball:
+        return ()
+    centre, radius = surface.sphere_mm
+    return *(float(x) for x in centre), radius
 
 
 def read(folder: Path, layout: Layout) -> NDArray[np.float64]:

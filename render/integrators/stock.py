@@ -98,7 +98,8 @@ def scene_dict(
     scene: Scene, reflectances: Mapping[str, Any], lamp_reflectances: Sequence[Any], radiances: Sequence[Any],
     insides: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> dict[str, Any]:  # fmt: skip
-    """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided.
+    """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided; spheres for
+    balls.
 
     reflectances : by material, Mitsuba's description of the reflectance. lamp_reflectances, radiances : those of each
     lamp's own reflectance and of its radiance. insides : by surface, further entries of its shape.
@@ -106,7 +107,10 @@ def scene_dict(
     used = dict.fromkeys(surface.material for surface in scene.surfaces)
     bsdfs = {name: mi.load_dict(bsdf_dict(scene.materials[name], reflectances[name])) for name in used}
     shapes = {
-        s.name: _shape(s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}) for s in scene.surfaces
+        s.name: (_sphere if scene.meets_sphere(s) else _mesh)(
+            s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}
+        )
+        for s in scene.surfaces
     }
     for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
         parts = {
@@ -194,10 +198,7 @@ def _rgb(values: NDArray) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(v) for v in values]}
 
 
-def _shape(surface: Surface, parts: Mapping[str, Any]) -> mi.Shape | dict[str, Any]:
-    """A ball as Mitsuba's sphere, everything else as a mesh."""
-    if not surface.ball:
-        return _mesh(surface, parts)
+def _sphere(surface: Surface, parts: Mapping[str, Any]) -> dict[str, Any]:
     centre, radius = surface.sphere_mm
     return {"type": "sphere", "center": centre.tolist(), "radius": radius, **parts}
 

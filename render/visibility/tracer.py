@@ -110,11 +110,7 @@ def build_tracer(scene: Scene) -> Tracer:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     owner = surface + np.maximum(material - len(names), 0)  # no face has two lamps
     facet, facet_surface = facets(normals, owner)
-    balls = {
-        index: s
-        for index, s in enumerate(scene.surfaces)
-        if s.ball and s.inside is None and scene.materials[s.material].bsdf is None
-    }
+    balls = {index: s for index, s in enumerate(scene.surfaces) if scene.meets_sphere(s)}
     accelerator = build_accelerator(vertices, facet, owner, balls)
     packed_faces = None
     if isinstance(accelerator, FlatFaces):

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import OpenEXR
 import pytest
+import trimesh
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
-from cboxlab.scenes import InputError, cornell_box, cornell_camera, read_spectra
-from cboxlab.scenes.shapes import file_mesh
+from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera, read_spectra
+from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from helpers.boxes import box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -41,6 +42,25 @@ def test_meshes_are_exactly_our_triangles(exported):
         vertices, faces = file_mesh(folder / stated["mesh"], 1.0)
         assert np.array_equal(vertices, surface.vertices_mm) and np.array_equal(faces, surface.faces)
         assert stated["material"] == surface.material
+
+
+def test_a_ball_is_a_sphere_and_its_mesh_has_the_spheres_normals(tmp_path):
+    box, place = box_with_lamp(0.5), ([300.0, 120.0, 400.0], 120.0)
+    ball = Surface("ball", "grey", *sphere_mesh(*place), ball=True)
+    scene = replace(box, surfaces=(*box.surfaces, ball))
+    write_export(tmp_path / "box", exported_scene(scene, camera_inside(SIZE), SETTINGS))
+    entries = json.loads((tmp_path / "box" / "scene.json").read_text())["surfaces"]
+    assert [entry["name"] for entry in entries if "sphere" in entry] == ["ball"]
+    stated = entries[-1]["sphere"]
+    np.testing.assert_allclose([*stated["center_mm"], stated["radius_mm"]], [*place[0], place[1]], rtol=1e-9)
+    mesh = trimesh.load(tmp_path / "box" / entries[-1]["mesh"], process=False)
+    np.testing.assert_array_equal(mesh.vertices, ball.vertices_mm)
+    np.testing.assert_array_equal(mesh.faces, ball.faces)
+    outwards = (ball.vertices_mm - place[0]) / place[1]
+    rows = (tmp_path / "box" / entries[-1]["mesh"]).read_text().split("end_header")[1].split()
+    normals = np.array(rows[: 6 * len(outwards)], float).reshape(-1, 6)[:, 3:]
+    np.testing.assert_allclose(normals, outwards, atol=2e-4)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-12)
 
 
 def test_spectra_are_our_tables_and_channels_their_values(exported):
