@@ -118,8 +118,8 @@ def test_two_lamps_have_their_own_spectra(renderer, tmp_path):
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_a_ball_is_where_ours_is_and_as_large(renderer, tmp_path):
-    """A ball before the camera, pixel by pixel: of 8 batches the squares of differences over standard errors have a mean
-    of 1.4, which scatters by 0.3."""
+    """A ball before the camera, pixel by pixel: of 8 batches the squares of differences over standard errors have
+    a mean of 1.4, which scatters by 0.3."""
     if lacking := missing(renderer):
         pytest.skip(lacking)
     box = box_with_lamp(0.6)
