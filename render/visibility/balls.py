@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial import KDTree
 from ..device import device_array, dr, mi
 from .flat_faces import Nearest
 
-__all__ = ["Ball", "NearestOnBall", "build_ball"]
+__all__ = ["Balls", "NearestOnBall", "build_balls"]
 
 #: Cells along each axis of the map from directions to triangles: each has a third of the edge of a ball's triangles.
 _CELLS = 256
@@ -27,31 +28,37 @@ class NearestOnBall(Nearest):
 
 
 @dataclass(frozen=True, eq=False)
-class Ball:
-    """An opaque ball, met from outside only: rays that start within it, as from points of its triangles, leave it.
+class Balls:
+    """Opaque balls, met from outside only: rays that start within one, as from points of its triangles, leave it.
 
-    centre, radius : mm, of one lane. triangles : of the scene, that nearest to each cell of the octahedral map.
+    spheres : centre and radius of each, mm, of one lane. centres : the same in one array. triangles : of the scene, for
+    each ball those nearest to the cells of the octahedral map.
     """
 
-    centre: mi.Point3f
-    radius: mi.Float
+    spheres: tuple[tuple[mi.Point3f, mi.Float], ...]
+    centres: mi.Float
     triangles: mi.UInt32
 
-    def met(self, ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
-        """Distance to where a ray enters, in lengths of its direction, and whether it does, ahead of its start."""
-        from_centre = ray.o - self.centre
+    def met(self, ray: mi.Ray3f, end: mi.Float) -> tuple[mi.Float, mi.UInt32]:
+        """Distance to the first ball that a ray enters before its end, in lengths of its direction, and which; the end
+        and their number for none."""
+        which = mi.UInt32(len(self.spheres))
         slowness = dr.rcp(dr.squared_norm(ray.d))
-        nearest = -dr.dot(from_centre, ray.d) * slowness
-        # by how far the ray passes the centre: far away the difference of two squares would lose digits
-        depth = dr.fma(self.radius, self.radius, -dr.squared_norm(from_centre + nearest * ray.d))
-        t = nearest - dr.sqrt(dr.maximum(depth, 0) * slowness)
-        return t, (depth > 0) & (t > 0)
+        for index, (centre, radius) in enumerate(self.spheres):
+            from_centre = ray.o - centre
+            nearest = -dr.dot(from_centre, ray.d) * slowness
+            # by how far the ray passes the centre: far away the difference of two squares would lose digits
+            depth = dr.fma(radius, radius, -dr.squared_norm(from_centre + nearest * ray.d))
+            t = nearest - dr.sqrt(dr.maximum(depth, 0) * slowness)
+            met = (depth > 0) & (t > 0) & (t < end)
+            end, which = dr.select(met, t, end), dr.select(met, index, which)
+        return end, which
 
-    def at(self, position: mi.Point3f, met: mi.Bool) -> tuple[mi.UInt32, mi.Vector3f]:
-        """The triangle that stands for a position on it, and its normal there."""
-        normal = dr.normalize(position - self.centre)
+    def at(self, position: mi.Point3f, which: mi.UInt32, met: mi.Bool) -> tuple[mi.UInt32, mi.Vector3f]:
+        """The triangle that stands for a position on a ball, and the ball's normal there."""
+        normal = dr.normalize(position - dr.gather(mi.Point3f, self.centres, which, met))
         column, row = (mi.UInt32(dr.clip(_CELLS * axis, 0, _CELLS - 1)) for axis in _folded(normal))
-        return dr.gather(mi.UInt32, self.triangles, row * _CELLS + column, met), normal
+        return dr.gather(mi.UInt32, self.triangles, (which * _CELLS + row) * _CELLS + column, met), normal
 
 
 def _folded(direction: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
@@ -74,13 +81,17 @@ def _cell_directions() -> NDArray[np.float64]:
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
-def build_ball(surface: Surface, first: int) -> Ball:
-    """A ball of the scene. first : the number of its first triangle."""
-    centre, radius = surface.sphere_mm
-    middles = surface.vertices_mm[surface.faces].mean(axis=1) - centre
-    _, nearest = KDTree(middles).query(radius * _cell_directions())
-    return Ball(
-        mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in centre)),
-        dr.opaque(mi.Float, radius),
-        device_array(mi.UInt32, first + nearest),
+def build_balls(surfaces: Mapping[int, Surface]) -> Balls:
+    """surfaces : the balls, by the number of their first triangle in the scene."""
+    spheres, triangles = [surface.sphere_mm for surface in surfaces.values()], []
+    for (first, surface), (centre, radius) in zip(surfaces.items(), spheres, strict=True):
+        middles = surface.vertices_mm[surface.faces].mean(axis=1) - centre
+        triangles.append(first + KDTree(middles).query(radius * _cell_directions())[1])
+    return Balls(
+        tuple(
+            (mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in centre)), dr.opaque(mi.Float, radius))
+            for centre, radius in spheres
+        ),
+        device_array(mi.Float, [centre for centre, _ in spheres]),
+        device_array(mi.UInt32, triangles),
     )

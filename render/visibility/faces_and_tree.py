@@ -11,7 +11,7 @@ from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
-from .balls import Ball, NearestOnBall, build_ball
+from .balls import Balls, NearestOnBall, build_balls
 from .flat_faces import FlatFaces, flat_faces
 
 __all__ = ["FacesAndTree", "build_accelerator", "in_a_tree"]
@@ -23,7 +23,7 @@ _MOST_BESIDE = 32
 _MOST_BOXES = 4
 
 #: More balls than this are cheaper in the tree, as triangles.
-_MOST_BALLS = 8
+_MOST_BALLS = 16
 
 #: Bounding boxes reach so much further than their corners, mm.
 _MARGIN_MM = 0.1
@@ -32,14 +32,14 @@ _MARGIN_MM = 0.1
 @dataclass(frozen=True, eq=False)
 class FacesAndTree:
     """Rays against flat faces and balls first; only those that reach a box about the other triangles are asked of the
-    tree, None where there are no others.
+    tree. balls, tree : None where there are none.
 
     boxes : the lower and upper corners, in numbers of one lane. of_faces, of_tree : the scene's triangle of each one of
     the faces' and of the tree's.
     """
 
     faces: FlatFaces
-    balls: tuple[Ball, ...]
+    balls: Balls | None
     tree: mi.Scene | None
     boxes: tuple[tuple[mi.Point3f, mi.Point3f], ...]
     of_faces: mi.UInt32
@@ -52,19 +52,13 @@ class FacesAndTree:
         flat = self.faces.ray_intersect_preliminary(ray, coherent, active)
         distance, uv = dr.select(active, dr.minimum(ray.maxt, flat.t), -1.0), flat.prim_uv
         triangle = dr.gather(mi.UInt32, self.of_faces, flat.prim_index, flat.valid)
-        which = mi.UInt32(len(self.balls))
-        for index, ball in enumerate(self.balls):
-            t, met = ball.met(ray)
-            met &= t < distance
-            distance, which = dr.select(met, t, distance), dr.select(met, index, which)
-        on_ball = which < len(self.balls)
-        normal = mi.Vector3f(0)
-        for index, ball in enumerate(self.balls):
-            own = which == index
-            there, outwards = ball.at(ray(distance), own)
-            triangle, normal = dr.select(own, there, triangle), dr.select(own, outwards, normal)
-        uv = dr.select(on_ball, mi.Point2f(1 / 3), uv)
-        valid = flat.valid | on_ball
+        valid, on_ball, normal = flat.valid, mi.Bool(False), mi.Vector3f(0)
+        if self.balls is not None:
+            distance, ball = self.balls.met(ray, distance)
+            on_ball = ball < len(self.balls.spheres)
+            there, normal = self.balls.at(ray(distance), ball, on_ball)
+            triangle, uv = dr.select(on_ball, there, triangle), dr.select(on_ball, mi.Point2f(1 / 3), uv)
+            valid = valid | on_ball
         if self.tree is not None:
             shorter = mi.Ray3f(ray.o, ray.d)
             shorter.maxt = distance
@@ -79,9 +73,9 @@ class FacesAndTree:
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
         """Whether anything is met before the ray's end; ``enclosed`` as for ``FlatFaces``."""
         blocked = self.faces.ray_test(ray, active, enclosed)
-        for ball in self.balls:
-            t, met = ball.met(ray)
-            blocked |= met & (t < ray.maxt) & active
+        if self.balls is not None:
+            _, ball = self.balls.met(ray, ray.maxt)
+            blocked |= (ball < len(self.balls.spheres)) & active
         if self.tree is None:
             return blocked
         asked = self._reached(ray) & active & ~blocked
@@ -125,7 +119,7 @@ def build_accelerator(
     corners = [vertices[np.isin(surface, group)].reshape(-1, 3) for group in groups]
     return FacesAndTree(
         faces,
-        tuple(build_ball(ball, int(np.argmax(surface == index))) for index, ball in balls.items()),
+        build_balls({int(np.argmax(surface == index)): b for index, b in balls.items()}) if balls else None,
         in_a_tree(vertices[many]) if many.any() else None,
         tuple((_point(c.min(axis=0) - _MARGIN_MM), _point(c.max(axis=0) + _MARGIN_MM)) for c in corners),
         device_array(mi.UInt32, np.flatnonzero(few)),

@@ -88,7 +88,7 @@ def test_a_ball_beside_a_mesh_and_walls():
     vertices, faces = sphere_mesh([300.0, 120.0, 700.0], 100.0)
     mesh = Surface("mesh", "grey", vertices, faces)
     tracer = tracer_of(BALLS["low"], mesh)
-    assert tracer.accelerator.tree is not None and len(tracer.accelerator.balls) == 1
+    assert tracer.accelerator.tree is not None and len(tracer.accelerator.balls.spheres) == 1
     height = np.linspace(30.0, 210.0, 50)
     for z, direction, first in ((50.0, 1.0, "low"), (950.0, -1.0, "mesh")):
         origin = np.column_stack([np.full(50, 300.0), height, np.full(50, z)])
@@ -112,12 +112,12 @@ def test_a_moved_ball_is_met_where_it_went():
 def test_what_light_passes_through_stays_a_mesh():
     """Its rays start within it, too."""
     filled = replace(BALLS["low"], inside=Medium(FLAT.scaled(0.001), FLAT.scaled(0.0)))
-    assert not tracer_of(filled).accelerator.balls
-    several = [replace(BALLS["high"], name=f"ball {i}") for i in range(9)]
-    assert not tracer_of(*several).accelerator.balls
+    assert tracer_of(filled).accelerator.balls is None
+    several = [replace(BALLS["high"], name=f"ball {i}") for i in range(17)]
+    assert tracer_of(*several).accelerator.balls is None
     tracer = tracer_of(BALLS["low"])
     shining = replace(tracer.scene.materials["grey"], bsdf={"type": "conductor"})
-    assert not build_tracer(replace(tracer.scene, materials={"grey": shining})).accelerator.balls
+    assert build_tracer(replace(tracer.scene, materials={"grey": shining})).accelerator.balls is None
 
 
 def test_lanes_that_are_not_asked_meet_no_ball():
