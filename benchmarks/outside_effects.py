@@ -21,6 +21,10 @@ def _places(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return rows / light.signal.shape[1], columns / light.signal.shape[2]
 
 
+#: Surfaces that are no thing in the room.
+_ROOM = {"floor", "ceiling", "back", "left", "right"}
+
+
 def _stain(light: Light, amount: float, row: float, column: float) -> Light:
     v, u = _places(light)
     spot = np.exp(-((v - row) ** 2 + (u - column) ** 2) / (2 * 0.05**2))
@@ -92,8 +96,9 @@ def _forgotten_cube(scene: Scene, amount: float, row: float, column: float) -> S
 
 
 def _repainted(scene: Scene, amount: float, row: float, column: float) -> Scene:
-    """One block wears another paint than the rest: lighter or darker in the blue."""
-    surface = next(s for s in scene.surfaces if s.name == ("tall-block" if row > 0.5 else "short-block"))
+    """One thing in the room wears another paint than the rest: darker in the blue."""
+    things = [s for s in scene.surfaces if s.name not in _ROOM]
+    surface = things[min(int(row * len(things)), len(things) - 1)]
     old = scene.materials[surface.material]
     wavelength = np.asarray(old.reflectance.wavelength_nm)
     bent = np.asarray(old.reflectance.values) * (1 - amount * np.exp(-(((wavelength - 460) / 60) ** 2)))
