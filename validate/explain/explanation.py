@@ -53,6 +53,10 @@ _SPECTRAL, _SPECTRAL_PART = ("paint-spectrum", "lamp-spectrum", "reflectance-map
 #: Median of the absolute value of a normal variable; squares beyond this are cut off (edges that the model misses).
 _MEDIAN_OF_NORMAL, _MOST_SQUARE = 0.6745, 9.0
 
+#: Errors of the picture are in several places, as dark corners are: a cause in one place explains this part of the
+#: excess.
+_ALONE = 0.75
+
 #: A change has a place where half of its weight lies within this part of the picture's width about its centre.
 _PLACE = 0.13
 
@@ -78,7 +82,8 @@ class Explanation:
     (band, y, x) DN explained. sigma : (band, y, x) DN of a pixel's noise, NaN where unused. left : (band, y, x)
     residual over sigma that stays, NaN where unused. spectrum : (band,) the change over the signal where it acts.
     heldout : see ``FieldFit``. gain : chi2 that it lowers. evidence : 2 ln over noise alone.
-    forms : number of forms that were tried. sharp, effects_leave : see ``Form``. field : what an effect is made of;
+    forms : number of forms that were tried. sharp, effects_leave : see ``Form``; what is in one place is sharp, too, if
+    hardly anything is left elsewhere. field : what an effect is made of;
     None where no family explains it.
     """
 
@@ -179,7 +184,7 @@ def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_S
         gain=winner.fit.gain,
         evidence=winner.evidence,
         forms=len(forms),
-        sharp=winner.sharp,
+        sharp=winner.sharp or (winner.local and rivals[0].share > _ALONE),
         effects_leave=winner.effects_leave,
         field=fitted_field(excess, winner),
     )

@@ -52,6 +52,21 @@ def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
     assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))
 
 
+def _spot(row, column):
+    """A grain on the sensor: a seventh of the light of a disk of 16 pixels."""
+    return -0.15 * SIGNAL * (np.hypot(ROWS - row, COLUMNS - column) < 2.3)
+
+
+def test_a_grain_on_the_sensor_is_seen_and_spots_here_and_there_are_left_to_the_other_test():
+    """One alone; and with three weaker ones, as the dark corners of a picture may be wrong together."""
+    one = _spot(12, 10)
+    assert _seen(one)
+    others = 0.7 * sum(_spot(*place) for place in ((36, 38), (12, 38), (36, 10)))
+    together = small_excess(one + others)
+    assert explain(together).words == "a spot"
+    assert not _seen(one + others)
+
+
 def _exchanged(*steps):
     """A tenth of the light goes to pixels at these steps (down, right) and opposite to them."""
     ends = [shift(SIGNAL, (0, s * d, s * r), order=0, mode="nearest") for d, r in steps for s in (1, -1)]
