@@ -32,4 +32,5 @@ def test_effects_outside_the_catalogue_act_in_every_box():
         for effect in of_scenes:
             for row in (0.0, 0.6, 1.0):
                 changed = effect.apply(scene, amount=0.3, row=row, column=0.5)
+                assert {s.material for s in changed.surfaces} <= set(changed.materials)
                 assert [s.material for s in changed.surfaces] != [s.material for s in scene.surfaces]
