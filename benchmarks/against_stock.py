@@ -2,9 +2,9 @@
 
     python benchmarks/against_stock.py [--size 32] [--samples 512]
 
-Boxes: the published one; with a ball on each block; with a mesh of 99,904 triangles in place of the
-short block; with a rough coat on all that is white; in haze. Three bands, 16 batches of --samples paths a pixel for
-stock and for each of ours; pixels that see one surface alone. Printed for each: the root mean square of all differences
+Boxes: the published one; with a ball on each block; with a mesh of 99,904 triangles in place of the short
+block; with a rough coat on all that is white; in haze. Three bands, 16 batches of --samples paths a pixel for stock
+and for each of ours; pixels that see one surface alone. Printed for each: the root mean square of all differences
 over their standard errors (1.04 is expected of 16 batches each), the largest of them, the largest relative difference
 with its standard error, and the median standard error of a surface's mean.
 """

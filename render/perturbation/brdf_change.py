@@ -163,7 +163,7 @@ def changed_reflection(
         patch = patch_of(patches, hit.triangle, hit.uv, on)
         return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
 
-    diffuse = None if albedo is None else _for_diffuse_light(albedo)
+    means = None if albedo is None else (albedo, _for_diffuse_light(albedo))
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         ray = rays(points.point(i, 4), points.point(i, 5))
@@ -191,8 +191,8 @@ def changed_reflection(
                 for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
             ]
         change = [dr.select(mine, c, 0) for c in change]
-        if albedo is not None and diffuse is not None:
-            before = before_last(albedo, diffuse, i, hit, mi.Ray3f(origin, frame.to_world(gathered)))
+        if means is not None:
+            before = before_last(*means, i, hit, mi.Ray3f(origin, frame.to_world(gathered)))
             change = [c + d for c, d in zip(change, before, strict=True)]
         return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
 

@@ -22,7 +22,7 @@ _MOST_BESIDE = 32
 #: Surfaces in a tree that have a bounding box of their own; more of them share one.
 _MOST_BOXES = 4
 
-#: More balls than this are cheaper in the tree, as triangles.
+#: Every ray tries all balls; where there are more than this they stay triangles in the tree.
 _MOST_BALLS = 16
 
 #: Bounding boxes reach so much further than their corners, mm.

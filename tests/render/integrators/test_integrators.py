@@ -107,6 +107,8 @@ def test_a_box_with_a_ball_of_many_triangles():
     whole = covered > 0.999  # by several of its faces in most pixels
     assert whole.sum() > 20
     mean_agrees(gather, paths, whole, "ball")
+    stock = render_stock(scene, camera, BANDS, samples=256, batches=BATCHES, seed=6)
+    mean_agrees(stock, paths, whole, "ball")
 
 
 @needs_llvm

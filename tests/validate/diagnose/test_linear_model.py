@@ -1,10 +1,14 @@
 """The linear model of a residual: what nuisances can imitate is gone, what they cannot stays, noise stays noise."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validate.compare.nuisances import NuisanceFit
 from cboxlab.validate.diagnose.linear_model import BandErrors, build_linear_model, smooth_excess
+from cboxlab.validate.diagnose.search import build_problem
+from cboxlab.validate.effects import AppliedEffect, catalogue
 
 SHAPE = (3, 48, 48)
 
@@ -101,11 +105,17 @@ def test_a_lamps_power_leaves_what_its_stated_power_says_of_it(parts):
     further = 0.03 * base * (np.indices(SHAPE)[2] < SHAPE[2] // 2)
     plain = model_of(base + further, base, derivative, camera)
     np.testing.assert_allclose(plain.lamp_change(0.3 * base), plain.whiten(0.3 * base), atol=1e-3)
+    brighter, row = plain.lamp_change(0.3 * base), plain.count + 10
+    np.testing.assert_allclose(brighter[row], plain.whiten(0.3 * base)[row], rtol=1e-3)
     assert np.linalg.norm(plain.lamp_change(0.3 * base)) == pytest.approx(0.3 / 0.02, rel=0.01)
     model = model_of(base + further, base, derivative, camera, lamp=base + further)
-    left, cheated = (
-        model.residual - change for change in (model.lamp_change(-0.9 * base), model.whiten(-0.9 * base))
-    )
+    predictor = SimpleNamespace(
+        camera=camera, settings=SimpleNamespace(seed=1),
+        signal=lambda effects: base * np.prod([effect.values["scale"] for effect in effects]),
+    )  # fmt: skip
+    dimmer = AppliedEffect(catalogue()["lamp-power"], {"scale": 0.1})
+    change = build_problem(predictor, model, (), 1.0, np.zeros(SHAPE)).change(dimmer)
+    left, cheated = (model.residual - one for one in (change, model.whiten(-0.9 * base)))
     assert np.sum(left[: model.count] ** 2) == pytest.approx(
         np.sum(model.residual[: model.count] ** 2), rel=0.01
     )
