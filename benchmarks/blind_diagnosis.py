@@ -6,8 +6,8 @@ by itself at every strength (chi2 per sample of 0.0024, 0.06, 1 and 8), pairs an
 effects that the catalogue does not hold, and causes of ``made_causes``, scored by family and place (these in the
 published box at 128 x 128). --boxes and --instruments take turns through those of ``blind_places``. Captures come in
 an order by chance, so that a part of the set has all kinds. Finished ones are kept in --results (JSON lines), so that
-an interrupted run goes on where it stopped, with the same code only; --part K/N does a share of the set. The last line
-printed with --json is one JSON object.
+an interrupted run goes on where it stopped, with the same code only; --part K/N does a share of the set, and
+``blind_scores.py`` prints the tables of all parts. The last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations

@@ -1,20 +1,46 @@
-"""Scores of blind captures: what is right, shares by kind, calibration of the stated probabilities."""
+"""Scores of blind captures: what is right by kind, box and instrument, the stated probabilities, and what fails.
+
+    python benchmarks/blind_scores.py blind-1.jsonl blind-2.jsonl
+
+prints the tables, as Markdown, of results that blind_diagnosis.py kept, of several parts together; one state of the
+code must have made them all.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import Any
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from cboxlab.validate.synthetic.strengths import STRENGTHS
+from scipy.stats import binomtest
 
-__all__ = ["named", "print_tables", "summary", "with_groups"]
+__all__ = ["exact", "named", "print_tables", "summary", "with_groups"]
+
+Row: TypeAlias = Mapping[str, Any]
+
+#: What is hidden in a capture, by its kind and strength, where it is not one effect of the catalogue.
+_SEVERAL = {
+    ("pair", "medium"): "two",
+    ("triple", "medium"): "three",
+    ("none", ""): "nothing",
+    ("outside", "medium"): "outside the catalogue, medium",
+    ("outside", "strong"): "outside the catalogue, strong",
+    ("unknown", ""): "a made cause, its family",
+}
+
+#: Limits between the bins of stated probabilities.
+_BINS = (0.0, 0.5, 0.8, 0.95, 1.01)
 
 
-def named(row: dict[str, Any]) -> bool:
-    """Whether the answer is right: the effect, its group, both of a pair, nothing (or a block where it really stands,
-    beside its survey), or unknown."""
+def named(row: Row) -> bool:
+    """Whether the answer names what is hidden: the effect first, or its group; each of several; nothing, or a block
+    where it really stands, beside its survey; unknown first, of a made cause its family too."""
     if row["kind"] == "none":
         return not row["selected"] or row["settled_block"]
     if row["kind"] == "unknown":
@@ -26,72 +52,125 @@ def named(row: dict[str, Any]) -> bool:
     return bool(set(row["truth"]) & with_groups(row, row["selected"][:1]))
 
 
-def with_groups(row: dict[str, Any], names: Sequence[str]) -> set[str]:
+def exact(row: Row) -> bool:
+    """Whether the answer names what is hidden and nothing beside it."""
+    beside = [
+        one
+        for one in row["selected"]
+        if row["kind"] in ("single", "pair", "triple") and not set(row["truth"]) & with_groups(row, [one])
+    ]
+    return named(row) and not beside and (row["kind"] != "outside" or row["selected"] == ["unknown"])
+
+
+def with_groups(row: Row, names: Sequence[str]) -> set[str]:
     """Effects that an answer names, and those that it cannot tell from them."""
     return set(names).union(*(g for g in row["groups"] if g[0] in names)) - {"unknown"}
 
 
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Shares of right answers by kind, strength, box and instrument; groups, time, and calibration."""
+def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
+    names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _SEVERAL
+    found = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
+    return {name: own for name, own in found.items() if own}
 
-    def share(chosen: Sequence[dict[str, Any]], of: Callable[[dict[str, Any]], bool] = named) -> list[float]:
-        return [float(np.mean([of(r) for r in chosen])) if chosen else float("nan"), len(chosen)]
 
-    singles = [r for r in rows if r["kind"] == "single"]
-    numbers = [right for r in singles for right in r["parameters_right"]]
-    sizes = [len(next((g for g in r["groups"] if g[0] == r["first"]), [1])) for r in singles if r["selected"]]
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """Right answers, of how many, by kind, box and instrument; numbers, places, time; the stated probabilities."""
+    numbers = [right for r in rows for right in r.get("parameters_right", ())]
+    placed = [r for r in rows if r["kind"] == "unknown"]
+    parts = kinds(rows)
+    for name in ("box", "instrument"):
+        parts |= {
+            f"{name} {one}": [r for r in rows if r[name] == one] for one in sorted({r[name] for r in rows})
+        }
+    told = [r for r in rows if r["selected"] and "probability" in r]
     return {
-        **{f"right_{s}": share([r for r in singles if r["strength"] == s]) for s in STRENGTHS},
-        "first_three": share(singles, lambda r: bool(set(r["truth"]) & set(r["first_three"]))),
-        "none_right": share([r for r in rows if r["kind"] == "none"]),
-        "outside_unknown": share([r for r in rows if r["kind"] == "outside"]),
-        "unknown_family": share([r for r in rows if r["kind"] == "unknown"]),
-        "unknown_place": share([r for r in rows if r["kind"] == "unknown"], lambda r: bool(r["place"])),
-        "pairs_both": share([r for r in rows if r["kind"] == "pair"]),
-        "triples_all": share([r for r in rows if r["kind"] == "triple"]),
-        **{f"box {b}": share([r for r in rows if r["box"] == b]) for b in sorted({r["box"] for r in rows})},
-        **{
-            f"instrument {i}": share([r for r in rows if r["instrument"] == i])
-            for i in sorted({r["instrument"] for r in rows})
+        "captures": len(rows),
+        "right": {name: _count(own, named) for name, own in parts.items()},
+        "exact": {name: _count(own, exact) for name, own in parts.items()},
+        "places": _count(placed, lambda r: bool(r["place"])),
+        "numbers": [sum(numbers), len(numbers)],
+        "median_cpu_seconds": {
+            n: float(np.median([r["cpu_seconds"] for r in own])) for n, own in parts.items()
         },
-        "parameters_right": [float(np.mean(numbers)) if numbers else float("nan"), len(numbers)],
-        "mean_group": float(np.mean(sizes)) if sizes else float("nan"),
-        "median_seconds": float(np.median([r["seconds"] for r in rows])),
-        "median_cpu_seconds": float(np.median([r["cpu_seconds"] for r in rows])),
-        "reliability": reliability(singles),
-        "log_loss": log_loss(singles),
+        "reliability": reliability(told),
+        "log_loss": log_loss(told),
     }
 
 
-def reliability(rows: list[dict[str, Any]]) -> list[dict[str, float]]:
+def _count(rows: Sequence[Row], of: Callable[[Row], bool]) -> list[int]:
+    return [sum(map(of, rows)), len(rows)]
+
+
+def _first_right(row: Row) -> bool:
+    """Whether the effect that stands first, or unknown, is true."""
+    return row["first"] == "unknown" if row["kind"] == "outside" else row["first"] in row["truth"]
+
+
+def reliability(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Stated probability of the first answer against how often it was right, in bins of probability."""
     table = []
-    for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
-        inside = [r for r in rows if low <= r["probability"] < high and r["selected"]]
+    for low, high in pairwise(_BINS):
+        inside = [r for r in rows if low <= r["probability"] < high]
         if inside:
-            right = [r["first"] in r["truth"] for r in inside]
             stated = float(np.mean([r["probability"] for r in inside]))
-            table.append({"stated": stated, "right": float(np.mean(right)), "captures": len(inside)})
+            right, count = _count(inside, _first_right)
+            table.append({"stated": stated, "right": right, "captures": count})
     return table
 
 
-def log_loss(rows: list[dict[str, Any]]) -> float:
-    """Mean of -log(probability stated for what came true, the first answer or any other), nats."""
-    told = [r for r in rows if r["selected"]]
-    right = [r["first"] in r["truth"] for r in told]
-    stated = [r["probability"] if yes else 1 - r["probability"] for r, yes in zip(told, right, strict=True)]
-    return float(-np.mean(np.log(np.maximum(stated, 1e-3)))) if told else float("nan")
+def log_loss(rows: Sequence[Row]) -> float:
+    """Mean of -log(probability stated for what came true: the first answer or any other), nats; NaN without rows."""
+    stated = [r["probability"] if _first_right(r) else 1 - r["probability"] for r in rows]
+    return float(-np.mean(np.log(np.maximum(stated, 1e-3)))) if rows else float("nan")
 
 
-def print_tables(rows: list[dict[str, Any]]) -> None:
-    """The confusion table as it is, and the summary."""
-    answers: dict[str, Counter[str]] = {}
+def print_tables(rows: Sequence[Row]) -> None:
+    """The scores as Markdown tables, with the 95 % interval of each rate (Wilson), and what is wrong."""
+    scores = summary(rows)
+    print("\n| hidden | right | nothing beside it | 95 % of right | CPU s, median |\n|---|---|---|---|---|")
+    for name, (right, count) in scores["right"].items():
+        low, high = binomtest(right, count).proportion_ci(method="wilson")
+        print(
+            f"| {name} | {right} of {count} | {scores['exact'][name][0]} | {100 * low:.0f} to {100 * high:.0f} % "
+            f"| {scores['median_cpu_seconds'][name]:.0f} |"
+        )
+    print(
+        "\nNumbers right {} of {}.".format(*scores["numbers"]),
+        "Places right {} of {}.".format(*scores["places"]),
+    )
+    for one in scores["reliability"]:
+        print(f"Stated {one['stated']:.2f}: right {one['right']} of {one['captures']}.")
+    print(f"Log-loss {scores['log_loss']:.3f}.\n")
     for row in rows:
-        truth = "+".join(row["truth"]) or "none"
-        answers.setdefault(truth, Counter())["+".join(row["selected"]) or "none"] += 1
-    print("\ntruth -> answers")
-    for truth, counts in sorted(answers.items()):
-        print(f"  {truth:40} " + ", ".join(f"{name} {count}" for name, count in counts.most_common()))
-    print("\nmeasure: share, of how many")
-    for name, value in summary(rows).items():
-        print(f"  {name:18} {value}")
+        if not exact(row):
+            family = f", {row['family']} for {row['family_true']}" if row["kind"] == "unknown" else ""
+            print(
+                f"{row['key']} {_told(row['truth'])} -> {' + '.join(row['selected']) or 'adequate'}{family}, "
+                f"chi2 {row['chi2_per_dof']:.3f}"
+            )
+
+
+def _told(truth: Mapping[str, Mapping[str, Any]]) -> str:
+    """What is hidden, its numbers to three digits."""
+    return "; ".join(
+        " ".join([name, *(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in values.items())])
+        for name, values in truth.items()
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("results", nargs="+", type=Path)
+    rows = [
+        json.loads(line) for path in parser.parse_args().results for line in path.read_text().splitlines()
+    ]
+    if len(states := {row["code"] for row in rows}) > 1:
+        sys.exit(f"made by several states of the code: {', '.join(sorted(states))}")
+    print_tables(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,8 @@
-"""Every benchmark can be loaded: none imports what has moved. Hidden effects fit every box of the blind practice."""
+"""Every benchmark can be loaded: none imports what has moved. Hidden effects fit every box of the blind
+practice, and answers are scored as its tables say."""
 
 import importlib
+import math
 import sys
 
 import pytest
@@ -34,3 +36,30 @@ def test_effects_outside_the_catalogue_act_in_every_box():
                 changed = effect.apply(scene, amount=0.3, row=row, column=0.5)
                 assert {s.material for s in changed.surfaces} <= set(changed.materials)
                 assert [s.material for s in changed.surfaces] != [s.material for s in scene.surfaces]
+
+
+def test_blind_scores():
+    """A group names each of its effects; an effect too many is not exact; the first answer has the probability."""
+    scores = importlib.import_module("blind_scores")
+    row = {"kind": "single", "strength": "weak", "truth": {"gloss": {}}, "groups": [], "probability": 0.8}
+    group = [["haze", "gloss"]]
+    alone, beside, grouped, wrong, missed = (
+        row | {"selected": selected, "groups": groups, "first": (*selected, "unknown")[0]}
+        for selected, groups in (
+            (["gloss"], []),
+            (["gloss", "haze"], []),
+            (["haze"], group),
+            (["haze"], []),
+            ([], []),
+        )
+    )
+    pair = row | {"kind": "pair", "truth": {"gloss": {}, "haze": {}}, "selected": ["gloss"]}
+    rows = [alone, beside, grouped, wrong, missed, pair]
+    assert [scores.named(r) for r in rows] == [True, True, True, False, False, False]
+    assert [scores.exact(r) for r in rows] == [True, False, True, False, False, False]
+    outside = row | {"kind": "outside", "truth": {"stain": {}}}
+    assert scores.exact(outside | {"selected": ["unknown"]})
+    assert not scores.exact(outside | {"selected": ["unknown", "haze"]})
+    (table,) = scores.reliability([alone, beside, wrong])
+    assert (table["stated"], table["right"], table["captures"]) == (pytest.approx(0.8), 2, 3)
+    assert scores.log_loss([alone, wrong]) == pytest.approx(-(math.log(0.8) + math.log(0.2)) / 2)
