@@ -13,6 +13,7 @@ an interrupted run goes on where it stopped, with the same code only; --part K/N
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import os
@@ -67,6 +68,9 @@ _LABORATORIES = 4
 _PICTURE_ERROR = 0.002
 
 _AFTER_THE_PICTURE = stages_between("filter", "counts")
+
+#: What may begin with a docstring.
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 #: A fitted number is right within this part of its distance from null, or within so many standard deviations.
 _CLOSE, _SIGMAS = 0.15, 2.0
@@ -139,13 +143,17 @@ def own_part(case: Case, part: str) -> bool:
 
 
 def code_state() -> str:
-    """A hash of the package's source."""
+    """A hash of the package's source, comments and docstrings left out."""
     root = Path(__file__).parents[1]
     rooms = ("scenes", "calibration", "render", "validate")
     sources = sorted(path for room in rooms for path in (root / room).rglob("*.py"))
     whole = hashlib.sha256()
     for path in sources:
-        whole.update(str(path.relative_to(root)).encode() + path.read_bytes())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                del node.body[0]
+        whole.update(f"{path.relative_to(root)} {ast.dump(tree)}".encode())
     return whole.hexdigest()[:12]
 
 

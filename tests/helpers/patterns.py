@@ -6,8 +6,8 @@ import numpy as np
 from cboxlab.scenes import cornell_camera
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
 from cboxlab.validate.diagnose.linear_model import LinearModel
-from cboxlab.validate.diagnose.linearised_fit import LinearisedFit
-from cboxlab.validate.diagnose.search import signature
+from cboxlab.validate.diagnose.linearised_fit import LinearisedFit, refitted_together
+from cboxlab.validate.diagnose.search import Candidate, signature
 from cboxlab.validate.effects import Effect, Parameter
 
 SHAPE = (3, 40, 40)
@@ -55,3 +55,16 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
         for name in patterns
     ]
     return linearised, {h.effect.id: signature(predictor, (), everywhere, h) for h in known}
+
+
+def taken(linearised, known, *names):
+    """Candidates of these names, fitted together."""
+    start = [
+        Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
+    ]
+    return refitted_together(linearised, start)
+
+
+def names_of(chosen):
+    """The identifiers of candidates' effects."""
+    return {c.hypothesis.effect.id for c in chosen}

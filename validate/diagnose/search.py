@@ -197,6 +197,13 @@ class Signature:
             for p, step in zip(self.hypothesis.free, self.steps, strict=False)
         ] or [self.hypothesis.at({})]
 
+    def numbers(self, amplitude: NDArray[np.float64]) -> dict[str, float]:
+        """The free numbers at multiples of their steps from null, inside their bounds."""
+        return {
+            p.name: p.from_coordinate(p.null_coordinate + a * step)
+            for p, a, step in zip(self.hypothesis.free, amplitude, self.steps, strict=False)
+        }
+
 
 def signature(
     predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
@@ -217,17 +224,21 @@ def signature(
     return replace(known, changes=np.array(changes, np.float32))
 
 
+def columns_of(problem: FitProblem, known: Signature) -> NDArray[np.float64]:
+    """(n + 11, parameter) projected whitened changes by the steps of a signature; one column where none is free."""
+    if known.changes is None:
+        return np.array([problem.change(effect) for effect in known.stepped]).T
+    pairs = zip(known.changes, known.stepped, strict=True)
+    return np.array(
+        [problem.model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
+    ).T
+
+
 def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
     """Fit a hypothesis to first order. A single number is kept within its bounds."""
-    model, hypothesis = problem.model, known.hypothesis
-    residual = model.project(residual)
-    if known.changes is None:
-        columns = np.array([problem.change(effect) for effect in known.stepped]).T
-    else:
-        pairs = zip(known.changes, known.stepped, strict=True)
-        columns = np.array(
-            [model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
-        ).T
+    hypothesis = known.hypothesis
+    residual = problem.model.project(residual)
+    columns = columns_of(problem, known)
     smoothed = np.array([problem.noise_averaging_gain(effect) for effect in known.stepped])
     amplitude, covariance = least_squares(columns, residual, smoothed)
     if not hypothesis.free:
@@ -236,10 +247,7 @@ def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64])
         p = hypothesis.free[0]
         ends = sorted((end - p.null_coordinate) / known.steps[0] for end in p.coordinate_bounds)
         amplitude = np.clip(amplitude, ends[0], ends[1])
-    numbers = {
-        p.name: p.from_coordinate(p.null_coordinate + a * step)
-        for p, a, step in zip(hypothesis.free, amplitude, known.steps, strict=False)
-    }
+    numbers = known.numbers(amplitude)
     sigma = {
         p.name: p.deviation(numbers[p.name], abs(step) * float(c**0.5))
         for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)

@@ -1,19 +1,20 @@
-"""Search among the catalogue's effects: the best single ones, backward elimination, pairs replaced by one."""
+"""Search among the catalogue's effects: the best single ones and sets, backward elimination, pairs replaced by one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
-from .evidence import largest_gain_of_errors, least_gain, penalised, square
+from .evidence import INDISTINGUISHABLE, largest_gain_of_errors, least_gain, penalised, square
 from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
-from .search import Candidate, Problem, Signature, screen
+from .search import Candidate, Problem, Signature, columns_of, screen
 
-__all__ = ["backward_elimination", "best_singles", "pairs_replaced"]
+__all__ = ["backward_elimination", "best_set", "best_singles", "pairs_replaced"]
 
 #: So many of the effects that could replace two others are fitted in full.
 _MOST_FITTED = 3
@@ -23,6 +24,12 @@ _REPLACED_FROM = 3
 
 #: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
 _LEAST_PROMISING = 0.4
+
+#: So many sets of each size are extended by one more effect.
+_MOST_EXTENDED = 100
+
+#: Part of the identity that is added to the products of unit columns: effects that are alike get no huge numbers.
+_RIDGE = 1e-6
 
 
 def best_singles(
@@ -51,6 +58,90 @@ def best_singles(
         done.append(fit(problem, candidate, residual, lowest))
         progress.part(0.5 + 0.5 * len(done) / refined)
     return sorted([*done, *ranked[len(done) :]], key=penalised)
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """Of all effects together, to first order. owner : (column,) which of the signatures it belongs to.
+
+    products : (column, column) of unit columns. aim : (column,) their products with the residual. size : (column,)
+    norms. low, high : (column,) bounds of the multiples of unit columns.
+    """
+
+    signatures: Sequence[Signature]
+    owner: NDArray[np.int64]
+    products: NDArray[np.float32]
+    aim: NDArray[np.float64]
+    size: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> _NormalEquations:
+        """See ``screen`` for the columns."""
+        owner = np.repeat(np.arange(len(signatures)), [len(one.steps) for one in signatures])
+        columns = np.empty((len(residual), len(owner)), np.float32)
+        for index, one in enumerate(signatures):
+            columns[:, owner == index] = columns_of(problem, one)
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+        columns /= size
+        slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
+        bounds = [
+            np.sort([(end - p.null_coordinate) / step for end in p.coordinate_bounds])
+            for one in signatures
+            for p, step in zip(one.hypothesis.free, one.steps, strict=True)
+        ]
+        low, high = size * np.array(bounds).T
+        return cls(
+            signatures, owner, columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
+            columns.T @ problem.model.project(residual) - np.array(slope) / size / 2, size, low, high,
+        )  # fmt: skip
+
+    def solved(self, members: tuple[int, ...]) -> tuple[float, list[dict[str, float]]]:
+        """The chi2 that signatures gain together less their numbers' price, and each one's numbers; no gain where a
+        number leaves its bounds."""
+        own = np.flatnonzero(np.isin(self.owner, members))
+        amplitude = np.linalg.solve(self.products[np.ix_(own, own)], self.aim[own])
+        inside = np.all((self.low[own] <= amplitude) & (amplitude <= self.high[own]))
+        gain = float(self.aim[own] @ amplitude) - INDISTINGUISHABLE / 2 * len(own)
+        steps = amplitude / self.size[own]
+        numbers = [self.signatures[m].numbers(steps[self.owner[own] == m]) for m in members]
+        return gain if inside else -np.inf, numbers
+
+
+def best_set(
+    problem: Problem, signatures: Sequence[Signature], residual: NDArray, most: int
+) -> list[Candidate]:
+    """The two to ``most`` effects that together explain most chi2 to first order, each number at its price; each one's
+    ``chi2`` is that of all together. Empty where no set keeps its numbers within their bounds.
+
+    Of all pairs the best ones are tried with every further effect. Effects that the priors judge, or that have no free
+    number, take no part.
+    """
+    able = [one for one in signatures if one.changes is not None and one.hypothesis.free]
+    if len(able) < 2:
+        return []
+    equations = _NormalEquations.of(problem, able, residual)
+    effects = [one.hypothesis.effect.id for one in able]
+    best: tuple[float, tuple[int, ...]] = (0.0, ())
+    extended: list[tuple[int, ...]] = [(index,) for index in range(len(able))]
+    for _ in range(most - 1):
+        larger = {
+            tuple(sorted((*members, more)))
+            for members in extended
+            for more, effect in enumerate(effects)
+            if effect not in {effects[m] for m in members}
+        }
+        found = sorted(((equations.solved(members)[0], members) for members in larger), reverse=True)
+        best, extended = max([best, *found]), [members for _, members in found[:_MOST_EXTENDED]]
+    gain, members = best
+    known = equations.solved(members)[1]
+    price = INDISTINGUISHABLE / 2 * sum(len(numbers) for numbers in known)
+    chi2 = square(problem.model.project(residual)) - gain - price
+    return [
+        Candidate(able[m].hypothesis, numbers, {}, chi2, np.zeros(0, np.float32))
+        for m, numbers in zip(members, known, strict=True)
+    ]
 
 
 def backward_elimination(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> list[Candidate]:

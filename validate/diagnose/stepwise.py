@@ -14,6 +14,7 @@ from ..compare import Validation, refitted_picture, rendered_from, solved_light
 from ..effects import AppliedEffect
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
 from .evidence import (
+    INDISTINGUISHABLE,
     LEAST_EXPLAINED_EACH,
     Limit,
     explained_part,
@@ -31,7 +32,7 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .search import Candidate, Signature, signature
-from .selection import backward_elimination, best_singles, pairs_replaced
+from .selection import backward_elimination, best_set, best_singles, pairs_replaced
 
 __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
@@ -46,6 +47,9 @@ _TRACED = stages_between("scene", "transport")
 #: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
 #: rendered several times, at most so often.
 _STALE_PX, _MOST_RENDERINGS = 0.01, 3
+
+#: A set of effects must promise to explain this part of what those chosen leave above noise, to be fitted in full.
+_LEAST_PROMISED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +123,8 @@ def selection(
         linearised = judging(plain)
         chosen = refitted_together(linearised, [*chosen, best])
         residual = residual_with(linearised, chosen)
-        left = residual_with(plain, chosen)
-        hopeless = explained_part(plain.model, left) < LEAST_EXPLAINED_EACH * len(chosen)
-        if hopeless and something_remains(plain.model, left, residual_with_rendered(plain, chosen)):
-            plain, linearised, chosen = first, judging(first), []
-            break
         progress.part(reached)
-        if len(chosen) == _MOST_EFFECTS:
+        if len(chosen) == _MOST_EFFECTS or _hopeless(plain, chosen):
             break
         if best.hypothesis.effect.stage == "settings":
             # with more light reflected the signatures of the other effects differ
@@ -136,12 +135,53 @@ def selection(
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         problem = linearised.problem(chosen)
         candidates = best_singles(problem, rest, residual, 3, progress=share(progress, reached, reached))
+    if errors is None and chosen and _remaining(plain, chosen):
+        linearised, chosen = _with_best_set(validation, first, signatures, plain, chosen)
+        plain = linearised
+    if _hopeless(plain, chosen):
+        plain, linearised, chosen = first, judging(first), []
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
     return Selection(
         start, plain, singles, chosen, known, () if chosen else limits_of(first, linearised.model, tried)
     )
+
+
+def _remaining(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
+    """Whether something remains that these effects do not explain."""
+    rendered = residual_with_rendered(linearised, chosen)
+    return something_remains(linearised.model, residual_with(linearised, chosen), rendered)
+
+
+def _hopeless(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
+    """Whether effects explain so little each that they only resemble the cause."""
+    explained = explained_part(linearised.model, residual_with(linearised, chosen))
+    return explained < LEAST_EXPLAINED_EACH * len(chosen) and _remaining(linearised, chosen)
+
+
+def _with_best_set(
+    validation: Validation, first: LinearisedFit, signatures: Sequence[Signature],
+    linearised: LinearisedFit, chosen: list[Candidate],
+) -> tuple[LinearisedFit, list[Candidate]]:  # fmt: skip
+    """The set of effects that explains most to first order, and the picture with it, where it explains more than those
+    chosen one after the other: the first of these may resemble the sum of others, and no single exchange then lead on.
+    It is fitted in full where it promises to explain half of what they leave.
+
+    first, signatures : of the model as given; where more light reflects they do not hold.
+    """
+    if any(c.hypothesis.effect.stage == "settings" for c in chosen):
+        return linearised, chosen
+    best = best_set(first.problem(()), signatures, first.model.residual, _MOST_EFFECTS)
+    reached = chosen[0].chi2
+    if not best or best[0].chi2 > reached - _LEAST_PROMISED * (reached - first.model.count):
+        return linearised, chosen
+    best = refitted_together(first, best)
+    there = refitted(validation, first, best)
+    fitted = refitted_together(there, best)
+    numbers = [sum(len(c.hypothesis.free) for c in each) for each in (chosen, fitted)]
+    gain = reached - fitted[0].chi2 + INDISTINGUISHABLE / 2 * (numbers[0] - numbers[1])
+    return (there, fitted) if gain > INDISTINGUISHABLE else (linearised, chosen)
 
 
 def limits_of(

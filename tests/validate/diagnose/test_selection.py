@@ -16,24 +16,16 @@ from cboxlab.validate.diagnose.alternatives import (
 from cboxlab.validate.diagnose.evidence import first_significant, limit_of
 from cboxlab.validate.diagnose.fitting import fit
 from cboxlab.validate.diagnose.hypotheses import Hypothesis
-from cboxlab.validate.diagnose.linearised_fit import refitted_together, residual_with
+from cboxlab.validate.diagnose.linearised_fit import residual_with
 from cboxlab.validate.diagnose.search import Candidate, signature
-from cboxlab.validate.diagnose.selection import backward_elimination, best_singles, pairs_replaced
+from cboxlab.validate.diagnose.selection import (
+    backward_elimination,
+    best_singles,
+    pairs_replaced,
+)
 from cboxlab.validate.diagnose.stepwise import limits_of
 from cboxlab.validate.effects import Effect, Parameter
-from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, waves
-
-
-def taken(linearised, known, *names):
-    """Candidates of these names, fitted together."""
-    start = [
-        Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
-    ]
-    return refitted_together(linearised, start)
-
-
-def names_of(chosen):
-    return {c.hypothesis.effect.id for c in chosen}
+from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, names_of, taken, waves
 
 
 def test_two_effects_take_the_place_of_three_that_imitate_them():
