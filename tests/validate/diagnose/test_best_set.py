@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.diagnose import stepwise
 from cboxlab.validate.diagnose.selection import best_set
-from helpers.patterns import AMOUNT, COUNT, laboratory, names_of, taken, waves
+from helpers.patterns import AMOUNT, COUNT, Patterns, laboratory, names_of, taken, waves
 
 
 def resembling():
@@ -93,3 +94,86 @@ def test_a_set_leaves_out_what_averaging_noise_would_gain():
     assert [amounts["one"], amounts["two"]] == pytest.approx(
         np.linalg.solve(design.T @ design, aim), rel=1e-4
     )
+
+
+def test_two_ways_of_one_effect_are_no_set():
+    """A paint fluoresces at one peak: two ways to act that would explain all together stay out of one set."""
+    linearised, known = laboratory(resembling(), {"one": 0.5, "two": 0.4})
+    same = replace(known["two"].hypothesis, effect=known["one"].hypothesis.effect)
+    known["two"] = replace(known["two"], hypothesis=same)
+    found = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
+    assert len(found) == len(names_of(found)) >= 2
+
+
+def of_numbers(chi2, *counts):
+    """Effects of so many numbers each, and the chi2 of all together, as far as sets are compared."""
+    effect = SimpleNamespace(stage="optics")
+    return [
+        SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * n))
+        for n in counts
+    ]
+
+
+@pytest.mark.parametrize(
+    ("promised", "reached", "taken_over", "fitted"),
+    [
+        (1010.0, 1030.0, True, True),  # 70 less, 41.4 for nine numbers more
+        (1010.0, 1055.0, False, True),  # 45 less: 3.6 beyond the price, 9.2 asked for
+        (1055.0, 1000.0, False, False),  # 100 above noise, of which it promises 45
+    ],
+)
+def test_a_set_pays_for_its_numbers_and_must_promise_half(monkeypatch, promised, reached, taken_over, fitted):
+    """One number with chi2 of 1100 in place; noise makes 1000."""
+    chosen, tried = of_numbers(1100.0, 1), []
+    first = SimpleNamespace(
+        problem=lambda chosen: None, model=SimpleNamespace(residual=None, count=1000), name="first"
+    )
+    monkeypatch.setattr(stepwise, "best_set", lambda *given: of_numbers(promised, 4, 6))
+    monkeypatch.setattr(stepwise, "refitted", lambda validation, first, chosen: "again")
+    monkeypatch.setattr(
+        stepwise, "refitted_together", lambda fit, chosen: tried.append(fit) or of_numbers(reached, 4, 6)
+    )
+    picture, found = stepwise._with_best_set(None, first, [], "before", chosen)
+    assert (picture, found[0].chi2) == (("again", reached) if taken_over else ("before", 1100.0))
+    assert tried == ([first, "again"] if fitted else [])
+
+
+class Lasting(Patterns):
+    """Patterns that are the same with fewer rays and other random numbers."""
+
+    def rough(self):
+        return self
+
+    resampled = rough
+
+
+def selected(monkeypatch, patterns, truth, hidden=()):
+    """The names selected; the picture holds ``truth``, the catalogue all patterns but the hidden ones."""
+    linearised, known = laboratory(patterns, truth)
+    linearised = replace(linearised, predictor=Lasting(patterns))
+    monkeypatch.setattr(stepwise, "refitted", lambda *given: linearised)
+    validation = SimpleNamespace(model=SimpleNamespace(render=None))
+    signatures = [one for name, one in known.items() if name not in hidden]
+    return names_of(stepwise.selection(validation, linearised, signatures, QUIET).chosen)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_three_effects_are_found_among_mixtures_of_them(monkeypatch, seed):
+    """Mixtures, each with a shape of its own beside: one after the other, and by single exchanges, seven of these eight
+    draws end at mixtures."""
+    generator = np.random.default_rng(seed)
+    true = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1)}
+    mixtures = {}
+    for index in range(4):
+        parts = generator.uniform(0.3, 1.0, 3)
+        parts /= np.linalg.norm(parts)
+        shapes = zip(parts, true.values(), strict=True)
+        mixtures[f"mixture {index}"] = sum(part * shape for part, shape in shapes) + 0.5 * waves(index + 1, 3)
+    assert selected(monkeypatch, mixtures | true, dict.fromkeys(true, 1.0)) == set(true)
+
+
+def test_effects_that_explain_little_each_are_given_up(monkeypatch):
+    """Of an excess of 10 an effect explains 1, or 4: a quarter is asked for."""
+    patterns = {"one": waves(1, 0), "other": waves(0, 2), "foreign": waves(2, 2)}
+    assert selected(monkeypatch, patterns, {"foreign": 3.0, "one": 1.0}, {"foreign"}) == set()
+    assert selected(monkeypatch, patterns, {"foreign": 6**0.5, "one": 2.0}, {"foreign"}) == {"one"}
