@@ -25,7 +25,7 @@ __all__ = ["exact", "named", "print_tables", "summary", "with_groups"]
 Row: TypeAlias = Mapping[str, Any]
 
 #: What is hidden in a capture, by its kind and strength, where it is not one effect of the catalogue.
-_SEVERAL = {
+_OTHER_KINDS = {
     ("pair", "medium"): "two",
     ("triple", "medium"): "three",
     ("none", ""): "nothing",
@@ -69,7 +69,9 @@ def with_groups(row: Row, names: Sequence[str]) -> set[str]:
 
 def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
-    names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _SEVERAL
+    names = {
+        ("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)
+    } | _OTHER_KINDS
     found = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
     return {name: own for name, own in found.items() if own}
 
@@ -146,12 +148,12 @@ def print_tables(rows: Sequence[Row]) -> None:
         if not exact(row):
             family = f", {row['family']} for {row['family_true']}" if row["kind"] == "unknown" else ""
             print(
-                f"{row['key']} {_told(row['truth'])} -> {' + '.join(row['selected']) or 'adequate'}{family}, "
+                f"{row['key']} {_hidden(row['truth'])} -> {' + '.join(row['selected']) or 'adequate'}{family}, "
                 f"chi2 {row['chi2_per_dof']:.3f}"
             )
 
 
-def _told(truth: Mapping[str, Mapping[str, Any]]) -> str:
+def _hidden(truth: Mapping[str, Mapping[str, Any]]) -> str:
     """What is hidden, its numbers to three digits."""
     return "; ".join(
         " ".join([name, *(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in values.items())])

@@ -29,6 +29,7 @@ __all__ = [
     "least_gain_of",
     "limit_of",
     "penalised",
+    "price_of",
     "prior_pull",
     "something_remains",
     "square",
@@ -216,9 +217,14 @@ def largest_gain_of_errors(model: LinearModel) -> float:
     return model.count * (SMALLEST_GAIN if model.errors is None else _SMALLEST_GAIN_OVER_ERRORS)
 
 
-def penalised(candidate: Candidate) -> float:
-    """Chi2, and half the least distinguishable difference for each free number."""
-    return candidate.chi2 + INDISTINGUISHABLE / 2 * len(candidate.hypothesis.free)
+def penalised(*together: Candidate) -> float:
+    """Chi2 of one effect, or of several fitted together, and the price of their free numbers."""
+    return together[0].chi2 + price_of(sum(len(candidate.hypothesis.free) for candidate in together))
+
+
+def price_of(numbers: int) -> float:
+    """Chi2 that so many free numbers must gain: half the least distinguishable difference each."""
+    return INDISTINGUISHABLE / 2 * numbers
 
 
 def prior_pull(residual: NDArray) -> float:

@@ -197,6 +197,17 @@ class Signature:
             for p, step in zip(self.hypothesis.free, self.steps, strict=False)
         ] or [self.hypothesis.at({})]
 
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(parameter, 2) lowest and highest multiples of the steps from null that keep the free numbers inside their
+        bounds."""
+        return np.array(
+            [
+                sorted((end - p.null_coordinate) / step for end in p.coordinate_bounds)
+                for p, step in zip(self.hypothesis.free, self.steps, strict=False)
+            ]
+        )
+
     def numbers(self, amplitude: NDArray[np.float64]) -> dict[str, float]:
         """The free numbers at multiples of their steps from null, inside their bounds."""
         return {
@@ -244,9 +255,7 @@ def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64])
     if not hypothesis.free:
         amplitude = np.ones(1)
     elif len(amplitude) == 1:
-        p = hypothesis.free[0]
-        ends = sorted((end - p.null_coordinate) / known.steps[0] for end in p.coordinate_bounds)
-        amplitude = np.clip(amplitude, ends[0], ends[1])
+        amplitude = np.clip(amplitude, *known.bounds[0])
     numbers = known.numbers(amplitude)
     sigma = {
         p.name: p.deviation(numbers[p.name], abs(step) * float(c**0.5))

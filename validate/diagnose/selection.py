@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
-from .evidence import INDISTINGUISHABLE, largest_gain_of_errors, least_gain, penalised, square
+from .evidence import largest_gain_of_errors, least_gain, penalised, price_of, square
 from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, columns_of, screen
@@ -62,13 +62,12 @@ def best_singles(
 
 @dataclass(frozen=True, eq=False)
 class _NormalEquations:
-    """Of all effects together, to first order. owner : (column,) which of the signatures it belongs to.
+    """Of all signatures together, to first order. owner : (column,) which of the signatures it belongs to.
 
     products : (column, column) of unit columns. aim : (column,) their products with the residual. size : (column,)
     norms. low, high : (column,) bounds of the multiples of unit columns.
     """
 
-    signatures: Sequence[Signature]
     owner: NDArray[np.int64]
     products: NDArray[np.float32]
     aim: NDArray[np.float64]
@@ -86,27 +85,19 @@ class _NormalEquations:
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
         columns /= size
         slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
-        bounds = [
-            np.sort([(end - p.null_coordinate) / step for end in p.coordinate_bounds])
-            for one in signatures
-            for p, step in zip(one.hypothesis.free, one.steps, strict=True)
-        ]
-        low, high = size * np.array(bounds).T
+        low, high = size * np.concatenate([one.bounds for one in signatures]).T
         return cls(
-            signatures, owner, columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
+            owner, columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
             columns.T @ problem.model.project(residual) - np.array(slope) / size / 2, size, low, high,
         )  # fmt: skip
 
-    def solved(self, members: tuple[int, ...]) -> tuple[float, list[dict[str, float]]]:
-        """The chi2 that signatures gain together less their numbers' price, and each one's numbers; no gain where a
-        number leaves its bounds."""
+    def solved(self, members: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
+        """The chi2 that signatures gain together, -inf where a number leaves its bounds, and the multiples of their
+        steps."""
         own = np.flatnonzero(np.isin(self.owner, members))
         amplitude = np.linalg.solve(self.products[np.ix_(own, own)], self.aim[own])
         inside = np.all((self.low[own] <= amplitude) & (amplitude <= self.high[own]))
-        gain = float(self.aim[own] @ amplitude) - INDISTINGUISHABLE / 2 * len(own)
-        steps = amplitude / self.size[own]
-        numbers = [self.signatures[m].numbers(steps[self.owner[own] == m]) for m in members]
-        return gain if inside else -np.inf, numbers
+        return float(self.aim[own] @ amplitude) if inside else -np.inf, amplitude / self.size[own]
 
 
 def best_set(
@@ -123,6 +114,11 @@ def best_set(
         return []
     equations = _NormalEquations.of(problem, able, residual)
     effects = [one.hypothesis.effect.id for one in able]
+
+    def worth(members: Sequence[int]) -> float:
+        gain, steps = equations.solved(members)
+        return gain - price_of(len(steps))
+
     best: tuple[float, tuple[int, ...]] = (0.0, ())
     extended: list[tuple[int, ...]] = [(index,) for index in range(len(able))]
     for _ in range(most - 1):
@@ -132,15 +128,17 @@ def best_set(
             for more, effect in enumerate(effects)
             if effect not in {effects[m] for m in members}
         }
-        found = sorted(((equations.solved(members)[0], members) for members in larger), reverse=True)
+        found = sorted(((worth(members), members) for members in larger), reverse=True)
         best, extended = max([best, *found]), [members for _, members in found[:_MOST_EXTENDED]]
-    gain, members = best
-    known = equations.solved(members)[1]
-    price = INDISTINGUISHABLE / 2 * sum(len(numbers) for numbers in known)
-    chi2 = square(problem.model.project(residual)) - gain - price
+    if not best[1]:
+        return []
+    gain, steps = equations.solved(best[1])
+    chi2 = square(problem.model.project(residual)) - gain
+    chosen = [able[m] for m in best[1]]
+    each = np.split(steps, np.cumsum([len(one.steps) for one in chosen])[:-1])
     return [
-        Candidate(able[m].hypothesis, numbers, {}, chi2, np.zeros(0, np.float32))
-        for m, numbers in zip(members, known, strict=True)
+        Candidate(one.hypothesis, one.numbers(own), {}, chi2, np.zeros(0, np.float32))
+        for one, own in zip(chosen, each, strict=True)
     ]
 
 

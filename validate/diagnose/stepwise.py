@@ -20,6 +20,7 @@ from .evidence import (
     explained_part,
     first_significant,
     limit_of,
+    penalised,
     something_remains,
 )
 from .hypotheses import hypotheses
@@ -136,8 +137,8 @@ def selection(
         problem = linearised.problem(chosen)
         candidates = best_singles(problem, rest, residual, 3, progress=share(progress, reached, reached))
     if errors is None and chosen and _remaining(plain, chosen):
-        linearised, chosen = _with_best_set(validation, first, signatures, plain, chosen)
-        plain = linearised
+        plain, chosen = _with_best_set(validation, first, signatures, plain, chosen)
+        linearised = plain
     if _hopeless(plain, chosen):
         plain, linearised, chosen = first, judging(first), []
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
@@ -179,8 +180,7 @@ def _with_best_set(
     best = refitted_together(first, best)
     there = refitted(validation, first, best)
     fitted = refitted_together(there, best)
-    numbers = [sum(len(c.hypothesis.free) for c in each) for each in (chosen, fitted)]
-    gain = reached - fitted[0].chi2 + INDISTINGUISHABLE / 2 * (numbers[0] - numbers[1])
+    gain = penalised(*chosen) - penalised(*fitted)
     return (there, fitted) if gain > INDISTINGUISHABLE else (linearised, chosen)
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 
 from ..effects import catalogue
 from ..explain import NONE, Excess, Explanation, Transport
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, square
+from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, price_of, square
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
@@ -44,7 +44,7 @@ def beats(
     by_effects = model.chi2 - chi2_left
     if explanation.levels:
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
-        paid = INDISTINGUISHABLE / 2 * numbers + 2 * len(chosen) * float(np.log(len(catalogue())))
+        paid = price_of(numbers) + 2 * len(chosen) * float(np.log(len(catalogue())))
         own = _gain(explanation, model, model.residual) - (explanation.gain - explanation.evidence)
         return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE
     more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
