@@ -142,9 +142,8 @@ def own_part(case: Case, part: str) -> bool:
     return int(hashlib.sha256(place.encode()).hexdigest(), 16) % parts == number - 1
 
 
-def code_state() -> str:
+def code_state(root: Path = Path(__file__).parents[1]) -> str:
     """A hash of the package's source, comments and docstrings left out."""
-    root = Path(__file__).parents[1]
     rooms = ("scenes", "calibration", "render", "validate")
     sources = sorted(path for room in rooms for path in (root / room).rglob("*.py"))
     whole = hashlib.sha256()

@@ -63,3 +63,21 @@ def test_blind_scores():
     (table,) = scores.reliability([alone, beside, wrong])
     assert (table["stated"], table["right"], table["captures"]) == (pytest.approx(0.8), 2, 3)
     assert scores.log_loss([alone, wrong]) == pytest.approx(-(math.log(0.8) + math.log(0.2)) / 2)
+
+
+def test_a_state_of_the_code_is_what_it_does(tmp_path):
+    """Comments and docstrings may change; a number, and a text that is no docstring, may not."""
+    code_state = importlib.import_module("blind_diagnosis").code_state
+    module = tmp_path / "render" / "one.py"
+    module.parent.mkdir()
+    states = []
+    for text in (
+        '"""A."""\n\ndef f():\n    """B."""\n    return "c", 1\n',
+        '"""D."""\n\n# E\ndef f():\n    """F."""\n    return "c", 1\n',
+        '"""A."""\n\ndef f():\n    """B."""\n    return "c", 2\n',
+        '"""A."""\n\ndef f():\n    """B."""\n    return "d", 1\n',
+    ):
+        module.write_text(text)
+        states.append(code_state(tmp_path))
+    assert states[0] == states[1]
+    assert len(set(states)) == 3
