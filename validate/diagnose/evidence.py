@@ -27,6 +27,7 @@ __all__ = [
     "largest_gain_of_errors",
     "least_gain",
     "least_gain_of",
+    "least_gain_of_any",
     "limit_of",
     "penalised",
     "price_of",
@@ -210,6 +211,12 @@ def least_gain_of(change: NDArray, model: LinearModel) -> float:
     smooth = smooth_part(model, change)
     by_picture = _SMALLEST_GAIN_AT_EDGES + smooth * (SMALLEST_GAIN - _SMALLEST_GAIN_AT_EDGES)
     return max(model.count * by_picture, _DARK_SIGMAS**2 * model.gain_of_dark_errors(change))
+
+
+def least_gain_of_any(model: LinearModel, residual: NDArray, rendered: NDArray) -> float:
+    """Chi2 that no effect can do with less of, unless it relieves the priors; see ``first_significant``."""
+    least = model.count * _SMALLEST_GAIN_AT_EDGES if model.errors is None else largest_gain_of_errors(model)
+    return max(least, SHAPE_ERROR * (square(rendered) - square(residual)))
 
 
 def largest_gain_of_errors(model: LinearModel) -> float:

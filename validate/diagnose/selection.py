@@ -22,8 +22,9 @@ _MOST_FITTED = 3
 #: Fewer effects than these are not tried with two of them replaced: every single one has been compared by then.
 _REPLACED_FROM = 3
 
-#: A candidate whose first-order gain is below this part of the best fitted one's is not fitted in full.
-_LEAST_PROMISING = 0.4
+#: A candidate is not fitted in full whose first-order gain is below the first part of the best fitted one's, or below
+#: the second part of what any effect must gain: one as small as that is nearly linear.
+_LEAST_PROMISING, _LEAST_PROMISING_ALONE = 0.4, 0.6
 
 #: So many sets of each size are extended by one more effect.
 _MOST_EXTENDED = 100
@@ -34,12 +35,12 @@ _RIDGE = 1e-6
 
 def best_singles(
     problem: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int, known: float = np.inf,
-    progress: Progress = QUIET,
+    least: float = 0.0, progress: Progress = QUIET,
 ) -> list[Candidate]:  # fmt: skip
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 
-    Those that gain much less to first order than the best known fit are not fitted. known : chi2 of a fit that is
-    known already.
+    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted. known : chi2 of
+    a fit that is known already.
     """
     best: dict[str, Candidate] = {}
     for index, one in enumerate(signatures, 1):
@@ -53,7 +54,9 @@ def best_singles(
     done: list[Candidate] = []
     for candidate in ranked[:refined]:
         lowest = min((c.chi2 for c in done), default=known)
-        if np.isfinite(lowest) and start - candidate.chi2 < _LEAST_PROMISING * (start - lowest):
+        beside_others = start - lowest if np.isfinite(lowest) else 0.0
+        needed = max(_LEAST_PROMISING * beside_others, _LEAST_PROMISING_ALONE * least)
+        if start - candidate.chi2 < needed:
             break
         done.append(fit(problem, candidate, residual, lowest))
         progress.part(0.5 + 0.5 * len(done) / refined)

@@ -19,6 +19,7 @@ from .evidence import (
     Limit,
     explained_part,
     first_significant,
+    least_gain_of_any,
     limit_of,
     penalised,
     something_remains,
@@ -37,9 +38,10 @@ from .selection import backward_elimination, best_set, best_singles, pairs_repla
 
 __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
-#: So many effects are selected at most, and so many candidates are fitted in full for the first of them.
+#: So many effects are selected at most; so many candidates are fitted in full for the first of them, and for each
+#: further one.
 _MOST_EFFECTS = 3
-_FITTED_FIRST = 6
+_FITTED_FIRST, _FITTED_NEXT = 6, 3
 
 #: Stages whose changes of the picture hang on random numbers.
 _TRACED = stages_between("scene", "transport")
@@ -135,7 +137,10 @@ def selection(
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         problem = linearised.problem(chosen)
-        candidates = best_singles(problem, rest, residual, 3, progress=share(progress, reached, reached))
+        least = least_gain_of_any(problem.model, residual, residual_with_rendered(linearised, chosen))
+        candidates = best_singles(
+            problem, rest, residual, _FITTED_NEXT, least=least, progress=share(progress, reached, reached)
+        )
     if errors is None and chosen and _remaining(plain, chosen):
         plain, chosen = _with_best_set(validation, first, signatures, plain, chosen)
         linearised = plain

@@ -65,10 +65,11 @@ def _both(
         yield Form(
             family, words, fixed_spectrum(n, np.ones(bands)), made, acts, maps, local=local, sharp=sharp
         )
-        strongest = int(np.argmax(each_band(n).size))
+        each = each_band(n)
+        strongest = int(np.argmax(each.size))
         one = fixed_spectrum(n, np.eye(bands)[strongest])
         yield Form(
             family, f"{words} in one band", one, made, acts, maps, local=local, sharp=True, choices=bands
         )
         if not local:
-            yield Form(family, f"{words} in each band", each_band(n), made, acts, maps, sharp=sharp)
+            yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=sharp)

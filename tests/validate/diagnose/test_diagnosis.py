@@ -37,6 +37,7 @@ from cboxlab.validate.report.diagnosis import (
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import story
 from cboxlab.validate.results import verify
+from helpers.manual_commands import described
 from helpers.raw_frames import read_raw
 from PIL import Image
 from scipy import stats
@@ -139,7 +140,7 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
     _, diagnosis = outcome
     write_diagnosis(tmp_path / "d.json", diagnosis)
     record = json.loads((tmp_path / "d.json").read_text())
-    assert {"adequate", "chi2_per_dof", "ranking", "selected", "indistinguishable"} <= set(record)
+    assert set(record) == described("docs/reference/files.md", "diagnosis.json")
     assert record == diagnosis_record(diagnosis)
     names = [entry["effect"] for entry in record["ranking"]]
     assert len(set(names)) == len(names) and "unknown" in names

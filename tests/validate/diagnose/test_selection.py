@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import alternatives
+from cboxlab.validate.diagnose import alternatives, selection
 from cboxlab.validate.diagnose.alternatives import (
     SelectedEffect,
     confirmed_where_held_out,
@@ -56,6 +56,26 @@ def test_progress_grows_to_the_whole_while_effects_are_tried():
     progress = SimpleNamespace(part=told.append)
     best_singles(linearised.problem(()), [*known.values()], linearised.model.residual, 3, progress=progress)
     assert told == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1])
+
+
+@pytest.mark.parametrize(("of_least", "fitted"), [(0.0, 1), (0.7, 1), (0.5, 0)])
+def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full(
+    monkeypatch, of_least, fitted
+):
+    linearised, known = laboratory({"one": waves(1, 0), "two": waves(0, 2)}, {"one": 0.3})
+    problem, residual, done = linearised.problem(()), linearised.model.residual, []
+
+    def spy(problem, candidate, *others):
+        done.append(candidate)
+        return fit(problem, candidate, *others)
+
+    monkeypatch.setattr(selection, "fit", spy)
+    gain = float(residual @ residual) - selection.screen(problem, known["one"], residual).chi2
+    least = gain / of_least if of_least else 0.0
+    ranked = best_singles(problem, [*known.values()], residual, 1, least=least)
+    assert len(done) == fitted
+    assert ranked[0].hypothesis.effect.id == "one"
+    assert ranked[0].numbers["amount"] == pytest.approx(0.3, abs=4 / np.sqrt(COUNT))
 
 
 def test_an_effect_that_a_later_one_made_superfluous_goes():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.validate.explain import NONE, explain
 from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
+from helpers.manual_commands import described
 from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import gaussian_filter, shift
 
@@ -51,6 +52,7 @@ def test_an_explanation_is_told_in_words_and_in_json():
     assert set(record["bands"]) <= set(record["relative_change"])
     words = explanation_sentence(found)
     assert "object" in words and "about pixel (34, 36)" in words
+    assert set(record) == described("docs/reference/files.md", "explanation")
     assert explanation_record(None)["family"] == NONE
 
 
