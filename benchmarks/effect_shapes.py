@@ -72,7 +72,7 @@ class Bench:
         return mean, variance, image
 
     def light(self, scene: Any, max_bounces: int | None = None) -> PatchLight:
-        transport = predictor._coarse_transport(scene, NM, self.camera, 0)
+        transport = predictor.coarse_transport(scene, NM, self.camera, 0)
         at_each = (GRID == NM[:, None]).astype(float)
         return patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size), max_bounces=max_bounces)
 
@@ -119,7 +119,7 @@ class Bench:
             after = self.light(self.scene, int(values["max_bounces"])).picture()
         else:
             after = self.light(applied.apply(self.scene)).picture()
-        return predictor._changed(self.picture, self.before, after, None)
+        return predictor.changed_alike(self.picture, self.before, after, None)
 
     def row(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
         """What the table says of one effect."""

@@ -45,7 +45,7 @@ from scipy.ndimage import gaussian_filter
 from ..effects import AppliedEffect
 from ..model import with_further_distortion
 
-__all__ = ["Predictor", "averaged_on_faces", "build_predictor"]
+__all__ = ["Predictor", "averaged_on_faces", "build_predictor", "changed_alike", "coarse_transport"]
 
 #: Patches and rays for changes. They are coarser than for the base picture: a change is wrong by a few percent.
 _PATCHES_PER_DIAGONAL = 12
@@ -177,7 +177,7 @@ class Predictor:
         if _key(relevant) != _key(self.included) or at_scale != 1.0:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
-            changed = _changed(
+            changed = changed_alike(
                 changed, self.patch_picture(self.included), self.patch_picture(relevant, at_scale), face
             )
         there = with_further_distortion(self.camera, effects)
@@ -236,7 +236,7 @@ class Predictor:
             *_meshes(scene),
         )
         of = (scene, self.effective_nm, self.camera, self.settings.seed, self.gather_samples)
-        return _kept(self._traced.transports, key, _MOST_TRANSPORTS, lambda: _coarse_transport(*of))
+        return _kept(self._traced.transports, key, _MOST_TRANSPORTS, lambda: coarse_transport(*of))
 
 
 def _kept(store: dict[tuple, _T], key: tuple, most: int, made: Callable[[], _T]) -> _T:
@@ -263,7 +263,9 @@ def _with_edge(scene: Scene, ratio: float) -> Scene:
     return scene.with_lamps(lambda lamp: replace(lamp, edge_ratio=ratio))
 
 
-def _changed(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:
+def changed_alike(
+    signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None
+) -> NDArray[np.float64]:
     """The signal, changed as the picture by patch transport changes: by the ratio, in which errors of the coarse
     patches cancel; by the difference where the ratio is not between 0.5 and 2 (dark pixels, moved edges).
 
@@ -293,9 +295,13 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     return result
 
 
-def _coarse_transport(
+def coarse_transport(
     scene: Scene, wavelength_nm: NDArray, camera: Camera, seed: int, samples: int = _SAMPLES
 ) -> PatchTransport:
+    """The exchange of a scene in coarse patches, as changes of the picture are computed with.
+
+    wavelength_nm : (w,). samples : rays of each pixel.
+    """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
     light = solve_light(scene, wavelength_nm, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=seed)
     return build_patch_transport(light, camera, samples, seed)
