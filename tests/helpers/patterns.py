@@ -41,8 +41,10 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     noise = np.random.default_rng(seed).standard_normal(SHAPE)
     residual = sum((amount * patterns[name] for name, amount in truth.items()), noise)
     everywhere = np.ones(SHAPE, bool)
+    rows, columns = np.indices(SHAPE[1:]) // 5
+    patch = np.broadcast_to(rows * 8 + columns, SHAPE).ravel()
     model = LinearModel(
-        used=everywhere, interior=np.ones(COUNT, bool), patch=np.zeros(COUNT, int), sigma=np.ones(COUNT),
+        used=everywhere, interior=np.ones(COUNT, bool), patch=patch, sigma=np.ones(COUNT),
         priors=np.zeros((11, 11)), by_lamp=np.ones(COUNT), basis=np.zeros((COUNT + 11, 11)),
         shared_errors=np.zeros((COUNT + 11, 1)),
         residual=np.append(residual.ravel(), np.zeros(11)),

@@ -190,13 +190,17 @@ def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> flo
     """Variance of the amplitude of a change (n + 11,), by residuals that go together in a neighbourhood of the image,
     over that by noise and the errors that the model counts; at least 1. See ``parameter_variance``.
 
+    An amplitude follows the neighbourhood where most of its change lies, so that little is left there: each one counts
+    by how much the amplitude moves where it is left out of the fit (jackknife over clusters: Bell and McCaffrey, "Bias
+    reduction in standard errors for linear regression with multi-stage samples", Survey Methodology 28(2), 2002).
     1 where the model counts no errors: then a gain is judged by its size.
     """
     if model.errors is None:
         return 1.0
     pixels, left = predicted[: model.count], (residual - predicted)[: model.count]
-    scores = np.bincount(model.patch, weights=pixels * left)
-    return max(1.0, square(scores) / max(square(predicted), 1e-300))
+    scores, squares = (np.bincount(model.patch, weights=pixels * other) for other in (left, pixels))
+    total = max(float(squares.sum()), 1e-300)
+    return max(1.0, square(scores / np.maximum(1 - squares / total, 1e-9)) / total)
 
 
 def least_gain(candidate: Candidate, model: LinearModel) -> float:

@@ -218,9 +218,7 @@ def test_residuals_that_go_together_raise_a_limit_as_they_raise_what_is_asked_fo
     """Noise three times as large as stated: nine times the variance, known from 64 patches to a factor of 1 +- 0.18."""
     known, drawn = beside_errors()
     plain = drawn(0.0)
-    rows, columns = np.indices(SHAPE[1:]) // 5
-    patch = np.broadcast_to(rows * 8 + columns, SHAPE).ravel()
-    counting = replace(plain.counting_errors(()).model, patch=patch)
+    counting = plain.counting_errors(()).model
     noise = counting.project(3 * np.random.default_rng(6).standard_normal(COUNT + 11))
     alone, noisy = (
         limit_of(known["coloured"], plain.model, counting, 1.0, None, residual) for residual in (None, noise)
@@ -242,7 +240,7 @@ def limits_alone(plain, predictor, stage, parameter=AMOUNT, left=0.0):
 
 
 def test_what_is_left_in_a_capture_raises_what_is_stated():
-    """What goes together raises a limit; it has one patch here, so that a residual is taken with its own size."""
+    """What goes together raises a limit: a residual of ten times its size, for errors that are not counted."""
     _, drawn = beside_errors()
     pattern = Squares({"grey": waves(1, 1)})
     (quiet,), (noisy,) = (limits_alone(drawn(0.0), pattern, "filter", left=left)[1] for left in (0.0, 10.0))
