@@ -67,6 +67,22 @@ def test_a_grain_on_the_sensor_is_seen_and_spots_here_and_there_are_left_to_the_
     assert not _seen(one + others)
 
 
+@pytest.mark.parametrize("radius", [1.6, 2.3, 5.0])
+def test_a_grain_holds_in_pixels_held_out(radius):
+    assert _seen(-0.1 * SIGNAL * (np.hypot(ROWS - 12, COLUMNS - 10) < radius))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pixels_that_scatter_in_one_place_are_no_pattern(seed):
+    """By a tenth, alike in all bands, as a render's own noise is in deep shadow: far above noise, and without shape."""
+    corner = np.hypot(ROWS - 12, COLUMNS - 10) < 3
+    scatter = np.where(corner, np.random.default_rng(seed).standard_normal(corner.shape), 0.0)
+    change = 0.1 * SIGNAL * scatter
+    found = explain(small_excess(change))
+    assert found.share > 0.9 and found.evidence > 1000
+    assert not _seen(change)
+
+
 def _exchanged(*steps):
     """A tenth of the light goes to pixels at these steps (down, right) and opposite to them."""
     ends = [shift(SIGNAL, (0, s * d, s * r), order=0, mode="nearest") for d, r in steps for s in (1, -1)]
