@@ -244,7 +244,7 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     """Camera and lamp fitted to the measured picture, starting from a render with these effects."""
     predictor = rendered.predictor
     signal = predictor.signal(effects)
-    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    variance = prepared.calibration.predicted_variance(prepared.lit(signal)) + rendered.variance
     return kept_fit(
         prepared.cache, measured=prepared.measured, variance=variance, used=rendered.used, signal=signal,
         warp=predictor.warp, calibrated=prepared.expected_camera(effects), lamp_sigma=prepared.lamp_sigma,

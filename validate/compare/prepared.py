@@ -30,6 +30,10 @@ from .nuisances import fit_lamp_scale, held_lamp_scale
 __all__ = ["Prepared", "prepare", "solved_light", "under_model", "with_picture"]
 
 
+#: Where the measured signal is so many times the model's, and this part of the picture's median, the model lacks light.
+_LACKING, _LIT = 2.0, 0.05
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
@@ -75,6 +79,13 @@ class Prepared:
     def usable(self) -> NDArray[np.bool_]:
         """(band, y, x) True for pixels that the capture does not mask."""
         return self.calibration.images.mask.values == 0
+
+    def lit(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(band, y, x) DN, whose noise the measured picture has: the modelled signal, or the measured one where the
+        model lacks light. By a model without interreflection black surfaces would have the noise of reading alone."""
+        measured = np.where(self.usable, self.measured, 0.0)
+        lacking = measured > np.maximum(_LACKING * signal, _LIT * np.median(measured[self.usable]))
+        return np.where(lacking, measured, signal)
 
     def lamp_scale(self, signal: NDArray, variance: NDArray, used: NDArray) -> tuple[float, float]:
         """As ``fit_lamp_scale``; of another renderer's picture held to what is stated, lest it hides missing light."""

@@ -100,7 +100,8 @@ def linearised_fit(
     base = predictor.signal(given)
     # the variance at the signal with the best effects known: a model without interreflection predicts too dark a
     # picture, and too little noise
-    lit, noise = fit_.lamp_scale * rendered.signal, fit_.lamp_scale**2 * rendered.variance
+    lit = prepared.lit(fit_.lamp_scale * rendered.signal)
+    noise = fit_.lamp_scale**2 * rendered.variance
     variance = prepared.calibration.predicted_variance(lit) + noise + model_variance(lit)
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
     derivative = camera_jacobian(predictor.warp, fit_.camera)

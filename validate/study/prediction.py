@@ -173,7 +173,8 @@ def _camera_step(
     prior = rows.T @ rows
     deviation = rendered.fit.missed(expected).vector
     still = (before + base.refit_change)[used]
-    sigma = np.sqrt((prepared.calibration.predicted_variance(before) + rendered.variance)[used])
+    variance = prepared.calibration.predicted_variance(prepared.lit(before)) + rendered.variance
+    sigma = np.sqrt(variance[used])
     columns = np.vstack([scale * base.derivative[:, used], still]) / sigma
     residual = (prepared.measured[used] - scale * still) / sigma
     step: NDArray[np.float64] = np.zeros(Nuisances.count)

@@ -1,5 +1,6 @@
 """Effects of one's own choice, fitted to patterns over noise: the amounts of least squares."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,8 @@ PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third":
 def fitted(monkeypatch):
     """A function of start amounts by name and of those that are fitted, to the amounts found; and the residual."""
     linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": -0.4})
+    # no neighbourhoods: standard deviations by noise alone
+    linearised = replace(linearised, model=replace(linearised.model, patch=np.zeros(COUNT, int)))
     band = SimpleNamespace(f_number=8.0)
     capture = SimpleNamespace(manifest=SimpleNamespace(band=[band]))
     prepared = SimpleNamespace(scene=cornell_box(), calibration=SimpleNamespace(capture=capture))

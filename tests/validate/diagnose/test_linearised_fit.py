@@ -102,7 +102,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     )
     prepared = SimpleNamespace(
         calibration=calibration, scene=SimpleNamespace(lamp_radiance=np.ones_like), measured=None, lamp_sigma=0.02,
-        expected_camera=lambda given: None, responses=None,
+        expected_camera=lambda given: None, responses=None, lit=lambda signal: 3 * signal,
     )  # fmt: skip
     predictor = SimpleNamespace(signal=lambda effects: picture, warp=None, lamp_scale=scale)
     predictor.seen_by = predictor.at_lamp = lambda _: predictor
@@ -111,6 +111,6 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         used=None, image=SimpleNamespace(coverage=None),
     )  # fmt: skip
     linearised_fit.linearised_fit(prepared, rendered, ())
-    lit = 100 * scale
+    lit = 3 * 100 * scale
     np.testing.assert_allclose(given["variance"], 2 * lit + 5 + 0.01 * lit + 9 * scale**2)
     np.testing.assert_array_equal(given["derivative"][-1], picture)

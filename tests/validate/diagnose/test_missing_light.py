@@ -1,0 +1,33 @@
+"""A model whose light ends too early: what is black in it has the noise of the light that is there."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from cboxlab.render.chain import RenderSettings
+from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.validate.compare import Prepared, validate
+from cboxlab.validate.diagnose import diagnose, stepwise
+from cboxlab.validate.model import Model
+from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+
+TRIED = ("interreflection", "haze")
+
+
+def test_noise_is_that_of_the_measured_light_where_the_model_lacks_it():
+    """Of a picture of 1000 DN in the median: what is twice the model's and 50 DN at the least. A masked pixel never."""
+    measured = np.array([[[1000.0, 1000.0, 1000.0, 1000.0, 60.0, 40.0, 60.0, 4000.0, np.nan]]])
+    usable = np.array([[[True, True, True, True, True, True, True, False, False]]])
+    signal = np.array([[[990.0, 450.0, 510.0, 1000.0, 0.0, 0.0, 35.0, 0.0, 5.0]]])
+    lit = Prepared.lit(SimpleNamespace(measured=measured, usable=usable), signal)
+    assert lit.tolist() == [[[990.0, 1000.0, 510.0, 1000.0, 60.0, 0.0, 35.0, 0.0, 5.0]]]
+
+
+def test_all_reflected_light_missing_is_found_beside_a_quiet_camera(monkeypatch, tmp_path):
+    """A model of direct light alone is black on a fifth of the picture."""
+    tried = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    quiet = CaptureSettings(bit_depth=16, gain_e_per_dn=1.6, read_noise_e=3.0)
+    write_model_capture(tmp_path / "c", Model(), perturbed_camera(32, 2), quiet, 2, relative_error=2e-3)
+    found = diagnose(validate(tmp_path / "c", Model(render=RenderSettings(max_bounces=1))))
+    assert found.selected == ("interreflection",)
+    assert found.chi2_per_dof > 100 and found.final_chi2_per_dof < 1.5
