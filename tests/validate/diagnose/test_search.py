@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validate.diagnose.evidence import dispersion, first_significant, penalised
+from cboxlab.validate.diagnose.evidence import dispersion, first_significant, least_gain_of_any, penalised
 from cboxlab.validate.diagnose.hypotheses import hypotheses
 from cboxlab.validate.diagnose.linear_model import smooth_part
 from cboxlab.validate.diagnose.search import (
@@ -79,6 +79,24 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
         found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change)
         assert (found is not None) is gains
+
+
+@pytest.mark.parametrize("errors", [None, "counted"])
+@pytest.mark.parametrize("explained", [0.0, 1e5])
+def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explained):
+    """Of changes at edges alone, which need the least: 0.004 a sample by size, a hundredth of what is explained."""
+    effect = next(
+        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "defocus"
+    )
+    model = SimpleNamespace(**{**vars(SQUARE), "errors": errors, "patch": np.arange(1024) % 64})
+    ends, rendered = np.zeros(11), np.append(np.zeros(1034), explained**0.5)
+    sides = np.append(np.tile([1.0, -1.0], 512), ends) / 32
+    least = least_gain_of_any(model, np.zeros(1035), rendered)
+    assert least == pytest.approx(max(1024 * (0.004 if errors is None else 0.0005), 0.01 * explained))
+    for part, significant in ((0.99, False), (1.02, errors is None or explained > 0)):
+        change = (part * least) ** 0.5 * sides
+        found = first_significant([Candidate(effect, {}, {}, 0.0, change)], change, model, rendered)
+        assert (found is not None) is significant
 
 
 def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitude():
