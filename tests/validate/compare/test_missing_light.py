@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from cboxlab.render.chain import RenderSettings
 from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.validate.compare import Prepared, validate
+from cboxlab.validate.compare import Prepared, pipeline, validate
 from cboxlab.validate.diagnose import diagnose, stepwise
 from cboxlab.validate.model import Model
 from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
@@ -20,6 +20,19 @@ def test_noise_is_that_of_the_measured_light_where_the_model_lacks_it():
     signal = np.array([[[990.0, 450.0, 510.0, 1000.0, 0.0, 0.0, 35.0, 0.0, 5.0]]])
     lit = Prepared.lit(SimpleNamespace(measured=measured, usable=usable), signal)
     assert lit.tolist() == [[[990.0, 1000.0, 510.0, 1000.0, 60.0, 0.0, 35.0, 0.0, 5.0]]]
+
+
+def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
+    given = {}
+    monkeypatch.setattr(pipeline, "kept_fit", lambda cache, **named: given.update(named))
+    predictor = SimpleNamespace(signal=lambda effects: np.full((1, 1, 2), 100.0), warp=None)
+    prepared = SimpleNamespace(
+        calibration=SimpleNamespace(predicted_variance=lambda lit: 2 * lit + 5), lit=lambda signal: 3 * signal,
+        cache=None, measured=None, expected_camera=lambda effects: None, lamp_sigma=None,
+    )  # fmt: skip
+    rendered = SimpleNamespace(predictor=predictor, variance=np.full((1, 1, 2), 7.0), used=None)
+    pipeline.refitted(prepared, rendered, ())
+    np.testing.assert_array_equal(given["variance"], 2 * 300 + 5 + 7)
 
 
 def test_all_reflected_light_missing_is_found_beside_a_quiet_camera(monkeypatch, tmp_path):
