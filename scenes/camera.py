@@ -90,6 +90,10 @@ class Camera:
         radial = 1.0 + self.k1 * np.sum(xy**2, axis=1, keepdims=True)
         return self.displaced(self.focal_length_px * radial * xy + self.principal_point_px)
 
+    def motion_px(self, other: Camera, points_mm: ArrayLike) -> float:
+        """How far the points (n, 3) that both cameras see lie apart in their pictures: px, rms per coordinate."""
+        return float(np.sqrt(np.nanmean((other.project(points_mm) - self.project(points_mm)) ** 2)))
+
     def displaced(self, image_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where image positions (n, 2), px, that the ten parameters give appear after the further distortion."""
         if self.further_distortion is None:

@@ -145,6 +145,14 @@ def test_points_behind_the_camera_appear_nowhere():
     assert np.isnan(cornell_camera(256).project([[278.0, 273.0, -900.0], [300.0, 273.0, -800.0]])).all()
 
 
+def test_motion_is_rms_per_coordinate_of_what_both_cameras_see():
+    """One point moves by (3, 1) px, by the principal point; another one stands behind both cameras."""
+    camera = cornell_camera(256)
+    moved = replace(camera, principal_point_px=camera.principal_point_px + np.array([3.0, 1.0]))
+    points = [[278.0, 273.0, 100.0], [278.0, 273.0, -900.0]]
+    assert camera.motion_px(moved, points) == pytest.approx(np.sqrt((9 + 1) / 2))
+
+
 def test_no_ray_arrives_beyond_the_fold_of_a_barrel_distortion():
     """r (1 + k1 r^2) is largest at r^2 = -1 / (3 k1), where it is 2 r / 3."""
     camera = Camera(256, 256, 100.0, np.array([127.5, 127.5]), -0.3, REFERENCE_ROTATION, np.zeros(3))

@@ -100,8 +100,7 @@ def _tell(result: Validation) -> None:
         f"{camera.focal_length_px:.1f} px; reprojection rms {survey.reprojection_rms_px:.3f} px per coordinate, "
         f"stated noise {survey.point_sigma_px:.2f} px."
     )
-    corners = np.concatenate([surface.vertices_mm for surface in result.prepared.scene.surfaces])
-    moved = np.sqrt(np.nanmean((fit.camera.project(corners) - camera.project(corners)) ** 2))
+    moved = camera.motion_px(fit.camera, result.prepared.scene.corners_mm)
     say(
         f"3. Render of the model ({result.model.name}), with {c.render_sigma_over_sensor_sigma:.2f} times the sensor's "
         f"noise. Camera and lamp were refitted with their priors: corners moved {moved:.2f} px rms, lamp × "

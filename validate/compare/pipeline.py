@@ -49,8 +49,9 @@ __all__ = [
 ]  # fmt: skip
 
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
-#: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions.
-_DRAFT_NOISE = 0.7
+#: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions:
+#: another one is rendered where the fit moved the box's corners by more than this, px rms (0.06 px left 0.006 px).
+_DRAFT_NOISE, _MOVED_PX = 0.7, 0.1
 #: Noise of a picture whose paths are all traced, relative to the sensor's (a third of it takes ten
 #: times as long), and the power of the samples by which it falls.
 _TRACED_NOISE, _TRACED_CONVERGENCE = 1.0, 0.5
@@ -147,7 +148,10 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
     camera = prepared.expected_camera(model.effects)
     pilot = None
     for first, last in _DRAFTS:
-        camera, pilot = _fitted_to_draft(prepared, model, light, camera, pilot, share(progress, first, last))
+        before = camera
+        camera, pilot = _fitted_to_draft(prepared, model, light, before, pilot, share(progress, first, last))
+        if before.motion_px(camera, prepared.scene.corners_mm) < _MOVED_PX:
+            break
     part = share(progress, 0.3, 0.9)
     final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
     progress.stage("comparing")

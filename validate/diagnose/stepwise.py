@@ -256,8 +256,7 @@ def refitted(
     light = None if resolve else validation.light
     camera = rendered.predictor.camera
     for _ in range(_MOST_RENDERINGS):
-        moved = altered.fit.camera.project(corners) - camera.project(corners)
-        if not resolve and np.sqrt(np.nanmean(moved**2)) <= _STALE_PX:
+        if not resolve and camera.motion_px(altered.fit.camera, corners) <= _STALE_PX:
             break
         light = light or solved_light(prepared, settings, effects)
         camera, resolve = altered.fit.camera, False

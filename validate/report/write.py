@@ -7,7 +7,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from cboxlab.scenes.files import origin
 
 from ..compare import Failure, Validation, failures, write_maps
@@ -35,7 +34,7 @@ def _assumptions(result: Validation) -> list[str]:
         else "freely: no uncertainty is stated"
     )
     expected = prepared.expected_camera(result.model.effects)
-    moved = fit.camera.project(prepared.scene.corners_mm) - expected.project(prepared.scene.corners_mm)
+    moved = expected.motion_px(fit.camera, prepared.scene.corners_mm)
     bounces = result.model.render.max_bounces
     light = (
         "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
@@ -61,7 +60,7 @@ def _assumptions(result: Validation) -> list[str]:
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
-        f"prior. This moved the box's corners by {np.sqrt(np.nanmean(moved**2)):.2f} px (rms per coordinate).",
+        f"prior. This moved the box's corners by {moved:.2f} px (rms per coordinate).",
         f"{light}. All results include {rendered}.",
         "Measured and rendered XYZ use the same filter weights, so colour differences do not include the error of the "
         "weights relative to the CIE functions, which is shown separately.",

@@ -36,8 +36,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
     study, shown = bench.study, bench.shown
     prediction = bench.prediction
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
-    corners = prepared.scene.corners_mm
-    moved = fit.camera.project(corners) - prepared.expected_camera(shown.effects).project(corners)
+    moved = prepared.expected_camera(shown.effects).motion_px(fit.camera, prepared.scene.corners_mm)
     return {
         "open": True, "root": str(bench.root),
         "captures": [capture.manifest.name or capture.folder.name for capture in study.captures],
@@ -47,7 +46,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         "effects": [_applied_record(effect, bench) for effect in shown.effects],
         "chi2_per_dof": _number(prediction.chi2.per_dof),
         "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
-        "lamp_scale": fit.lamp_scale, "camera_moved_px": _number(float(np.sqrt(np.nanmean(moved**2)))),
+        "lamp_scale": fit.lamp_scale, "camera_moved_px": _number(moved),
         "diagnosis": None if bench.found is None else _diagnosis_record(bench.found),
     }  # fmt: skip
 

@@ -69,6 +69,31 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
     assert found.fit.lamp_scale == found.predictor == pytest.approx(1.1) and found.fit.camera is camera
 
 
+@pytest.mark.parametrize(("motions_px", "drafts"), [((0.09, 9.0), 1), ((0.11, 0.01), 2), ((0.5, 0.5), 2)])
+def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far(
+    monkeypatch, motions_px, drafts
+):
+    """The final picture is rendered through the last fitted camera."""
+    cameras = [cornell_camera(64)]
+    for motion in motions_px:
+        moved = replace(cameras[-1], principal_point_px=cameras[-1].principal_point_px + motion)
+        cameras.append(moved)
+    prepared = SimpleNamespace(expected_camera=lambda effects: cameras[0], scene=cornell_box())
+    started = []
+
+    def fitted(prepared, model, light, camera, pilot, progress):
+        started.append(camera)
+        return cameras[len(started)], 0.5
+
+    final = []
+    monkeypatch.setattr(pipeline, "solved_light", lambda *_: None)
+    monkeypatch.setattr(pipeline, "_fitted_to_draft", fitted)
+    monkeypatch.setattr(pipeline, "rendered_from", lambda *given: final.append(given[2]) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        validated(prepared, Model())
+    assert started == cameras[:drafts] and final == [cameras[drafts]]
+
+
 @pytest.fixture(scope="session")
 def truth():
     """A render of the published box through a camera a little off, and that camera."""
@@ -196,13 +221,10 @@ def test_a_camera_pulled_away_by_pixels_comes_back(result):
     settings = RenderSettings(noise=2.0)
     there = rendered_from(result.prepared, result.light, aside, settings, ())
 
-    def away(camera):
-        return float(np.sqrt(np.nanmean(np.square(camera.project(corners) - near.project(corners)))))
-
-    assert away(aside) > 2
+    assert near.motion_px(aside, corners) > 2
     rough = replace(result, model=Model(render=settings))
     linearised = linearised_fit(result.prepared, replace(there, used=result.rendered.used), ())
-    assert away(refitted(rough, linearised, []).rendered.fit.camera) < 0.01
+    assert near.motion_px(refitted(rough, linearised, []).rendered.fit.camera, corners) < 0.01
 
 
 def test_the_true_camera_lies_within_the_survey(result, truth):
