@@ -156,18 +156,25 @@ class Problem:
         return self.model.camera_change(displacement(self.predictor.camera, self.others, (applied,)))
 
     def noise_averaging_gain(self, *applied: AppliedEffect) -> float:
-        """Chi2 that effects gain by averaging the base picture's noise, as a blur does of any picture."""
+        """Chi2 that effects gain by averaging the base picture's noise, as a blur does of any picture.
+
+        Where they make all signals brighter the lamp's fit makes them, and their noise, as much darker.
+        """
         if not any(effect.stage in stages_between("optics", "counts") for effect in applied):
             return 0.0
-        return self._own_noise - self._noise_with(self.others, *applied)
+        (signal, noise), (there, noise_there) = self._without, self._with(*applied)
+        brighter = (signal @ there) / (signal @ signal)
+        return float(noise @ noise - noise_there @ noise_there / brighter**2)
 
     @cached_property
-    def _own_noise(self) -> float:
-        return self._noise_with(self.others)
+    def _without(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return self._with()
 
-    def _noise_with(self, others: Sequence[AppliedEffect], *more: AppliedEffect) -> float:
-        noise = self.predictor.noise((*others, *more), self.noise)[self.model.used]
-        return float(np.sum((self.scale * noise / self.model.sigma) ** 2))
+    def _with(self, *applied: AppliedEffect) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) over sigma each: signals and their noise with further effects."""
+        both = self.predictor.signal_and_noise((*self.others, *applied), self.noise)
+        signal, noise = (self.scale * one[self.model.used] / self.model.sigma for one in both)
+        return signal, noise
 
 
 def build_problem(

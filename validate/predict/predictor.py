@@ -158,12 +158,18 @@ class Predictor:
         light = self.before_optics(effects)
         return expected_signal(light, self.sensing, effects, self.camera) / self.lamp_scale
 
-    def noise(self, effects: Sequence[AppliedEffect], before: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(band, y, x) DN: the signals' error due to an error ``before`` of the picture ahead of the optics."""
+    def signal_and_noise(
+        self, effects: Sequence[AppliedEffect], before: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(band, y, x) DN over ``lamp_scale`` each: the base picture's signals behind effects of optics and counts, and
+        their error due to an error ``before`` of the picture ahead of the optics."""
         base = self.base.scaled(self.lamp_scale)
         light = base.with_signal(base.signal + self.lamp_scale * before)
-        ends = (expected_signal(each, self.sensing, effects, self.camera) for each in (light, base))
-        return np.subtract(*ends) / self.lamp_scale
+        noisy, signal = (
+            expected_signal(each, self.sensing, effects, self.camera) / self.lamp_scale
+            for each in (light, base)
+        )
+        return signal, noisy - signal
 
     def before_optics(self, effects: Sequence[AppliedEffect]) -> Light:
         """The band light before optics and counts, of the lamp times ``lamp_scale``. It is proportional to the exposure

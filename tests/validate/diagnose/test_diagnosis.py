@@ -254,7 +254,7 @@ def test_derivative_by_the_lamps_scale_and_noise_are_of_light_alone(outcome):
     np.testing.assert_allclose(_by_lamp_scale(predictor, offset), slope, rtol=1e-6, atol=1e-6)
     assert (predictor.signal(offset) - slope).min() > 80
     error = np.random.default_rng(3).standard_normal(slope.shape)
-    noise, unscaled = (each.noise((), error) for each in (predictor, predictor.at_lamp(1.0)))
+    noise, unscaled = (each.signal_and_noise((), error)[1] for each in (predictor, predictor.at_lamp(1.0)))
     np.testing.assert_allclose(noise, unscaled, atol=1e-8)
     assert noise.std() > 0.9
 
