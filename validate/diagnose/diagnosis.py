@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.calibration.capture import Capture
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
 from ..effects import AppliedEffect
-from ..explain import Explanation, explain, smeared
+from ..explain import Explanation, explain, hidden
 from ..model import Model
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
@@ -39,7 +38,7 @@ from .linearised_fit import (
 from .search import Candidate
 from .several_captures import FurtherFit, same_camera, settled
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import beats, excess_of, stands_out
+from .unexplained import beats, excess_of, reported
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
 
@@ -152,14 +151,11 @@ def diagnose(
     residual = residual_with(linearised, chosen)
     left = something_remains(linearised.model, residual, residual_with_rendered(linearised, chosen))
     progress.stage("explaining what remains")
-    explanation: Explanation | None = None
-    by_effects = start.chi2 - square(residual)
     capture = prepared.calibration.capture
-    remains, smear = _explained(linearised, residual, capture, share(progress, 0.95, 0.97))
-    if left or stands_out(remains, linearised.model, residual, by_effects):
-        left, explanation = True, remains
-    elif stands_out(smear, linearised.model, residual, by_effects):
-        left, explanation = True, smear
+    excess = excess_of(linearised, residual, capture)
+    remains, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
+    explanation = reported((remains, *hidden(excess)), linearised.model, residual, by_effects, left)
+    left = explanation is not None
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
         enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
@@ -220,14 +216,6 @@ def _searched(
         # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
         found = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
     return by_size, found
-
-
-def _explained(
-    linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture, progress: Progress
-) -> tuple[Explanation, Explanation]:
-    """What explains a residual (n + 11,), and how far a blur along a line alone does."""
-    excess = excess_of(linearised, residual, capture)
-    return explain(excess, progress), smeared(excess)
 
 
 def _further_fit(validation: Validation, other: Validation, chosen: Sequence[Candidate]) -> FurtherFit:

@@ -20,7 +20,7 @@ from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
 
-__all__ = ["beats", "excess_of", "stands_out"]
+__all__ = ["beats", "excess_of", "reported", "stands_out"]
 
 #: Probability that a family stands out of noise alone, all families and their forms together.
 _FALSE_ALARM = 0.005
@@ -28,6 +28,9 @@ _FALSE_ALARM = 0.005
 #: Part of its gain in the pixels of a trial fit that a family must have in those held out from it. Pixels that scatter
 #: in deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
 _LEAST_HELDOUT = 0.3
+
+#: A sharp form is reported in place of another one of its family that explains more, if it explains this part of that.
+_NEARLY_ALL = 0.75
 
 
 def beats(
@@ -72,6 +75,25 @@ def stands_out(
     )
     seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
     return seen and _gain(explanation, model, residual) > least
+
+
+def reported(
+    explained: Sequence[Explanation],
+    model: LinearModel,
+    residual: NDArray[np.float64],
+    by_effects: float,
+    left: bool,
+) -> Explanation | None:
+    """Which explanation of a residual (n + 11,) is reported; None where nothing is left to explain.
+
+    explained : the best one of all, then those that errors of the picture may hide. by_effects : see ``stands_out``.
+    left : whether something is left whatever they say.
+    """
+    best = explained[0]
+    sharp = next((one for one in explained if stands_out(one, model, residual, by_effects)), None)
+    if not left or (sharp and sharp.family == best.family and sharp.share > _NEARLY_ALL * best.share):
+        return sharp
+    return best
 
 
 def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:

@@ -1,6 +1,6 @@
 """What no catalogue holds: families of linear fields, fitted to a residual as competitors."""
 
 from .excess import Excess, Transport
-from .explanation import FAMILIES, NONE, Explanation, Rival, explain, smeared
+from .explanation import FAMILIES, NONE, Explanation, Rival, explain, hidden
 
-__all__ = ["FAMILIES", "NONE", "Excess", "Explanation", "Rival", "Transport", "explain", "smeared"]
+__all__ = ["FAMILIES", "NONE", "Excess", "Explanation", "Rival", "Transport", "explain", "hidden"]

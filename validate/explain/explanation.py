@@ -14,14 +14,14 @@ from ..fields import FittedField
 from .as_field import fitted_field
 from .excess import Excess
 from .form import Form, changed
-from .optics_forms import optics_forms, smears
+from .optics_forms import moves_of_bands, optics_forms, smears
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
 from .spot_cells import hot_spot
 from .spots import fits_the_place
 from .surface_forms import surface_forms
 
-__all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain", "smeared"]
+__all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain", "hidden"]
 
 #: Where nothing is left to explain, or no family explains it.
 NONE = "none"
@@ -138,9 +138,11 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     return _judged(excess, forms)
 
 
-def smeared(excess: Excess) -> Explanation:
-    """Fit blurs along a line alone: errors of the picture, which explain more of what round blurs leave, hide them."""
-    return _judged(excess, [*smears(excess)], least_share=0.0)
+def hidden(excess: Excess) -> tuple[Explanation, ...]:
+    """Fit blurs along a line, and displacements that differ between bands, each alone: errors of the picture, which
+    explain more, hide them."""
+    kinds = smears(excess), moves_of_bands(excess)
+    return tuple(_judged(excess, [*forms], least_share=0.0) for forms in kinds)
 
 
 def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_SHARE) -> Explanation:
@@ -162,7 +164,7 @@ def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_S
     change = changed(excess, winner)
     whitened = excess.whitened(change)
     weight, sizes = np.sum(whitened**2, axis=0), np.sum(whitened**2, axis=(1, 2))
-    shown = sizes > np.maximum(_BAND_PART * sizes.max(), _BAND_CHI2)
+    shown = np.any(change, axis=(1, 2)) & (sizes > np.maximum(_BAND_PART * sizes.max(), _BAND_CHI2))
     spectrum = _spectrum(excess, change, weight)
     if winner.family in _SPECTRAL:
         shown &= np.abs(spectrum) >= _SPECTRAL_PART * np.abs(spectrum).max()

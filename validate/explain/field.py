@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix
 
 from .excess import Excess
@@ -23,6 +24,7 @@ from .excess import Excess
 __all__ = [
     "FieldFit",
     "Normal",
+    "beside_common",
     "each_band",
     "finished",
     "fixed_spectrum",
@@ -166,6 +168,26 @@ def each_band(n: Normal) -> FieldFit:
     evidence = float(np.sum(x * n.b) - volume - np.log(values).sum())
     freedom = sum(len(a) - np.trace(i) / t for a, i, t in zip(n.a, inner, widths, strict=True))
     return finished(n, x, np.array(trials), evidence, float(freedom))
+
+
+def beside_common(n: Normal) -> Normal:
+    """The same field where another one like it, alike in all bands, is one more nuisance, at its best beside no other.
+
+    Its prior is as wide as makes the evidence of it alone largest.
+    """
+    with_nuisances = n.c.sum(axis=0)
+    h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
+    common, *_, width = solved(h, b)
+    cross = n.a - np.einsum("mj,bmk->bjk", with_nuisances, n.c)
+    factor = np.linalg.cholesky(h + np.eye(len(h)) / width)
+    whitened = np.array([solve_triangular(factor, one, lower=True) for one in cross])
+    return Normal(
+        n.a,
+        n.b - common @ cross,
+        np.concatenate([n.c, whitened], axis=1),
+        n.own_a,
+        n.own_b - n.own_a @ common,
+    )
 
 
 def free_spectrum(n: Normal) -> FieldFit:

@@ -19,10 +19,10 @@ from ..fields import (
     with_neighbours,
 )
 from .excess import Excess
-from .field import FieldFit, each_band, fixed_spectrum
+from .field import FieldFit, Normal, beside_common, each_band, fixed_spectrum
 from .form import Columns, Form, equations
 
-__all__ = ["optics_forms", "smears"]
+__all__ = ["moves_of_bands", "optics_forms", "smears"]
 
 _ORDER, _ORDER_OF_BLUR = 4, 2
 _RADIUS = 2
@@ -37,16 +37,15 @@ _LINES = "the rows", "the falling diagonal", "the columns", "the rising diagonal
 
 def optics_forms(excess: Excess) -> Iterator[Form]:
     """The picture moved or blurred: alike everywhere or not, in all bands, in one, or in each."""
-    for words, order in (("the whole picture", 0), ("a smooth field", _ORDER)):
-        maps = ImageMaps("cosines", order=order)
-        made = _moves(excess, maps.matrix(excess.shape))
-        yield from _spectra(excess, "displacement", words, made, "displacement", maps)
+    for words, maps, made in _moved(excess):
+        yield from _spectra(equations(excess, made), "displacement", words, made, "displacement", maps)
     for words, order in (("the whole picture", 0), ("unevenly over the picture", _ORDER_OF_BLUR)):
         maps, radius = ImageMaps("cosines", order=order), 1 if order else _RADIUS
         made = _near(excess, maps.matrix(excess.shape), radius)
-        yield from _spectra(excess, "blur", words, made, "neighbours", maps, radius)
+        yield from _spectra(equations(excess, made), "blur", words, made, "neighbours", maps, radius)
     yield from smears(excess)
-    yield from _spectra(excess, "blur", "a wide halo", _halo(excess), "halo", ImageMaps("cosines"))
+    wide = _halo(excess)
+    yield from _spectra(equations(excess, wide), "blur", "a wide halo", wide, "halo", ImageMaps("cosines"))
 
 
 def smears(excess: Excess) -> Iterator[Form]:
@@ -61,10 +60,20 @@ def smears(excess: Excess) -> Iterator[Form]:
     def alone(band: int) -> NDArray[Any]:
         return (parts @ made(band)).astype(np.float32)
 
-    for form in _spectra(excess, "blur", "along a line", alone, "moments", ImageMaps("cosines")):
+    n = equations(excess, alone)
+    for form in _spectra(n, "blur", "along a line", alone, "moments", ImageMaps("cosines")):
         fit = replace(form.fit, coefficients=form.fit.coefficients @ parts)
         words = form.words.replace("along a line", f"along {_direction(form.fit)}")
         yield replace(form, words=words, fit=fit, columns=made, sharp=True, effects_leave=_ROUND_LEAVES)
+
+
+def moves_of_bands(excess: Excess) -> Iterator[Form]:
+    """The picture moved in each band otherwise, or in one, beside what moves all bands alike: errors of the rendered
+    picture's edges do that."""
+    for words, maps, made in _moved(excess):
+        n = beside_common(equations(excess, made))
+        _, *apart = _spectra(n, "displacement", words, made, "displacement", maps)
+        yield from (replace(form, sharp=True) for form in apart)
 
 
 def _direction(fit: FieldFit) -> str:
@@ -76,9 +85,9 @@ def _direction(fit: FieldFit) -> str:
 
 
 def _spectra(
-    excess: Excess, family: str, words: str, made: Columns, acts: Acts, maps: ImageMaps, radius: int = 1
+    n: Normal, family: str, words: str, made: Columns, acts: Acts, maps: ImageMaps, radius: int = 1
 ) -> Iterator[Form]:
-    n, bands = equations(excess, made), len(excess.bands)
+    bands = len(n.b)
     yield Form(family, words, fixed_spectrum(n, np.ones(bands)), made, acts, maps, radius=radius)
     each = each_band(n)
     yield Form(family, f"{words}, in each band otherwise", each, made, acts, maps, radius=radius)
@@ -94,6 +103,12 @@ def _spectra(
         choices=bands,
         radius=radius,
     )
+
+
+def _moved(excess: Excess) -> Iterator[tuple[str, ImageMaps, Columns]]:
+    for words, order in (("the whole picture", 0), ("a smooth field", _ORDER)):
+        maps = ImageMaps("cosines", order=order)
+        yield words, maps, _moves(excess, maps.matrix(excess.shape))
 
 
 def _moves(excess: Excess, basis: NDArray[Any]) -> Columns:

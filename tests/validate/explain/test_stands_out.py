@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.unexplained import stands_out
-from cboxlab.validate.explain import explain, smeared
+from cboxlab.validate.explain import explain, hidden
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 
@@ -110,6 +110,29 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step,
     ):
         excess = small_excess(change)
         model = _model(excess)
-        found = smeared(excess)
+        found, _ = hidden(excess)
         assert stands_out(found, model, model.residual, by_effects) == seen
         assert change is blur or found.words.startswith(f"along {line}")
+
+
+def _turned(size):
+    """The picture turned about its centre by small angles, (band,) rad."""
+    down, right = np.gradient(SIGNAL, axis=(1, 2))
+    middle = (SIZE - 1) / 2
+    return np.reshape(size, (BANDS, 1, 1)) * (right * (ROWS - middle) - down * (COLUMNS - middle))
+
+
+@pytest.mark.parametrize(
+    ("bands", "words"),
+    [([0, 0, 1, 0], "a smooth field, in one band"), ([2, 0, -1, -1], "in each band otherwise")],
+)
+def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, words):
+    """Errors of the rendered picture's edges are in all bands alike."""
+    alike, own = _turned([0.02] * BANDS), _turned(0.01 * np.array(bands))
+    for change, seen in ((alike, False), (alike + own, True)):
+        excess = small_excess(change)
+        model = _model(excess)
+        _, moved = hidden(excess)
+        assert stands_out(moved, model, model.residual, 0.0) == seen
+    assert moved.words.endswith(words)
+    assert moved.bands == tuple(name for name, part in zip(excess.bands, bands, strict=True) if part)
