@@ -40,9 +40,9 @@ def tungsten_lamp(radiance_550: float = 8e-4, temperature_k: float = 3000.0) -> 
     return Spectrum(WAVELENGTH_NM, radiance_550 * planck(WAVELENGTH_NM, temperature_k), "zero")
 
 
-def sphere_spectrum() -> Spectrum:
-    """Radiance of the integrating sphere: Planck's law at 2856 K, about as bright as a wall of the box."""
-    return Spectrum(WAVELENGTH_NM, 1e-5 * planck(WAVELENGTH_NM, 2856.0), "zero")
+def sphere_spectrum(brightness: float = 1.0) -> Spectrum:
+    """Radiance of the integrating sphere: Planck's law at 2856 K, at 1 about as bright as a wall of the box."""
+    return Spectrum(WAVELENGTH_NM, brightness * 1e-5 * planck(WAVELENGTH_NM, 2856.0), "zero")
 
 
 @lru_cache
@@ -108,20 +108,20 @@ def write_photographs(
     with replacing_folder(folder) as temporary:
         for path, counts in frames.items():
             write_raw(temporary / path, counts)
-        _write_spectra(temporary / "spectra", settings.filters, lamp)
+        _write_spectra(temporary / "spectra", settings, lamp)
         _write_points(temporary / "points.csv", points, image_px)
         text = _manifest(camera, scene.name, settings, shots)
         (temporary / "capture.toml").write_text(text, encoding="utf-8")
 
 
-def _write_spectra(folder: Path, filters: Mapping[str, Spectrum], lamp: Spectrum) -> None:
+def _write_spectra(folder: Path, settings: CaptureSettings, lamp: Spectrum) -> None:
     folder.mkdir()
-    common = _curves()
+    common, filters = _curves(), settings.filters
     wide = next(iter(filters.values())).wavelength_nm
     tables: tuple[tuple[str, NDArray[np.float64], Mapping[str, Spectrum]], ...] = (
         ("camera", WAVELENGTH_NM, common), ("filters", wide, filters),
         ("lamp", WAVELENGTH_NM, {"radiance": lamp}),
-        ("sphere", WAVELENGTH_NM, {"radiance": sphere_spectrum()}),
+        ("sphere", WAVELENGTH_NM, {"radiance": sphere_spectrum(settings.sphere_brightness)}),
     )  # fmt: skip
     for name, grid, columns in tables:
         rows = np.column_stack([grid, *(curve.at(grid) for curve in columns.values())])

@@ -46,6 +46,7 @@ class CaptureSettings(OwnMappings):
     bias_pattern_dn, dark_current_spread, prnu : standard deviations over pixels of the bias (DN), of the logarithm
         of the dark current, of the relative sensitivity. hot_share : share of hot pixels, with 10 to 100 times the
         dark current. vignetting : loss in the corner in addition to the cosine-fourth law.
+    sphere_brightness : radiance of the integrating sphere, for flats and references, over that of a wall of the box.
     lamp_relative_uncertainty : one sigma of the scale of the spectroradiometer's reading in lamp.csv.
     filter_change_s : shortest time between the end of one band and the start of the next.
     filters : transmittances by band, all at the same wavelengths.
@@ -72,6 +73,7 @@ class CaptureSettings(OwnMappings):
     hot_share: float = 5e-4
     prnu: float = 0.01
     vignetting: float = 0.08
+    sphere_brightness: float = 1.0
     lamp_relative_uncertainty: float = 0.02
     point_count: int = 50
     point_sigma_px: float = 0.15

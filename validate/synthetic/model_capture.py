@@ -260,5 +260,6 @@ def photographed_light(
     if seen is not None and variant.compiled() and any(effect.stage == "optics" for effect in effects):
         light = with_scene_behind(light, build_warp(build_tracer(seen), moved, image, light.signal))
     signals = after_stage(light, effects, "optics").signal
-    sphere = band_signals(uniform_light(sphere_spectrum().values), curves, field_shares(curves, moved))
+    even = uniform_light(sphere_spectrum(settings.sphere_brightness).values)
+    sphere = band_signals(even, curves, field_shares(curves, moved))
     return signals, np.broadcast_to(sphere, signals.shape), _hooks(curves.bands, effects, settings)

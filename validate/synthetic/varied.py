@@ -16,7 +16,7 @@ __all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
 
 
 def varied_settings(seed: int) -> CaptureSettings:
-    """Settings with random camera, exposure and survey, repeatable by ``seed``."""
+    """Settings with random camera, sphere, exposure and survey, repeatable by ``seed``."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
     plain = CaptureSettings()
     return replace(
@@ -30,6 +30,7 @@ def varied_settings(seed: int) -> CaptureSettings:
         repeats=int(draw.integers(1, 4)),
         point_count=int(draw.integers(40, 61)),
         point_sigma_px=round(draw.uniform(0.1, 0.2), 3),
+        sphere_brightness=round(float(10 ** draw.uniform(-0.5, 2.5)), 2),
     )
 
 

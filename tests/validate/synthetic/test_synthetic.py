@@ -78,7 +78,7 @@ def image(scene) -> RenderedImage:
     )
 
 
-def photographed(folder, image, scene, effects):
+def photographed(folder, image, scene, effects, **settings):
     photograph_image(
         folder,
         image,
@@ -86,7 +86,7 @@ def photographed(folder, image, scene, effects):
         None,
         scene,
         perturbed_camera(SIZE, SEED),
-        settings=CaptureSettings(),
+        settings=CaptureSettings(**settings),
         seed=SEED,
     )
     return calibrate(load_capture(folder))
@@ -123,6 +123,18 @@ def test_several_effects_act_together(image, scene, tmp_path):
     calibration = photographed(tmp_path / "box", image, scene, effects)
     explained, sigma = chi2_per_dof(calibration, image, effects)
     assert explained == pytest.approx(1, abs=stats.norm.isf(FALSE_ALARM / 2) * sigma + 0.02)
+
+
+def test_a_sphere_of_any_brightness_leaves_the_signals(image, scene, tmp_path):
+    """A hundred times as bright: references take milliseconds or less, which a tenth of one changes."""
+    short = apply_checked("shutter-offset", {"seconds": -1e-4}, "test")
+    calibration = photographed(tmp_path / "box", image, scene, [short], sphere_brightness=100.0)
+    capture = calibration.capture
+    assert all(table.exposure_s < 0.1 for band in capture.band_ids for table in capture.references(band))
+    explained, sigma = chi2_per_dof(calibration, image, [short])
+    assert explained == pytest.approx(1, abs=stats.norm.isf(FALSE_ALARM / 2) * sigma + 0.02)
+    unexplained, _ = chi2_per_dof(calibration, image, [])
+    assert unexplained > 1 + 10 * sigma
 
 
 def test_the_survey_and_the_lamp_are_those_before_the_effect(image, scene, tmp_path):
