@@ -162,7 +162,7 @@ def diagnose(
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     if chosen and (left or len(chosen) > 1):
         whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or beats(whole, start, chosen, square(residual), explanation):
+        if selected == (UNKNOWN,) or beats(whole, start, chosen, linearised.model, residual, explanation):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual

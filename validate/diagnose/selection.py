@@ -82,11 +82,11 @@ class _NormalEquations:
     def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> _NormalEquations:
         """See ``screen`` for the columns."""
         owner = np.repeat(np.arange(len(signatures)), [len(one.steps) for one in signatures])
-        columns = np.empty((len(residual), len(owner)), np.float32)
+        columns, size = np.empty((len(residual), len(owner)), np.float32), np.empty(len(owner))
         for index, one in enumerate(signatures):
-            columns[:, owner == index] = columns_of(problem, one)
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-        columns /= size
+            own = columns_of(problem, one)
+            size[owner == index] = norms = np.maximum(np.linalg.norm(own, axis=0), 1e-30)
+            columns[:, owner == index] = own / norms
         slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
         low, high = size * np.concatenate([one.bounds for one in signatures]).T
         return cls(

@@ -34,28 +34,33 @@ _NEARLY_ALL = 0.75
 
 
 def beats(
-    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], chi2_left: float,
-    beside: Explanation | None = None,
+    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], fitted: LinearModel,
+    left: NDArray[np.float64], beside: Explanation | None = None,
 ) -> bool:  # fmt: skip
-    """Whether a family alone explains more of the excess of the model as given than the effects that leave chi2_left.
+    """Whether a family alone explains more of the excess of the model as given than the effects chosen.
 
-    It must do so by more than the errors of the effects' shapes, and of the picture. Levels of bands have no shape in
-    the picture: there both pay for their free numbers, and effects for being chosen from the catalogue. beside : what
-    explains what the effects leave. A smear has a round part: one effect that looks like a blur, and a smear beside it,
-    are one cause.
+    fitted, left : the model in which these were fitted, and the residual (n + 11,) that they leave. The family must
+    leave less by more than the errors of the effects' shapes, and of the picture; errors that bands and faces share are
+    adjusted beside either. Levels of bands have no shape in the picture: there both pay for their free numbers, and
+    effects for being chosen from the catalogue. beside : what explains what the effects leave. A smear has a round
+    part: one effect that looks like a blur, and a smear beside it, are one cause.
     """
     if explanation.family == NONE:
         return False
     if beside is not None and beside.smear and len(chosen) == 1 and explanation.family == beside.family:
         return True
-    by_effects = model.chi2 - chi2_left
+    by_effects, complexity = model.chi2 - square(left), explanation.gain - explanation.evidence
     if explanation.levels:
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
         paid = price_of(numbers) + 2 * len(chosen) * float(np.log(len(catalogue())))
-        own = _gain(explanation, model, model.residual) - (explanation.gain - explanation.evidence)
+        own = _gain(explanation, model, model.residual) - complexity
         return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE
+    by_family = model.residual - model.whiten(explanation.change)
+    of_effects, of_family = (
+        square(one.without_shared_errors(residual)) for one, residual in ((fitted, left), (model, by_family))
+    )
     more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
-    return explanation.evidence > by_effects + more
+    return of_effects - of_family - complexity > more
 
 
 def stands_out(

@@ -4,8 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.unexplained import _repeats, beats
 from cboxlab.validate.effects import catalogue
+
+#: A residual of chi2 4000, which effects leave.
+LEFT = np.array([np.sqrt(4000.0), 0.0, 0.0])
 
 
 @pytest.mark.parametrize("numbers", [0, 1, 3])
@@ -20,7 +24,7 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
         explanation = SimpleNamespace(
             family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own
         )
-        assert beats(explanation, model, chosen, 4000.0) == wins
+        assert beats(explanation, model, chosen, model, LEFT) == wins
 
 
 @pytest.mark.parametrize(
@@ -34,11 +38,53 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
 )
 def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, wins):
     """Though the effect explains more alone: a round blur takes most of what a smear does."""
-    model = SimpleNamespace(chi2=5000.0, count=2000)
-    whole = SimpleNamespace(family=family, levels=False, evidence=100.0)
+    model = _model(left_by_family=4500.0)
+    whole = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
     beside = SimpleNamespace(family="blur", smear=smear)
-    assert beats(whole, model, [None] * effects, 4000.0, beside) == wins
-    assert not beats(whole, model, [None] * effects, 4000.0)
+    assert beats(whole, model, [None] * effects, model, LEFT, beside) == wins
+    assert not beats(whole, model, [None] * effects, model, LEFT)
+
+
+@pytest.mark.parametrize(("ahead", "wins"), [(29.9, False), (30.1, True)])
+def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(ahead, wins):
+    """0.015 per sample of 2000, beside its complexity of 50. How much of its change the errors that bands and faces
+    share could make is no matter: what each leaves after them counts."""
+    model = _model(left_by_family=4000.0 - 50.0 - ahead)
+    whole = SimpleNamespace(
+        family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0
+    )
+    assert beats(whole, model, [None], model, LEFT) == wins
+
+
+def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike():
+    """A change of 80 standard deviations, all of the kind that a face shares to one: half of its gain of 6400 could be
+    such an error. Effects imitate it but for 200."""
+    face, other = np.zeros(2011), np.zeros(2011)
+    face[:1000], other[1000:2000] = 1 / np.sqrt(1000), np.sqrt(0.2)
+    model = LinearModel(
+        used=np.ones((1, 40, 50), bool), interior=np.ones(2000, bool), patch=np.zeros(2000, int), sigma=np.ones(2000),
+        priors=np.zeros((11, 11)), by_lamp=np.ones(2000), basis=np.zeros((2011, 0)),
+        shared_errors=face[:, None].astype(np.float32), residual=80 * face,
+    )  # fmt: skip
+    change = (80 * face[:2000]).reshape(1, 40, 50)
+    whole = SimpleNamespace(
+        family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0
+    )
+    assert beats(whole, model, [None], model, other)
+    assert not beats(whole, model, [None], model, other / 2)
+
+
+def _model(left_by_family):
+    """A model with a residual of chi2 5000, of which a family leaves so much; nothing is shared."""
+    residual = np.array([np.sqrt(5000.0), 0.0, 0.0])
+    change = residual - np.array([0.0, np.sqrt(left_by_family), 0.0])
+    return SimpleNamespace(
+        chi2=5000.0,
+        count=2000,
+        residual=residual,
+        whiten=lambda _: change,
+        without_shared_errors=lambda one: one,
+    )
 
 
 def test_levels_of_frames_are_the_lamps_with_their_noise():
