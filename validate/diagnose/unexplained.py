@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -92,13 +93,14 @@ def reported(
     """Which explanation of a residual (n + 11,) is reported; None where nothing is left to explain.
 
     explained : the best one of all, then those that errors of the picture may hide. by_effects : see ``stands_out``.
-    left : whether something is left whatever they say.
+    left : whether something is left whatever they say. Rivals of a sharp form are those of its family.
     """
     best = explained[0]
     sharp = next((one for one in explained if stands_out(one, model, residual, by_effects)), None)
-    if not left or (sharp and sharp.family == best.family and sharp.share > _NEARLY_ALL * best.share):
-        return sharp
-    return best
+    if sharp and sharp.family == best.family:
+        sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
+        left = left and sharp.share < _NEARLY_ALL * best.share
+    return best if left else sharp
 
 
 def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:
