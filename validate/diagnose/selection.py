@@ -82,16 +82,18 @@ class _NormalEquations:
     def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> _NormalEquations:
         """See ``screen`` for the columns."""
         owner = np.repeat(np.arange(len(signatures)), [len(one.steps) for one in signatures])
-        columns, size = np.empty((len(residual), len(owner)), np.float32), np.empty(len(owner))
+        columns, size, aim = np.empty((len(residual), len(owner)), np.float32), *np.empty((2, len(owner)))
+        projected = problem.model.project(residual)
         for index, one in enumerate(signatures):
-            own = columns_of(problem, one)
-            size[owner == index] = norms = np.maximum(np.linalg.norm(own, axis=0), 1e-30)
-            columns[:, owner == index] = own / norms
+            mine, changes = owner == index, columns_of(problem, one)
+            size[mine] = np.maximum(np.linalg.norm(changes, axis=0), 1e-30)
+            changes /= size[mine]
+            aim[mine], columns[:, mine] = projected @ changes, changes
         slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
         low, high = size * np.concatenate([one.bounds for one in signatures]).T
         return cls(
             owner, columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
-            columns.T @ problem.model.project(residual) - np.array(slope) / size / 2, size, low, high,
+            aim - np.array(slope) / size / 2, size, low, high,
         )  # fmt: skip
 
     def solved(self, members: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
