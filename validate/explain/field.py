@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix
 
 from .excess import Excess
@@ -179,15 +178,10 @@ def beside_common(n: Normal) -> Normal:
     h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
     common, *_, width = solved(h, b)
     cross = n.a - np.einsum("mj,bmk->bjk", with_nuisances, n.c)
-    factor = np.linalg.cholesky(h + np.eye(len(h)) / width)
-    whitened = np.array([solve_triangular(factor, one, lower=True) for one in cross])
-    return Normal(
-        n.a,
-        n.b - common @ cross,
-        np.concatenate([n.c, whitened], axis=1),
-        n.own_a,
-        n.own_b - n.own_a @ common,
-    )
+    values, vectors = np.linalg.eigh((h + h.T) / 2)
+    whitened = (vectors / np.sqrt(np.maximum(values, 0.0) + 1 / width)).T @ cross
+    nuisances = np.concatenate([n.c, whitened], axis=1)
+    return Normal(n.a, n.b - common @ cross, nuisances, n.own_a, n.own_b - n.own_a @ common)
 
 
 def free_spectrum(n: Normal) -> FieldFit:
