@@ -70,6 +70,15 @@ def test_a_stain_has_surface_place_and_spectrum():
     assert found.spectrum[0] < found.spectrum[1] < found.spectrum[2] < 0.01
 
 
+def test_bands_that_only_the_lamps_fit_changes_do_not_show_the_cause():
+    """The lamp's scale takes up a quarter of what one band gains, and with it changes all others."""
+    change = np.zeros(SIGNAL.shape)
+    change[1] = 0.05 * SIGNAL[1] * (1 + (COLUMNS % 3 == 0))
+    found = explain(small_excess(change))
+    assert found.family == "sensor-gain"
+    assert found.bands == ("b1",)
+
+
 def test_a_shift_of_one_band_is_a_displacement_in_that_band():
     change = np.zeros(SIGNAL.shape)
     change[2] = _moved(0.2)[2]
