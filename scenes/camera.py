@@ -148,7 +148,14 @@ class Camera:
         return before
 
     def directions(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
-        """Unit world directions (..., 3) of the rays through pixel positions (px); the distortion is inverted.
+        """Unit world directions (..., 3) of the rays through pixel positions (px); NaN as of ``slopes``."""
+        slopes = self.slopes(u_px, v_px)
+        world = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1) @ self.rotation
+        return world / np.sqrt(np.einsum("...i,...i", world, world))[..., None]
+
+    def slopes(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
+        """x / z and y / z (..., 2), in the camera's axes, of the rays through pixel positions (px); the distortion is
+        inverted.
 
         NaN where no ray exists: with k1 < 0 the largest image radius is 2 f / (3 sqrt(-3 k1)).
         """
@@ -156,7 +163,7 @@ class Camera:
         image = np.stack([u, v], -1)
         image = self.undisplaced(image.reshape(-1, 2)).reshape(image.shape)
         distorted = (image - self.principal_point_px) / self.focal_length_px
-        radius = np.linalg.norm(distorted, axis=-1)
+        radius = np.hypot(distorted[..., 0], distorted[..., 1])
         undistorted = np.where(radius * np.sqrt(max(-27.0 * self.k1, 0.0)) < 2.0, radius, np.nan)
         for _ in range(12):  # Newton on r (1 + k1 r^2) = radius converges quadratically
             square = self.k1 * undistorted**2
@@ -165,6 +172,4 @@ class Camera:
             if not np.any(np.abs(step) > _RADIUS_ACCURACY):
                 break
         scale = np.divide(undistorted, radius, out=np.ones_like(radius), where=radius > 0)
-        local = np.concatenate([distorted * scale[..., None], np.ones((*radius.shape, 1))], axis=-1)
-        world = local @ self.rotation
-        return world / np.sqrt(np.einsum("...i,...i", world, world))[..., None]
+        return distorted * scale[..., None]

@@ -29,8 +29,8 @@ __all__ = ["PatchTransport", "build_patch_transport"]
 #: the motion of a block by 0.3 mm contributes 0.06 (32 x 32 pixels).
 _COVERAGE_SAMPLES = 512
 
-#: Entries of G, fragments times patches, that are traced at once: 16 MiB.
-_ENTRIES = 2**22
+#: Entries of G, fragments times patches, that are traced at once: 32 MiB.
+_ENTRIES = 2**23
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def _traced(
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
     dr.eval(direct, escaped, seen, glow, on_lamp, matrix)
     scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
-    counts = np.array(matrix)[: fragments * len(patches)]
+    counts = matrix.numpy()[: fragments * len(patches)]  # not a copy
     met = np.flatnonzero(counts != 0)  # of booleans, in less than half the time
     row, column = np.divmod(met, len(patches))
     # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice

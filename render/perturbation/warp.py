@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from scipy.sparse import csr_array
 
 from ..image import RenderedImage
 from ..visibility import Tracer, border_pixels, pixel_coverage
@@ -23,9 +25,6 @@ __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change", "warp_changes
 
 # The coverage changes in steps of 1 / samples; with 64 samples these steps exceed a camera's noise.
 _COVERAGE_SAMPLES = 512
-
-# Pixels per step, which limits memory.
-_PIXELS_PER_STEP = 2**16
 
 # Smallest coverage by a face of pixels that are used for the face's signal.
 _MOST = 0.5
@@ -49,6 +48,13 @@ class Warp:
     layers: NDArray[np.float64]
     base: NDArray[np.float64]
 
+    @cached_property
+    def inside(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(m,) pixels beyond the border that see a face, and its index in ``faces``."""
+        seen = self.coverage.reshape(-1, self.coverage.shape[-1])[:, self.faces] > 0
+        seen[self.border] = False
+        return np.nonzero(seen)
+
 
 def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDArray[np.float64]) -> Warp:
     """Decompose signals (band, y, x), rendered through ``camera``, by faces.
@@ -59,7 +65,8 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     coverage would dominate.
     """
     border = border_pixels(image.coverage)
-    coverage = next(_coverage(tracer, [camera], image.coverage, border))
+    coverage = image.coverage.copy()
+    coverage.reshape(-1, coverage.shape[-1])[border] = pixel_coverage(tracer, [camera], border, _COVERAGE_SAMPLES)[0]
     faces = np.flatnonzero(coverage.any(axis=(0, 1)))
     parts = np.moveaxis(coverage[..., faces], -1, 0)
     layers = np.empty((*parts.shape, len(signal)))
@@ -81,48 +88,49 @@ def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
 
     Valid for motions up to about a pixel; surfaces that only the new camera sees are not known.
     """
-    return next(warp_changes(warp, [camera]))
+    return _change(warp, camera, _coverage(warp, [camera])[0])
 
 
 def warp_changes(warp: Warp, cameras: Sequence[Camera]) -> Iterator[NDArray[np.float64]]:
     """``warp_change`` of each of the cameras, which is faster than one by one."""
-    for camera, coverage in zip(
-        cameras, _coverage(warp.tracer, cameras, warp.coverage, warp.border), strict=True
-    ):
-        result = np.zeros((warp.base[0].size, len(warp.base)))
-        lines = max(_PIXELS_PER_STEP // camera.width_px, 1)
-        for top in range(0, camera.height_px, lines):
-            rows, columns, face = np.nonzero(coverage[top : top + lines, :, warp.faces])
-            rows += top
-            seen = _interpolated(warp.layers, face, *_seen_at(warp, camera, face, rows, columns))
-            pixel, first = np.unique(rows * camera.width_px + columns, return_index=True)
-            share = coverage[rows, columns, warp.faces[face]]
-            result[pixel] = np.add.reduceat(share[:, None] * seen, first)
-        yield result.T.reshape(warp.base.shape) - warp.base
+    for camera, coverage in zip(cameras, _coverage(warp, cameras), strict=True):
+        yield _change(warp, camera, coverage)
 
 
-def _coverage(
-    tracer: Tracer, cameras: Sequence[Camera], elsewhere: NDArray, border: NDArray
-) -> Iterator[NDArray[np.float32]]:
-    """(y, x, f) coverage seen by each camera in the pixels ``border``, and as in ``elsewhere`` in all others."""
-    rows, columns = np.divmod(border, elsewhere.shape[1])
-    for seen in pixel_coverage(tracer, cameras, border, _COVERAGE_SAMPLES):
-        coverage = elsewhere.copy()
-        coverage[rows, columns] = seen
-        yield coverage
+def _change(warp: Warp, camera: Camera, coverage: NDArray[np.float32]) -> NDArray[np.float64]:
+    """``warp_change``. coverage : (n, k) of ``camera``, see ``_coverage``."""
+    inside, own_face = warp.inside
+    border, face = np.nonzero(coverage)
+    pixel = np.concatenate([inside, warp.border[border]])
+    seen = _interpolated(warp, camera, pixel, np.concatenate([own_face, face]))
+    result = np.zeros((warp.base[0].size, len(warp.base)))
+    result[inside] = seen[: len(inside)]
+    pixel, first = np.unique(border, return_index=True)
+    shares = coverage[border, face, None] * seen[len(inside) :]
+    if len(border):
+        result[warp.border[pixel]] = np.add.reduceat(shares, first)
+    return result.T.reshape(warp.base.shape) - warp.base
 
 
-def _interpolated(layers: NDArray, face: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    """(n, band) values of layers (k, y, x, band), interpolated bilinearly at positions clipped to the picture."""
-    height, width = layers.shape[1:3]
+def _coverage(warp: Warp, cameras: Sequence[Camera]) -> NDArray[np.float32]:
+    """(c, n, k) coverage of the pixels ``border`` by the faces in sight, seen by each camera."""
+    return pixel_coverage(warp.tracer, cameras, warp.border, _COVERAGE_SAMPLES)[..., warp.faces]
+
+
+def _interpolated(warp: Warp, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:
+    """(n, band) values of the layers ``face`` where ``camera`` sees them in some pixels, bilinearly interpolated at
+    positions clipped to the picture."""
+    height, width = warp.layers.shape[1:3]
+    rows, columns = _seen_at(warp, camera, face, *np.divmod(pixel, width))
     row, column = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
     top, left = np.minimum(row.astype(int), height - 2), np.minimum(column.astype(int), width - 2)
-    down, right = (row - top)[:, None], (column - left)[:, None]
+    down, right = row - top, column - left
     first = (face * height + top) * width + left
-    flat = layers.reshape(-1, layers.shape[-1])
-    upper = (1 - right) * flat[first] + right * flat[first + 1]
-    lower = (1 - right) * flat[first + width] + right * flat[first + width + 1]
-    return (1 - down) * upper + down * lower
+    corners = first[:, None] + [0, 1, width, width + 1]
+    weights = np.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], axis=1)
+    flat = warp.layers.reshape(-1, warp.layers.shape[-1])
+    ends = np.arange(0, corners.size + 1, 4)
+    return csr_array((weights.ravel(), corners.ravel(), ends), shape=(len(first), len(flat))) @ flat
 
 
 def _continued(signal: NDArray, own: NDArray) -> NDArray[np.float64]:

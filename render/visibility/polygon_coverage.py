@@ -77,8 +77,7 @@ def _candidates(
     """(n, f) faces that may be seen in each pixel, and those that are all that it sees."""
     rows, columns = np.divmod(pixels, camera.width_px)
     down, right = np.array([[-0.5, -0.5, 0.5, 0.5], [-0.5, 0.5, -0.5, 0.5]])[..., None]
-    ray = camera.directions(columns + right, rows + down) @ camera.rotation.T
-    corners = ray[..., :2] / ray[..., 2:]
+    corners = camera.slopes(columns + right, rows + down)
     low, high = corners.min(axis=0), corners.max(axis=0)
     # (3, n) centres and half sizes, in homogeneous coordinates
     middle = np.vstack([(low + high).T / 2, np.ones(len(low))])
@@ -108,13 +107,16 @@ def _sampled(
     """(n, k) shares of the faces ``listed`` (n, k) at each lane's positions; beyond the last is that of none."""
     count, most = listed.shape
     never = np.broadcast_to([0.0, 0.0, -1.0], functions[:1].shape)
-    table = device_array(mi.Float, np.concatenate([functions, never]))
+    # a multiple of four numbers a face, which are read four at a time
+    rows = np.concatenate([functions, never]).reshape(-1, functions[0].size)
+    table = device_array(mi.Float, np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))))
+    fours = -(-rows.shape[1] // 4)
     lane = dr.arange(mi.UInt32, count)
     index = device_array(mi.UInt32, listed)
     own = []
     for k in range(most):
-        start = functions[0].size * dr.gather(mi.UInt32, index, lane * most + k)
-        own.append([dr.gather(mi.Float, table, start + i) for i in range(functions[0].size)])
+        start = fours * dr.gather(mi.UInt32, index, lane * most + k)
+        own.append([x for i in range(fours) for x in dr.gather(mi.Vector4f, table, start + i)])
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         x, y = positions(points.point(i, 0), points.point(i, 1))

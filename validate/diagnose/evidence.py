@@ -21,6 +21,7 @@ __all__ = [
     "SHAPE_ERROR",
     "SMALLEST_GAIN",
     "Limit",
+    "beyond_tolerance",
     "dispersion",
     "explained_part",
     "first_significant",
@@ -158,7 +159,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     """Whether a gain exceeds what errors of the base picture or of the selected effects' shapes could give, or
     relieves the priors. explained : chi2 by effects whose shapes have errors."""
     gain = square(residual) - candidate.chi2
-    if not _beyond_tolerance(candidate):
+    if not beyond_tolerance(candidate):
         return False
     if model.errors is not None:
         certain = _CERTAIN * dispersion(model, candidate.predicted, residual)
@@ -171,7 +172,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
     return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
 
 
-def _beyond_tolerance(candidate: Candidate) -> bool:
+def beyond_tolerance(candidate: Candidate) -> bool:
     """Whether numbers that setting up the box leaves uncertain are further from null than chance takes them."""
     pulls = [
         (candidate.numbers[p.name] - (p.null or 0.0)) / p.tolerance

@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.scenes.progress import QUIET, Progress
 from numpy.typing import NDArray
 
-from .evidence import largest_gain_of_errors, least_gain, penalised, price_of, square
+from .evidence import beyond_tolerance, largest_gain_of_errors, least_gain, penalised, price_of, square
 from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, columns_of, screen
@@ -39,8 +39,8 @@ def best_singles(
 ) -> list[Candidate]:  # fmt: skip
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 
-    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted. known : chi2 of
-    a fit that is known already.
+    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted, nor those whose
+    numbers are within their tolerances: they are nearly linear. known : chi2 of a fit that is known already.
     """
     best: dict[str, Candidate] = {}
     for index, one in enumerate(signatures, 1):
@@ -51,16 +51,18 @@ def best_singles(
             best[rival.hypothesis.effect.id] = candidate
     ranked = sorted(best.values(), key=penalised)
     start = square(problem.model.project(residual))
-    done: list[Candidate] = []
-    for candidate in ranked[:refined]:
-        lowest = min((c.chi2 for c in done), default=known)
+    done: list[float] = []
+    for index, candidate in enumerate(ranked[:refined]):
+        lowest = min(done, default=known)
         beside_others = start - lowest if np.isfinite(lowest) else 0.0
         needed = max(_LEAST_PROMISING * beside_others, _LEAST_PROMISING_ALONE * least)
         if start - candidate.chi2 < needed:
             break
-        done.append(fit(problem, candidate, residual, lowest))
-        progress.part(0.5 + 0.5 * len(done) / refined)
-    return sorted([*done, *ranked[len(done) :]], key=penalised)
+        if beyond_tolerance(candidate):
+            ranked[index] = fit(problem, candidate, residual, lowest)
+            done.append(ranked[index].chi2)
+        progress.part(0.5 + 0.5 * (index + 1) / refined)
+    return sorted(ranked, key=penalised)
 
 
 @dataclass(frozen=True, eq=False)

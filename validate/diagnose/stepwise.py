@@ -260,9 +260,9 @@ def refitted(
             break
         light = light or solved_light(prepared, settings, effects)
         camera, resolve = altered.fit.camera, False
-        altered = refitted_picture(
-            prepared, rendered_from(prepared, light, camera, settings, effects, progress), effects
-        )
+        pilot = altered.pilot if light is validation.light else None
+        again = rendered_from(prepared, light, camera, settings, effects, progress, pilot)
+        altered = refitted_picture(prepared, again, effects)
     # the signatures hold the pixels that were used at first
     added = effects[len(linearised.given) :]
     return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given, added)

@@ -158,11 +158,12 @@ def each_band(n: Normal) -> FieldFit:
         trials.append(solved(own_a, own_b, width)[0])
     inner = np.array([np.linalg.inv(a + np.eye(len(a)) / t) for a, t in zip(n.a, widths, strict=True)])
     alone = np.einsum("bjk,bk->bj", inner, n.b)
-    coupling = np.eye(n.c.shape[1]) - np.einsum("bmj,bjk,blk->ml", n.c, inner, n.c)
+    passed = n.c @ inner
+    coupling = np.eye(n.c.shape[1]) - np.tensordot(passed, n.c, axes=((0, 2), (0, 2)))
     values, vectors = np.linalg.eigh(coupling)
     values = np.maximum(values, _LEAST_LEFT)
     nuisance = vectors @ ((vectors.T @ np.einsum("bmk,bk->m", n.c, alone)) / values)
-    x = alone + np.einsum("bjk,bmk,m->bj", inner, n.c, nuisance)
+    x = alone + nuisance @ passed
     volume = sum(np.linalg.slogdet(np.eye(len(a)) + t * a)[1] for a, t in zip(n.a, widths, strict=True))
     evidence = float(np.sum(x * n.b) - volume - np.log(values).sum())
     freedom = sum(len(a) - np.trace(i) / t for a, i, t in zip(n.a, inner, widths, strict=True))
@@ -177,7 +178,7 @@ def beside_common(n: Normal) -> Normal:
     with_nuisances = n.c.sum(axis=0)
     h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
     common, *_, width = solved(h, b)
-    cross = n.a - np.einsum("mj,bmk->bjk", with_nuisances, n.c)
+    cross = n.a - with_nuisances.T @ n.c
     values, vectors = np.linalg.eigh((h + h.T) / 2)
     whitened = (vectors / np.sqrt(np.maximum(values, 0.0) + 1 / width)).T @ cross
     nuisances = np.concatenate([n.c, whitened], axis=1)
@@ -197,7 +198,7 @@ def _in_turn(n: Normal, start: NDArray[Any]) -> FieldFit:
     for _ in range(_ROUNDS):
         x, evidence, freedom, width = solved(_combined(n.a, n.c, s), s @ n.b)
         nuisance = n.c @ x
-        h = np.diag(np.einsum("j,bjk,k->b", x, n.a, x)) - nuisance @ nuisance.T
+        h = np.diag(n.a @ x @ x) - nuisance @ nuisance.T
         s = np.linalg.lstsq(h, n.b @ x, rcond=1e-9)[0]
         largest = np.abs(s).max()
         if not largest > 0:
@@ -211,7 +212,7 @@ def _in_turn(n: Normal, start: NDArray[Any]) -> FieldFit:
 
 
 def finished(n: Normal, x: NDArray[Any], trial: NDArray[Any], evidence: float, freedom: float) -> FieldFit:
-    size = np.einsum("bj,bjk,bk->b", x, n.a, x)
+    size = (x[:, None] @ n.a @ x[..., None]).ravel()
     nuisance = np.einsum("bmk,bk->m", n.c, x)
     gain = float(2 * np.sum(x * n.b) - size.sum() + nuisance @ nuisance)
     own = _plain(n.own_a, n.own_b, trial)
@@ -221,4 +222,4 @@ def finished(n: Normal, x: NDArray[Any], trial: NDArray[Any], evidence: float, f
 
 
 def _plain(a: NDArray[Any], b: NDArray[Any], x: NDArray[Any]) -> float:
-    return float(2 * np.sum(x * b) - np.einsum("bj,bjk,bk->", x, a, x))
+    return float(2 * np.sum(x * b) - np.sum(x[:, None] @ a @ x[..., None]))
