@@ -25,7 +25,7 @@ __all__ = ["EdgeBlur", "build_edge_blur"]
 _ACROSS, _RAYS = 8, 4
 
 #: Pixels per call, which limits memory.
-_PIXELS_PER_CALL = 4096
+_PIXELS_PER_CALL = 1024
 
 #: Standard deviations, px, at which coverages are blurred; in between the correction is linear in the variance. At the
 #: last one it is 0.
@@ -76,22 +76,25 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
     camera = warp.camera
     whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
     parts = np.array_split(warp.border, len(warp.border) // _PIXELS_PER_CALL + 1)
-    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, _ACROSS * _RAYS) for part in parts])
+    rays = _ACROSS * _RAYS
+    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)])
+    seen = seen.reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).swapaxes(2, 3)
+    seen = seen.reshape(-1, _ACROSS, _ACROSS, _RAYS**2)  # the rays of a subpixel together
     rows, columns = np.divmod(warp.border, camera.width_px)
     whole[rows, columns] = -1
     found = {}
     for index, face in enumerate(warp.faces):
-        mixed = (seen == face).reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).mean(axis=(2, 4), dtype=np.float32)
+        own = (seen == face).any(axis=(1, 2, 3))
         here = whole == face
-        here[rows, columns] = mixed.any(axis=(1, 2))
+        here[rows, columns] = own
         if not here.any():
             continue
         down, across = (_reached(here.any(axis=axis)) for axis in (1, 0))
         alone = (whole == face)[down, across]
         fine = np.zeros((alone.shape[0], _ACROSS, alone.shape[1], _ACROSS), np.float32)
         fine += alone[:, None, :, None]
-        own = mixed.any(axis=(1, 2))
-        fine[rows[own] - down.start, :, columns[own] - across.start, :] = mixed[own]
+        shares = (seen[own] == face).mean(axis=-1, dtype=np.float32)
+        fine[rows[own] - down.start, :, columns[own] - across.start, :] = shares
         found[index] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
     return EdgeBlur(warp, found)
 
