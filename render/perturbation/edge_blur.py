@@ -77,7 +77,9 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
     whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
     parts = np.array_split(warp.border, len(warp.border) // _PIXELS_PER_CALL + 1)
     rays = _ACROSS * _RAYS
-    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)])
+    seen = np.concatenate(
+        [pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)]
+    )
     seen = seen.reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).swapaxes(2, 3)
     seen = seen.reshape(-1, _ACROSS, _ACROSS, _RAYS**2)  # the rays of a subpixel together
     rows, columns = np.divmod(warp.border, camera.width_px)

@@ -53,7 +53,8 @@ class Warp:
         """(m,) pixels beyond the border that see a face, and its index in ``faces``."""
         seen = self.coverage.reshape(-1, self.coverage.shape[-1])[:, self.faces] > 0
         seen[self.border] = False
-        return np.nonzero(seen)
+        pixel, face = np.nonzero(seen)
+        return pixel, face
 
 
 def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDArray[np.float64]) -> Warp:
@@ -66,7 +67,9 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     """
     border = border_pixels(image.coverage)
     coverage = image.coverage.copy()
-    coverage.reshape(-1, coverage.shape[-1])[border] = pixel_coverage(tracer, [camera], border, _COVERAGE_SAMPLES)[0]
+    coverage.reshape(-1, coverage.shape[-1])[border] = pixel_coverage(
+        tracer, [camera], border, _COVERAGE_SAMPLES
+    )[0]
     faces = np.flatnonzero(coverage.any(axis=(0, 1)))
     parts = np.moveaxis(coverage[..., faces], -1, 0)
     layers = np.empty((*parts.shape, len(signal)))
@@ -127,7 +130,9 @@ def _interpolated(warp: Warp, camera: Camera, pixel: NDArray, face: NDArray) -> 
     down, right = row - top, column - left
     first = (face * height + top) * width + left
     corners = first[:, None] + [0, 1, width, width + 1]
-    weights = np.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], axis=1)
+    weights = np.stack(
+        [(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], axis=1
+    )
     flat = warp.layers.reshape(-1, warp.layers.shape[-1])
     ends = np.arange(0, corners.size + 1, 4)
     return csr_array((weights.ravel(), corners.ravel(), ends), shape=(len(first), len(flat))) @ flat

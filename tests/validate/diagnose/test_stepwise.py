@@ -20,20 +20,24 @@ def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scal
     np.testing.assert_allclose(found, scale * np.array([0.75, -0.75]))
 
 
-@pytest.mark.parametrize(("moved_mm", "renderings"), [(0.0, 0), (30.0, 1)])
-def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, renderings):
-    """The fit first finds the camera 30 mm (some pixels) beside where the picture was rendered from, then there."""
+@pytest.mark.parametrize(
+    ("moved_mm", "stage", "pilots"), [(0.0, "optics", []), (30.0, "optics", [0.5]), (30.0, "scene", [None])]
+)
+def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, stage, pilots):
+    """The fit first finds the camera 30 mm (some pixels) beside where the picture was rendered from, then there. The
+    pilot of the first picture serves again where the light is the same."""
     before = cornell_camera(32)
     after = before.with_parameters(before.parameters + np.array([moved_mm, *np.zeros(9)]))
     made = []
 
-    def rendered_from(prepared, light, camera, *rest):
-        made.append(camera)
+    def rendered_from(prepared, light, camera, settings, effects, progress, pilot):
+        made.append((camera, light, pilot))
         return SimpleNamespace(camera=camera)
 
     monkeypatch.setattr(
-        stepwise, "refitted_picture", lambda *_: SimpleNamespace(fit=SimpleNamespace(camera=after))
+        stepwise, "refitted_picture", lambda *_: SimpleNamespace(fit=SimpleNamespace(camera=after), pilot=0.5)
     )
+    monkeypatch.setattr(stepwise, "solved_light", lambda *_: "another light")
     monkeypatch.setattr(stepwise, "replace", lambda one, **_: one)
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
     held = []
@@ -48,9 +52,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     validation = SimpleNamespace(
         prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
     )
-    chosen = SimpleNamespace(
-        applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage="optics"))
-    )
+    chosen = SimpleNamespace(applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage=stage)))
     assert refitted(validation, linearised, [chosen]) is after
-    assert made == [after] * renderings
+    assert made == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
     assert held == [(("own",), ("found",))]
