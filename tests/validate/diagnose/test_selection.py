@@ -78,6 +78,29 @@ def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full
     assert ranked[0].numbers["amount"] == pytest.approx(0.3, abs=4 / np.sqrt(COUNT))
 
 
+@pytest.mark.parametrize(("tolerance", "fitted"), [(0.05, ["one", "two"]), (0.3, ["two"])])
+def test_numbers_within_their_tolerance_are_not_fitted_in_full_and_do_not_count(
+    monkeypatch, tolerance, fitted
+):
+    """The first number is at 0.6 of null: 2 or 12 tolerances. It stays first, and what comes second is significant."""
+    linearised, known = laboratory({"one": waves(1, 0), "two": waves(0, 2)}, {"one": 0.6, "two": 0.4})
+    hypothesis = known["one"].hypothesis
+    free = tuple(replace(number, tolerance=tolerance) for number in hypothesis.free)
+    uncertain = replace(known["one"], hypothesis=replace(hypothesis, free=free))
+    problem, residual, done = linearised.problem(()), linearised.model.residual, []
+
+    def spy(problem, candidate, *others):
+        done.append(candidate.hypothesis.effect.id)
+        return fit(problem, candidate, *others)
+
+    monkeypatch.setattr(selection, "fit", spy)
+    ranked = best_singles(problem, [uncertain, known["two"]], residual, 2)
+    assert done == fitted
+    assert [c.hypothesis.effect.id for c in ranked] == ["one", "two"]
+    best = first_significant(ranked, residual, linearised.model, residual)
+    assert best.hypothesis.effect.id == fitted[0]
+
+
 def test_an_effect_that_a_later_one_made_superfluous_goes():
     patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5})
