@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import Capture, channel_mask
 from .band_images import Mask, band_images
-from .correction import FlatField, correct, evaluate_variance, read_flat
+from .correction import FlatField, correct, evaluate_variance, of_whole_mean, read_flat
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
 from .noise import NoiseModel
@@ -52,6 +52,16 @@ def _defects(
     return mask
 
 
+def _channel_masks(
+    capture: Capture, channels: Mapping[str, str] | None
+) -> dict[str, NDArray[np.bool_] | None]:
+    """(y, x) of each band, None without a mosaic."""
+    bands, mosaic = capture.band_ids, capture.manifest.mosaic
+    if channels is None or mosaic is None:
+        return dict.fromkeys(bands)
+    return {band: channel_mask(mosaic.pattern, capture.shape, channels[band]) for band in bands}
+
+
 def correct_bands(
     capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
 ) -> CorrectedBands:
@@ -77,11 +87,11 @@ def correct_bands(
     if without_flat and manifest.flat != "divided":
         shown = ", ".join(without_flat)
         notes.append(f"no flat field for {shown}: vignetting and pixel sensitivity are not corrected")
+    of_channel = _channel_masks(capture, channels)
+    as_read = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
     for band in manifest.band:
-        channel = None
-        if channels is not None and manifest.mosaic is not None:
-            channel = channel_mask(manifest.mosaic.pattern, capture.shape, channels[band.id])
-        flat = read_flat(capture, band.id, dark, noise, channel)
+        alike = [as_read[other.id] for other in manifest.band if other.f_number == band.f_number]
+        flat = of_whole_mean(band.id, as_read[band.id], alike, of_channel[band.id])
         frames = correct(capture, band, flat, dark, noise)
         mask = _defects(capture, flat, dark, noise, band.exposure_s)
         saturated = frames.saturated | flat.saturated

@@ -10,7 +10,8 @@ it is correlated with that signal, and a chi-square with such weights is biased 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,20 +20,31 @@ from ..capture import Capture, FrameTable
 from .dark import DarkLibrary
 from .noise import NoiseModel
 
-__all__ = ["CorrectedFrames", "FlatField", "correct", "evaluate_variance", "read_flat", "uniform_flat"]
+__all__ = [
+    "CorrectedFrames",
+    "FlatField",
+    "correct",
+    "evaluate_variance",
+    "of_whole_mean",
+    "read_flat",
+    "uniform_flat",
+]
 
 # Lower bound of the response, relative to its mean, before division; such pixels are masked.
 _SMALLEST_RESPONSE = 1e-3
+
+# Part of the pixels that defects alone may saturate in a flat.
+_FEW = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
     """The flat field of one band.
 
-    response : (y, x), mean 1 over the pixels of the band's channel. relative_variance : (y, x) of the response,
-    from the noise of the flat frames only. mean_dn : mean of the flat frames above dark, DN; infinite without a
-    flat. dark_weights : (k,) weights of the dark levels that were subtracted. saturated : (y, x) True where a flat
-    frame is saturated.
+    response : (y, x), mean 1 over the pixels of the band's channel, see ``of_whole_mean``. relative_variance : (y, x)
+    of the response, from the noise of the flat frames only. mean_dn : mean of the flat frames above dark, DN; infinite
+    without a flat. dark_weights : (k,) weights of the dark levels that were subtracted. saturated : (y, x) True where a
+    flat frame is saturated.
     """
 
     response: NDArray[np.float64]
@@ -102,6 +114,36 @@ def read_flat(
     response = np.maximum(above_dark / mean, _SMALLEST_RESPONSE)
     weights = dark.weights(table.exposure_s)
     return FlatField(response, variance / mean**2, mean, weights, saturated, note)
+
+
+def of_whole_mean(
+    band: str, flat: FlatField, others: Sequence[FlatField], channel: NDArray[np.bool_] | None = None
+) -> FlatField:
+    """A flat field whose response has mean 1 over all pixels of its channel, though some are saturated.
+
+    ``read_flat`` knows the mean of the others alone, which are the darker ones. How much darker they are is taken from
+    that of ``others``, flat fields of other bands through the same lens, which is saturated least. Where they are
+    saturated as much, the flat field stays as it is, with a note unless few pixels are.
+    """
+    whole = np.ones(flat.saturated.shape, bool) if channel is None else channel
+    share = float(flat.saturated[whole].mean())
+    if share == 0:
+        return flat
+    measured = [other for other in others if np.isfinite(other.mean_dn)]
+    clean = min(measured, key=lambda other: other.saturated[whole].mean(), default=None)
+    if clean is not None and clean.saturated[whole].mean() < share / 2:
+        seen = whole & ~clean.saturated
+        darker = float(clean.response[seen & ~flat.saturated].mean() / clean.response[seen].mean())
+        return replace(
+            flat,
+            response=flat.response * darker,
+            relative_variance=flat.relative_variance * darker**2,
+            mean_dn=flat.mean_dn / darker,
+        )
+    if share < _FEW:
+        return flat
+    text = f"{band}: the flat frames are saturated in {share:.0%} of the pixels: the scale of the band is uncertain"
+    return replace(flat, note="; ".join(filter(None, [flat.note, text])))
 
 
 def correct(

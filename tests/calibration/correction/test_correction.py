@@ -231,6 +231,39 @@ def test_a_flat_has_the_dark_of_its_own_exposure(tmp_path):
     assert ratio[:, :28].mean() / ratio[:, 28:].mean() == pytest.approx(1.0, abs=4.5 * 5e-4)
 
 
+def with_saturated_flats(folder, bands):
+    """A capture with a fall-off to a third at the left and right, the flats of some bands saturated in the middle."""
+    fake = FakeCapture(folder, seed=10, height=24, width=56)
+    fake.flat = 1 - 0.67 * np.linspace(-1, 1, fake.width) ** 2 * np.ones((fake.height, 1))
+    fake.flat /= fake.flat.mean()
+    capture = load_capture(fake.write())
+    for band in bands:
+        (table,) = capture.flats(band)
+        for name in table.frames:
+            bright = capture.saturation_dn / 1.1 * fake.flat
+            tifffile.imwrite(folder / name, fake.counts(bright, table.exposure_s))
+    return fake, load_capture(folder)
+
+
+@pytest.mark.parametrize("saturated", [1, 7])
+def test_a_flat_that_is_saturated_in_part_has_the_scale_of_the_others(tmp_path, saturated):
+    """Its darker pixels alone are a fifth below the mean of all. Limit: 4.5 standard errors of 300 pixels of 1 %.
+    Where all bands' flats are saturated, the scale is unknown, and a note says so."""
+    bands = [*FakeCapture(tmp_path).exposure][:saturated]
+    fake, capture = with_saturated_flats(tmp_path / "capture", bands)
+    dark = read_darks(capture)
+    found = correct_bands(capture, dark, measure_noise(capture, dark))
+    flat = found.flats[bands[0]]
+    usable = ~flat.saturated
+    assert 0.2 < usable.mean() < 0.8
+    scale = float((flat.response[usable] / fake.flat[usable]).mean())
+    unknown = [note for note in found.notes if "the scale of the band is uncertain" in note]
+    if saturated == 1:
+        assert scale == pytest.approx(1.0, abs=4.5 * 0.01 / np.sqrt(300)) and not unknown
+    else:
+        assert scale > 1.1 and len(unknown) >= 1
+
+
 def test_dark_currents_are_drawn_together_by_their_noise():
     """Rates that differ by as much as their noise: what is stated predicts the true rate without a factor.
 
