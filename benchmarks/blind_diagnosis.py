@@ -20,7 +20,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -326,10 +326,23 @@ def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) 
     return list(diagnosis.selected) == ["block-pose"] and max(off) <= _SIGMAS
 
 
+def among(known: Sequence[str]) -> Callable[[str], str]:
+    """Reads names separated by commas."""
+
+    def read(text: str) -> str:
+        if wrong := [name for name in text.split(",") if name not in known]:
+            raise argparse.ArgumentTypeError(f"{', '.join(wrong)}: not one of {', '.join(known)}")
+        return text
+
+    return read
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--effects", default="", help="identifiers, comma separated; all where empty")
-    parser.add_argument("--strengths", default=",".join(STRENGTHS))
+    parser.add_argument(
+        "--effects", type=among([*catalogue()]), help="identifiers, comma separated; all if none"
+    )
+    parser.add_argument("--strengths", type=among([*STRENGTHS]), default=",".join(STRENGTHS))
     parser.add_argument("--seeds", type=int, default=1, help="captures of each effect and strength")
     parser.add_argument("--pairs", type=int, default=10)
     parser.add_argument("--triples", type=int, default=10)
@@ -337,12 +350,18 @@ def main() -> None:
     parser.add_argument("--outside", type=int, default=12)
     parser.add_argument("--unknown", type=int, default=17, help="captures with a cause of made_causes")
     parser.add_argument("--first-seed", type=int, default=100)
-    parser.add_argument("--boxes", default="published", help=f"of {', '.join(BOXES)}")
-    parser.add_argument("--instruments", default="plain", help=f"of {', '.join(INSTRUMENTS)}")
+    parser.add_argument("--boxes", type=among([*BOXES]), default="published", help=f"of {', '.join(BOXES)}")
+    parser.add_argument(
+        "--instruments", type=among([*INSTRUMENTS]), default="plain", help=f"of {', '.join(INSTRUMENTS)}"
+    )
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--results", type=Path, default=Path("blind-results.jsonl"))
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    try:
+        every = cases(options)
+    except ValueError:
+        parser.error("a triple takes three effects, a pair two: name more, or ask for none of them")
     kept = options.results.read_text().splitlines() if options.results.exists() else []
     rows = [json.loads(line) for line in kept]
     done = {row["key"] for row in rows}
@@ -351,7 +370,7 @@ def main() -> None:
         sys.exit(
             f"{options.results}: made by other code ({', '.join(others)}, not {code}); name another --results"
         )
-    for case in cases(options):
+    for case in every:
         if case.key in done or not own_part(case, options.part):
             continue
         row = run(case)
