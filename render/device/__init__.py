@@ -3,6 +3,15 @@
 from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
-from .sampling import SobolPoints, cosine_hemisphere
+from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
 
-__all__ = ["SobolPoints", "cosine_hemisphere", "device_array", "dr", "mi", "polynomial", "polynomial_at"]
+__all__ = [
+    "SobolPoints",
+    "cosine_hemisphere",
+    "device_array",
+    "dr",
+    "mi",
+    "polynomial",
+    "polynomial_at",
+    "seed_of_lanes",
+]

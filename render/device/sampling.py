@@ -11,7 +11,7 @@ from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 
-__all__ = ["SobolPoints", "cosine_hemisphere"]
+__all__ = ["SobolPoints", "cosine_hemisphere", "seed_of_lanes"]
 
 
 @lru_cache(maxsize=8)
@@ -19,6 +19,11 @@ def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
     """(2^m * d,) Sobol' points as 32-bit integers (Joe and Kuo's direction numbers, through SciPy)."""
     points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
     return (points * 2.0**32).astype(np.uint32).ravel()
+
+
+def seed_of_lanes(seed: int | mi.UInt32) -> mi.UInt32:
+    """A seed of all lanes, or one of each, as numbers that are no part of a kernel's code."""
+    return seed if isinstance(seed, mi.UInt32) else dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
 
 
 class SobolPoints:
@@ -29,11 +34,11 @@ class SobolPoints:
     decreases faster than with independent points.
     """
 
-    def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int) -> None:
+    def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int | mi.UInt32) -> None:
         log2 = int(np.ceil(np.log2(max(count, 2))))
         self.dimensions = dimensions
         self._table = device_array(mi.UInt32, _sobol_table(dimensions, log2))
-        seeds = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        seeds = seed_of_lanes(seed)
         self._seeds = [
             mi.sample_tea_32(lane, seeds + (0x9E3779B9 * (d + 1) & 0xFFFFFFFF))[0] for d in range(dimensions)
         ]

@@ -13,7 +13,8 @@ from ..device import device_array, dr, mi
 
 __all__ = ["means_by_strips"]
 
-#: Pixels of one kernel call: enough to occupy all processors, few enough for regular progress reports.
+#: Lanes of one kernel call, pixels times batches: enough to occupy all processors and to make up for the time that it
+#: takes to write a kernel down; few enough for regular progress reports.
 _LANES_PER_CALL = 2**16
 #: The order of rows: every 16th row, then those below them, and so on. Each thread then has rows from the whole
 #: picture, and all threads take similar times.
@@ -21,7 +22,7 @@ _ROWS_APART = 16
 
 
 def means_by_strips(
-    strip: Callable[[mi.UInt32, int, int], list[mi.Float]],
+    strip: Callable[[mi.UInt32, int, mi.UInt32], list[mi.Float]],
     camera: Camera,
     samples: int | NDArray[np.int64],
     batches: int,
@@ -30,37 +31,42 @@ def means_by_strips(
 ) -> NDArray[np.float32]:
     """(batch, y, x, n) means over samples of the sums of ``strip``.
 
-    strip : takes pixel indices (counted along the rows), samples and a seed, returns n sums with one lane per pixel.
+    strip : takes the pixel of each lane (counted along the rows), samples, and the seed of each lane; returns n sums.
     samples : of all pixels, or (y, x) of each.
     """
-    calls = _calls(camera, samples)
-    whole = batches * sum(own * len(pixels) for own, pixels in calls)
+    calls = _calls(camera, samples, batches)
+    whole = sum(own * len(pixels) for own, pixels, _ in calls)
     done = 0
     pictures = np.empty((batches, camera.height_px * camera.width_px, 0), np.float32)
-    for batch in range(batches):
-        for own, pixels in calls:
-            sums = strip(device_array(mi.UInt32, pixels), own, seed + 7919 * (batch + 1))
-            share = dr.opaque(mi.Float, 1 / own)
-            means = dr.zeros(mi.Float, len(pixels) * len(sums))
-            first = dr.arange(mi.UInt32, len(pixels)) * len(sums)
-            for k, values in enumerate(sums):
-                dr.scatter(means, values * share, first + k, mode=dr.ReduceMode.NoConflicts)
-            if not pictures.size:
-                pictures = np.empty((*pictures.shape[:2], len(sums)), np.float32)
-            pictures[batch, pixels] = means.numpy().reshape(len(pixels), len(sums))
-            done += own * len(pixels)
-            progress.part(done / whole)
+    for own, pixels, batch in calls:
+        seeds = (seed + 7919 * (batch + 1)) % 2**32
+        sums = strip(device_array(mi.UInt32, pixels), own, device_array(mi.UInt32, seeds))
+        share = dr.opaque(mi.Float, 1 / own)
+        means = dr.zeros(mi.Float, len(pixels) * len(sums))
+        first = dr.arange(mi.UInt32, len(pixels)) * len(sums)
+        for k, values in enumerate(sums):
+            dr.scatter(means, values * share, first + k, mode=dr.ReduceMode.NoConflicts)
+        if not pictures.size:
+            pictures = np.empty((*pictures.shape[:2], len(sums)), np.float32)
+        pictures[batch, pixels] = means.numpy().reshape(len(pixels), len(sums))
+        done += own * len(pixels)
+        progress.part(done / whole)
     dr.flush_malloc_cache()  # what the strips took
     return pictures.reshape(batches, camera.height_px, camera.width_px, -1)
 
 
-def _calls(camera: Camera, samples: int | NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Samples and pixels of each kernel call."""
+def _calls(
+    camera: Camera, samples: int | NDArray[np.int64], batches: int
+) -> list[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:
+    """Of each kernel call: samples, and of each lane the pixel and the batch."""
     rows = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")
     pixels = (rows[:, None] * camera.width_px + np.arange(camera.width_px)).ravel()
     own = np.broadcast_to(samples, (camera.height_px, camera.width_px)).ravel()[pixels]
     calls = []
     for count in np.unique(own):
         alike = pixels[own == count]
-        calls += [(int(count), part) for part in np.array_split(alike, -(-len(alike) // _LANES_PER_CALL))]
+        for part in np.array_split(alike, -(-len(alike) // _LANES_PER_CALL)):
+            for start in range(0, batches, _LANES_PER_CALL // len(part)):
+                together = np.arange(start, min(start + _LANES_PER_CALL // len(part), batches))
+                calls.append((int(count), np.tile(part, len(together)), np.repeat(together, len(part))))
     return calls

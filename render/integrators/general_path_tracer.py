@@ -57,9 +57,9 @@ def render_general_path_tracer(
         )
         media = SpectralMedia(tracer, wavelengths) if filled else None
 
-        def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
+        def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
             parts = tracer, lamps, _Stuff(bsdfs, textures, media), wavelengths, camera
-            return _strip(*parts, pixels, samples=own_samples, seed=own_seed, max_bounces=max_bounces)
+            return _strip(*parts, pixels, samples=own_samples, seeds=seeds, max_bounces=max_bounces)
 
         coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
         coverage = facet_coverage(tracer, camera)
@@ -83,8 +83,8 @@ class _Stuff:
 
 
 def _strip(
-    tracer: Tracer, lamps: tuple[LampSampler, ...], stuff: _Stuff,
-    wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32, *, samples: int, seed: int, max_bounces: int | None,
+    tracer: Tracer, lamps: tuple[LampSampler, ...], stuff: _Stuff, wavelengths: np.ndarray, camera: Camera,
+    pixels: mi.UInt32, *, samples: int, seeds: mi.UInt32, max_bounces: int | None,
 ) -> list[mi.Float]:  # fmt: skip
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
     count, bands = dr.width(pixels), len(wavelengths)
@@ -92,8 +92,8 @@ def _strip(
     bsdfs, textures, media = stuff.bsdfs, stuff.textures, stuff.media
     around = tracer.scene.medium is not None
     rays = pixel_rays(camera, pixels)
-    points = PathPoints(samples, pixels, seed)
-    own_seed = mi.sample_tea_32(pixels, dr.opaque(mi.UInt32, (seed ^ 0x6C62272E) & 0xFFFFFFFF))[0]
+    points = PathPoints(samples, pixels, seeds)
+    own_seed = mi.sample_tea_32(pixels, seeds ^ 0x6C62272E)[0]
     reflectance_table = device_array(mi.Float, reflectances)
     passing = mi.UInt32([1 if m in bsdfs.passing else 0 for m in range(len(reflectances))])
     lambertian = mi.UInt32([0 if m in bsdfs.materials else 1 for m in range(len(reflectances))])

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import qmc
 
-from ..device import device_array, dr, mi
+from ..device import device_array, dr, mi, seed_of_lanes
 
 __all__ = ["PathPoints", "VertexPoints"]
 
@@ -58,14 +58,14 @@ class PathPoints:
     2020.
     """
 
-    def __init__(self, count: int, lane: mi.UInt32, seed: int) -> None:
+    def __init__(self, count: int, lane: mi.UInt32, seed: int | mi.UInt32) -> None:
         log2 = int(np.ceil(np.log2(max(count, 2))))
         self._several_sets = log2 > _LOG2_MOST_POINTS
         log2 = min(log2, _LOG2_MOST_POINTS)
         words, lamp_words = _reversed_tables(log2)
         self._table, self._lamp_table = device_array(mi.UInt32, words), device_array(mi.UInt64, lamp_words)
         self._mask = dr.opaque(mi.UInt32, (1 << log2) - 1)
-        self._lane_seed = mi.sample_tea_32(lane, dr.opaque(mi.UInt32, seed & 0xFFFFFFFF))[0]
+        self._lane_seed = mi.sample_tea_32(lane, seed_of_lanes(seed))[0]
 
     def pixel(self, index: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Position in its pixel, in [0, 1)^2, of path ``index``."""

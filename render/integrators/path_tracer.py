@@ -94,10 +94,10 @@ def trace_paths(
     """
     lamps = build_lamp_samplers(tracer)
 
-    def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         return _strip(
             tracer, lamps, wavelengths, camera, pixels,
-            samples=own_samples, seed=own_seed, max_bounces=max_bounces, counted=counted, split=split,
+            samples=own_samples, seeds=seeds, max_bounces=max_bounces, counted=counted, split=split,
         )  # fmt: skip
 
     return means_by_strips(strip, camera, samples, batches, seed, progress)
@@ -105,7 +105,7 @@ def trace_paths(
 
 def _strip(
     tracer: Tracer, lamps: tuple[LampSampler, ...], wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32,
-    *, samples: int, seed: int, max_bounces: int | None, counted: bool = False, split: int = 0,
+    *, samples: int, seeds: mi.UInt32, max_bounces: int | None, counted: bool = False, split: int = 0,
 ) -> list[mi.Float]:  # fmt: skip
     """Sums over the paths of each of some pixels, see ``trace_paths``.
 
@@ -116,7 +116,7 @@ def _strip(
     """
     count = dr.width(pixels)
     rays = pixel_rays(camera, pixels)
-    points = PathPoints(samples, pixels, seed)
+    points = PathPoints(samples, pixels, seeds)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     reflectance_of = _MaterialTable(reflectances)

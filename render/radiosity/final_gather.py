@@ -182,10 +182,10 @@ def gather(
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
     lamps, view = _gatherings(light), _view(light, camera)
 
-    def strip(pixels: mi.UInt32, own_samples: int, own_seed: int) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         sums = []
         for index, lamp in enumerate(lamps):
-            own = own_seed + 6007 * index
+            own = seeds + 6007 * index
             sums += _strip(lamp, camera, pixels.numpy(), view.planar, view.shares[index], own_samples, own)
         return sums
 
@@ -346,9 +346,9 @@ def _planes(planar: PlanarPixels, which: np.ndarray | slice) -> Planes:
 
 def _strip(
     lamp: Gathering, camera: Camera, pixels: np.ndarray, planar: PlanarPixels, shares: np.ndarray | None,
-    samples: int, seed: int,
+    samples: int, seeds: mi.UInt32,
 ) -> list[mi.Float]:  # fmt: skip
-    """The accumulators of some pixels (n,) under one lamp, one lane a pixel."""
+    """The accumulators of the pixels (n,) of some lanes under one lamp."""
     place = np.searchsorted(planar.index, pixels)
     flat = np.append(planar.index, -1)[place] == pixels
     sums = [dr.zeros(mi.Float, len(pixels)) for _ in range(1 + lamp.firsts * lamp.per_material)]
@@ -360,14 +360,16 @@ def _strip(
 
     mixed = np.flatnonzero(~flat)
     if len(mixed):
-        put(lamp.any_pixels(camera, device_array(mi.UInt32, pixels[mixed]), samples, seed), 0, mixed)
+        theirs = dr.gather(mi.UInt32, seeds, device_array(mi.UInt32, mixed))
+        put(lamp.any_pixels(camera, device_array(mi.UInt32, pixels[mixed]), samples, theirs), 0, mixed)
     own = np.flatnonzero(flat)
     if len(own):
         which = place[own]
         walls_and_blocks = (
             None if shares is None else tuple(device_array(mi.Float, column) for column in shares[which].T)
         )
-        values = lamp.planar_pixels(camera, _planes(planar, which), walls_and_blocks, samples, seed)
+        theirs = dr.gather(mi.UInt32, seeds, device_array(mi.UInt32, own))
+        values = lamp.planar_pixels(camera, _planes(planar, which), walls_and_blocks, samples, theirs)
         dr.eval(values)
         material = planar.material[which]
         for m in range(lamp.firsts):

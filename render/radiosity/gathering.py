@@ -61,7 +61,7 @@ class _Sampling:
         return self.rays(self.points.point(i, 4), self.points.point(i, 5))
 
 
-def _sampling(camera: Camera, pixels: mi.UInt32, samples: int, seed: int) -> _Sampling:
+def _sampling(camera: Camera, pixels: mi.UInt32, samples: int, seed: int | mi.UInt32) -> _Sampling:
     gathers = GATHERS if samples % GATHERS == 0 else 1
     return _Sampling(pixel_rays(camera, pixels), SobolPoints(12, samples, pixels, seed), gathers)
 
@@ -94,9 +94,9 @@ class Gathering:
     def per_material(self) -> int:
         return 1 + self.materials + self.materials**2 + self.rank
 
-    def any_pixels(self, camera: Camera, pixels: mi.UInt32, samples: int, seed: int) -> list[mi.Float]:
+    def any_pixels(self, camera: Camera, pixels: mi.UInt32, samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         """The accumulators (1 + firsts * per_material) of pixels that may see anything."""
-        sampling = _sampling(camera, pixels, samples, seed)
+        sampling = _sampling(camera, pixels, samples, seeds)
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
             ray = sampling.ray(i)
@@ -115,10 +115,10 @@ class Gathering:
         return dr.while_loop((dr.zeros(mi.UInt32, dr.width(pixels)), zeros), lambda i, _: i < total, body)[1]
 
     def planar_pixels(
-        self, camera: Camera, planes: Planes, shares: Shares | None, samples: int, seed: int
+        self, camera: Camera, planes: Planes, shares: Shares | None, samples: int, seeds: mi.UInt32
     ) -> list[mi.Float]:
         """The accumulators (per_material) of pixels that see one plane of one paint. shares : ``control_shares``."""
-        sampling = _sampling(camera, planes.pixels, samples, seed)
+        sampling = _sampling(camera, planes.pixels, samples, seeds)
         shaded = dr.full(mi.Bool, True, dr.width(planes.pixels))
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
