@@ -72,7 +72,7 @@ class Bench:
         return mean, variance, image
 
     def light(self, scene: Any, max_bounces: int | None = None) -> PatchLight:
-        transport = predictor.coarse_transport(scene, NM, self.camera, 0)
+        transport = predictor.coarse_transport(scene, self.camera, 0)
         at_each = (GRID == NM[:, None]).astype(float)
         return patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size), max_bounces=max_bounces)
 

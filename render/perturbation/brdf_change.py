@@ -15,7 +15,7 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
 from ..device import SobolPoints, device_array, dr, mi
-from ..radiosity import LampSampler, LightField, lamp_point, lamp_seen, patch_of
+from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 
 __all__ = ["Coat", "Reflection", "changed_reflection", "fresnel"]
@@ -136,7 +136,7 @@ def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
 
 
 def changed_reflection(
-    light: LightField, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
+    light: PatchedScene, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
     reflection: Reflection, *, material: int, samples: int = 256, seed: int = 0,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.

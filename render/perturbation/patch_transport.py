@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
-from ..radiosity import LightField, direct_light, lamp_seen, patch_of
+from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
 
 __all__ = ["PatchTransport", "build_patch_transport"]
@@ -44,7 +44,7 @@ class PatchTransport:
     mean along its normal.
     """
 
-    light: LightField
+    light: PatchedScene
     camera: Camera
     pixel: NDArray[np.int64]
     face: NDArray[np.int64]
@@ -77,7 +77,7 @@ class PatchTransport:
 
 
 def build_patch_transport(
-    light: LightField, camera: Camera, samples: int = 256, seed: int = 0
+    light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0
 ) -> PatchTransport:
     """Compute the exchange by tracing one camera ray and one gathering ray per sample."""
     tracer = light.tracer
@@ -117,7 +117,7 @@ def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[i
 
 
 def _traced(
-    light: LightField, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
+    light: PatchedScene, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:  # fmt: skip
     """Of a strip's fragments: direct light, escape; of its pixels: the lamps' patterns; of its fragments: G."""
     tracer, patches = light.tracer, light.patches

@@ -10,13 +10,16 @@ from .lamp import (
     lamp_radiance,
     lamp_seen,
 )
+from .patched_scene import PatchedScene, build_patched_scene
 from .patches import patch_of
 from .solution import solve
 
 __all__ = [
     "LampSampler",
     "LightField",
+    "PatchedScene",
     "build_lamp_samplers",
+    "build_patched_scene",
     "direct_light",
     "gather",
     "lamp_pattern",

@@ -10,30 +10,25 @@ several lamps is the sum of each one's light, which keeps their spectra apart fr
 
 from __future__ import annotations
 
-import pickle
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 
 from ..device import device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
-from ..visibility import PlanarPixels, Tracer, build_tracer, facet_coverage, planar_pixels
+from ..visibility import PlanarPixels, Tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
 from .face_controls import FaceControls, build_face_controls
 from .gathering import Gathering, Planes
-from .lamp import LampSampler, build_lamp_samplers
+from .patched_scene import PatchedScene, Places, build_patched_scene
 from .patches import Patches, build_patches, patch_of
-from .solution import Exchange, indirect_basis, trace_exchange
+from .solution import indirect_basis
 
 __all__ = ["LightField", "gather", "render_final_gather", "solve_light"]
-
-#: Default number of patch edges along the scene's diagonal: patches of about 50 mm in the published box.
-PATCHES_PER_DIAGONAL = 20
 
 #: Divisions of a patch along each edge for reading the solution, by the patch's slopes.
 PARTS = 2
@@ -56,7 +51,7 @@ _CELL_SAMPLES = 1 / 8
 
 
 @dataclass(frozen=True, eq=False)
-class LightField:
+class LightField(PatchedScene):
     """The radiosity solution of a scene, which does not depend on the camera.
 
     finer : the patches divided into PARTS^2 each, from which the solution is read.
@@ -67,11 +62,7 @@ class LightField:
     near : length below which gathering rays are continued, mm, see NEAR_PATCHES.
     """
 
-    tracer: Tracer
-    lamps: tuple[LampSampler, ...]
-    patches: Patches
     finer: Patches
-    exchange: Exchange
     tables: tuple[np.ndarray, ...]
     controls: tuple[FaceControls | None, ...]
     reflectances: np.ndarray
@@ -79,7 +70,6 @@ class LightField:
     wavelength_nm: np.ndarray
     near: float
     max_bounces: int | None
-    places: _Places
 
     @property
     def direct(self) -> tuple[DirectCells, ...]:
@@ -98,20 +88,10 @@ def solve_light(
 
     Raises InputError for a scene that is not diffuse.
     """
-    if not scene.diffuse:
-        found = "surfaces that are not Lambertian or have a texture, or a medium"
-        raise InputError(
-            f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene."
-        )
-    tracer = build_tracer(scene)
-    lamps = build_lamp_samplers(tracer)
-    extent = tracer.vertices.reshape(-1, 3)
-    diagonal = float(np.linalg.norm(extent.max(axis=0) - extent.min(axis=0)))
-    edge = patch_edge_mm or diagonal / PATCHES_PER_DIAGONAL
-    patches = build_patches(tracer, edge)
+    patched = build_patched_scene(scene, patch_edge_mm, patch_samples, seed)
+    tracer, lamps, patches, exchange = patched.tracer, patched.lamps, patched.patches, patched.exchange
+    edge = patched.places.edge_mm
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
-    places = _Places(tracer, lamps, patches, edge, patch_samples, seed ^ 0x5EED, _shape_of(tracer, edge))
-    exchange = _exchange(places)
     finer = build_patches(tracer, edge, PARTS)
     cut = None if max_bounces is None else max(max_bounces - 1, 1)
     paints, parents = reflectances[: _later_reflectors(tracer)], _parents(patches, finer)
@@ -127,7 +107,7 @@ def solve_light(
         for radiance, (_, indirect) in zip(radiances, read, strict=True)
     ]
     return LightField(
-        tracer, lamps, patches, finer, exchange, tuple(table for table, _ in read),
+        tracer, lamps, patches, exchange, patched.places, finer, tuple(table for table, _ in read),
         controls=tuple(
             build_face_controls(tracer, patches, exchange.direct[:, index], finer, table[0])
             for index, (table, _) in enumerate(read)
@@ -138,39 +118,11 @@ def solve_light(
         # the continuation adds a reflection, which is not allowed with a limit on bounces
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
         max_bounces=max_bounces,
-        places=places,
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Places:
-    """The arguments of ``trace_exchange``, and the patches' edge; equal if only paints and spectra differ."""
-
-    tracer: Tracer = field(compare=False)
-    lamps: tuple[LampSampler, ...] = field(compare=False)
-    patches: Patches = field(compare=False)
-    edge_mm: float
-    samples: int
-    seed: int
-    shape: bytes
-
-
-def _shape_of(tracer: Tracer, edge_mm: float) -> bytes:
-    """All that light exchange between patches depends on: triangles, which of them reflect, the lamps' patterns."""
-    lamps, reflecting = tracer.scene.lamps, tracer.material < tracer.reflectors
-    emitting = tracer.material - len(tracer.material_names)
-    known = mi.variant(), edge_mm, tracer.vertices, tracer.surface, reflecting, np.maximum(emitting, -1)
-    return pickle.dumps((known, [(lamp.edge_ratio, lamp.exponent, lamp.pattern) for lamp in lamps]))
-
-
 @lru_cache(maxsize=2)
-def _exchange(places: _Places) -> Exchange:
-    """Kept for the last boxes: another paint or spectrum needs no new rays between the patches."""
-    return trace_exchange(places.tracer, places.lamps, places.patches, places.samples, places.seed)
-
-
-@lru_cache(maxsize=2)
-def _direct_cells(places: _Places) -> tuple[DirectCells, ...]:
+def _direct_cells(places: Places) -> tuple[DirectCells, ...]:
     samples = max(int(places.samples * _CELL_SAMPLES), 1)
     return build_direct_cells(places.tracer, places.lamps, places.edge_mm / _CELLS, samples, places.seed)
 

@@ -35,7 +35,7 @@ from cboxlab.render.perturbation import (
     patch_light,
     warp_change,
 )
-from cboxlab.render.radiosity import LightField, solve_light
+from cboxlab.render.radiosity import LightField, build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -241,7 +241,7 @@ class Predictor:
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
-        of = (scene, self.effective_nm, self.camera, self.settings.seed, self.gather_samples)
+        of = (scene, self.camera, self.settings.seed, self.gather_samples)
         return _kept(self._traced.transports, key, _MOST_TRANSPORTS, lambda: coarse_transport(*of))
 
 
@@ -301,16 +301,15 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     return result
 
 
-def coarse_transport(
-    scene: Scene, wavelength_nm: NDArray, camera: Camera, seed: int, samples: int = _SAMPLES
-) -> PatchTransport:
+def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SAMPLES) -> PatchTransport:
     """The exchange of a scene in coarse patches, as changes of the picture are computed with.
 
-    wavelength_nm : (w,). samples : rays of each pixel.
+    samples : rays of each pixel.
     """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
-    light = solve_light(scene, wavelength_nm, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=seed)
-    return build_patch_transport(light, camera, samples, seed)
+    return build_patch_transport(
+        build_patched_scene(scene, edge, _PATCH_SAMPLES, seed), camera, samples, seed
+    )
 
 
 def build_predictor(

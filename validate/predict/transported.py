@@ -13,7 +13,7 @@ import numpy as np
 from cboxlab.render.chain import after_stage
 from cboxlab.render.image import RenderedImage
 from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
-from cboxlab.render.radiosity import solve_light
+from cboxlab.render.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
@@ -45,8 +45,8 @@ def transported(
     coarse = WAVELENGTH_NM[::step]
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
     other = seed ^ 0x2B7E
-    field = solve_light(scene, coarse, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES, seed=other)
-    transport = build_patch_transport(field, camera, _SAMPLES, other)
+    patched = build_patched_scene(scene, edge, _PATCH_SAMPLES, other)
+    transport = build_patch_transport(patched, camera, _SAMPLES, other)
     lamp = scene.lamp_radiance(WAVELENGTH_NM)
     lamp = np.maximum(
         lamp, _DARK * lamp.max()

@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.render.device import variant
 from cboxlab.render.files import xyz_weights
 from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
-from cboxlab.render.radiosity import solve_light
+from cboxlab.render.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene, Surface
@@ -108,8 +108,7 @@ def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:
     index = np.unique(np.linspace(0, wavelength_nm.size - 1, count).round().astype(int))
     coarse = wavelength_nm[index]
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
-    field = solve_light(scene, coarse, patch_edge_mm=edge, patch_samples=_PATCH_SAMPLES)
-    transport = build_patch_transport(field, camera, _SAMPLES)
+    transport = build_patch_transport(build_patched_scene(scene, edge, _PATCH_SAMPLES), camera, _SAMPLES)
     light = patch_light(
         transport, scene, coarse, coarse, np.eye(coarse.size), np.ones(coarse.size), samples=32
     )
