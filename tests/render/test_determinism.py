@@ -8,9 +8,11 @@ import drjit as dr
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.image import film
+from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.render.integrators.path_tracer import render_path_tracer
 from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -43,3 +45,17 @@ def test_one_thread_in_another_process_changes_no_bit():
         cwd=__file__.rpartition("/")[0],
     )
     assert run.stdout.split()[-1] == digest()
+
+
+@pytest.mark.parametrize("render", [render_final_gather, render_path_tracer, render_general_path_tracer])
+def test_how_many_batches_one_kernel_call_computes_changes_no_bit(monkeypatch, render):
+    """Five batches of 256 pixels, of which a quarter takes twice the samples: in calls of 2^16 lanes, and of 100."""
+    samples = np.where(np.indices((16, 16)).sum(axis=0) % 4 == 0, 32, 16)
+    found = []
+    for lanes in (2**16, 100):
+        monkeypatch.setattr(film, "_LANES_PER_CALL", lanes)
+        bands = np.array([450.0, 650.0])
+        image = render(cornell_box(), cornell_camera(16), bands, samples=samples, batches=5, seed=3)
+        found.append(image.coefficients)
+    np.testing.assert_array_equal(*found)
+    assert np.unique(found[0].mean(axis=(1, 2, 3))).size == 5  # batches differ
