@@ -40,7 +40,7 @@ from ..predict import (
 from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
 from .kept_fits import kept_fit
-from .nuisances import NuisanceFit, Nuisances
+from .nuisances import NuisanceFit, Nuisances, held_lamp_scale
 from .prepared import Prepared, prepare, solved_light, with_picture
 
 __all__ = [
@@ -52,6 +52,11 @@ __all__ = [
 #: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions:
 #: another one is rendered where the fit moved the box's corners by more than this, px rms (0.06 px left 0.006 px).
 _DRAFT_NOISE, _MOVED_PX = 0.7, 0.1
+
+#: Where chi2 per degree of freedom stays so large, and the camera so many standard deviations from the survey, the
+#: model lacks most of the light, and the camera followed that: the camera is then the surveyed one. Without reflected
+#: light it was turned by 10 degrees, and whether the cause was found depended on rounding.
+_LACKING, _LED_ASTRAY = 100.0, 10.0
 #: Noise of a picture whose paths are all traced, relative to the sensor's (a third of it takes ten
 #: times as long), and the power of the samples by which it falls.
 _TRACED_NOISE, _TRACED_CONVERGENCE = 1.0, 0.5
@@ -157,8 +162,24 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
     progress.stage("comparing")
     rendered = refitted_picture(prepared, final, model.effects)
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
+    surveyed = prepared.expected_camera(model.effects)
+    if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit.camera, surveyed) > _LED_ASTRAY:
+        again = rendered_from(prepared, light, surveyed, model.render, model.effects, QUIET, final.pilot)
+        scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
+        rendered = replace(
+            again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale)
+        )
+        comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     progress.part(1.0)
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
+
+
+def _pull(fitted: Camera, surveyed: Camera) -> float:
+    """How far a fitted camera is from the survey, in standard deviations; 0 without a covariance."""
+    if surveyed.covariance is None:
+        return 0.0
+    off = surveyed.parameters - fitted.parameters
+    return float(np.sqrt(off @ np.linalg.solve(surveyed.covariance, off)))
 
 
 def _fitted_to_draft(
