@@ -39,8 +39,9 @@ def best_singles(
 ) -> list[Candidate]:  # fmt: skip
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 
-    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted, nor those whose
-    numbers are within their tolerances: they are nearly linear. known : chi2 of a fit that is known already.
+    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted. Nor are those
+    whose numbers are within their tolerances, which are no finding, but beside a known fit they are its rivals. known :
+    chi2 of a fit that is known already.
     """
     best: dict[str, Candidate] = {}
     for index, one in enumerate(signatures, 1):
@@ -58,7 +59,7 @@ def best_singles(
         needed = max(_LEAST_PROMISING * beside_others, _LEAST_PROMISING_ALONE * least)
         if start - candidate.chi2 < needed:
             break
-        if beyond_tolerance(candidate):
+        if np.isfinite(known) or beyond_tolerance(candidate):
             ranked[index] = fit(problem, candidate, residual, lowest)
             done.append(ranked[index].chi2)
         progress.part(0.5 + 0.5 * (index + 1) / refined)

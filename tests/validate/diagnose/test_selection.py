@@ -78,9 +78,12 @@ def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full
     assert ranked[0].numbers["amount"] == pytest.approx(0.3, abs=4 / np.sqrt(COUNT))
 
 
-@pytest.mark.parametrize(("tolerance", "fitted"), [(0.05, ["one", "two"]), (0.3, ["two"])])
-def test_numbers_within_their_tolerance_are_not_fitted_in_full_and_do_not_count(
-    monkeypatch, tolerance, fitted
+@pytest.mark.parametrize(
+    ("tolerance", "known_chi2", "fitted"),
+    [(0.05, np.inf, ["one", "two"]), (0.3, np.inf, ["two"]), (0.3, 1.0, ["one", "two"])],
+)
+def test_numbers_within_their_tolerance_are_fitted_as_rivals_of_a_fit_alone_and_do_not_count(
+    monkeypatch, tolerance, known_chi2, fitted
 ):
     """The first number is at 0.6 of null: 2 or 12 tolerances. It stays first, and what comes second is significant."""
     linearised, known = laboratory({"one": waves(1, 0), "two": waves(0, 2)}, {"one": 0.6, "two": 0.4})
@@ -94,11 +97,12 @@ def test_numbers_within_their_tolerance_are_not_fitted_in_full_and_do_not_count(
         return fit(problem, candidate, *others)
 
     monkeypatch.setattr(selection, "fit", spy)
-    ranked = best_singles(problem, [uncertain, known["two"]], residual, 2)
+    monkeypatch.setattr(selection, "_LEAST_PROMISING", 0.0)
+    ranked = best_singles(problem, [uncertain, known["two"]], residual, 2, known_chi2)
     assert done == fitted
     assert [c.hypothesis.effect.id for c in ranked] == ["one", "two"]
     best = first_significant(ranked, residual, linearised.model, residual)
-    assert best.hypothesis.effect.id == fitted[0]
+    assert best.hypothesis.effect.id == ("one" if tolerance < 0.1 else "two")
 
 
 def test_an_effect_that_a_later_one_made_superfluous_goes():
