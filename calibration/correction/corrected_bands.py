@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import Capture, channel_mask
 from .band_images import Mask, band_images
-from .correction import FlatField, correct, evaluate_variance, of_whole_mean, read_flat
+from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
 from .noise import NoiseModel
@@ -91,7 +91,7 @@ def correct_bands(
     as_read = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
     for band in manifest.band:
         alike = [as_read[other.id] for other in manifest.band if other.f_number == band.f_number]
-        flat = of_whole_mean(band.id, as_read[band.id], alike, of_channel[band.id])
+        flat = with_mean_of_all_pixels(band.id, as_read[band.id], alike, of_channel[band.id])
         frames = correct(capture, band, flat, dark, noise)
         mask = _defects(capture, flat, dark, noise, band.exposure_s)
         saturated = frames.saturated | flat.saturated

@@ -25,26 +25,26 @@ __all__ = [
     "FlatField",
     "correct",
     "evaluate_variance",
-    "of_whole_mean",
     "read_flat",
     "uniform_flat",
+    "with_mean_of_all_pixels",
 ]
 
 # Lower bound of the response, relative to its mean, before division; such pixels are masked.
 _SMALLEST_RESPONSE = 1e-3
 
 # Part of the pixels that defects alone may saturate in a flat.
-_FEW = 0.01
+_FEW_SATURATED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
     """The flat field of one band.
 
-    response : (y, x), mean 1 over the pixels of the band's channel, see ``of_whole_mean``. relative_variance : (y, x)
-    of the response, from the noise of the flat frames only. mean_dn : mean of the flat frames above dark, DN; infinite
-    without a flat. dark_weights : (k,) weights of the dark levels that were subtracted. saturated : (y, x) True where a
-    flat frame is saturated.
+    response : (y, x), mean 1 over the pixels of the band's channel, see ``with_mean_of_all_pixels``.
+    relative_variance : (y, x) of the response, from the noise of the flat frames only. mean_dn : mean of the flat
+    frames above dark, DN; infinite without a flat. dark_weights : (k,) weights of the dark levels that were subtracted.
+    saturated : (y, x) True where a flat frame is saturated.
     """
 
     response: NDArray[np.float64]
@@ -116,7 +116,7 @@ def read_flat(
     return FlatField(response, variance / mean**2, mean, weights, saturated, note)
 
 
-def of_whole_mean(
+def with_mean_of_all_pixels(
     band: str, flat: FlatField, others: Sequence[FlatField], channel: NDArray[np.bool_] | None = None
 ) -> FlatField:
     """A flat field whose response has mean 1 over all pixels of its channel, though some are saturated.
@@ -140,7 +140,7 @@ def of_whole_mean(
             relative_variance=flat.relative_variance * darker**2,
             mean_dn=flat.mean_dn / darker,
         )
-    if share < _FEW:
+    if share < _FEW_SATURATED:
         return flat
     text = f"{band}: the flat frames are saturated in {share:.0%} of the pixels: the scale of the band is uncertain"
     return replace(flat, note="; ".join(filter(None, [flat.note, text])))

@@ -13,8 +13,8 @@ from ..device import device_array, dr, mi
 
 __all__ = ["means_by_strips"]
 
-#: Lanes of one kernel call, pixels times batches: enough to occupy all processors and to make up for the time that it
-#: takes to write a kernel down; few enough for regular progress reports.
+#: Lanes of one kernel call, pixels times batches: enough to occupy all processors and to outweigh the time that
+#: recording a kernel takes; few enough for regular progress reports.
 _LANES_PER_CALL = 2**16
 #: The order of rows: every 16th row, then those below them, and so on. Each thread then has rows from the whole
 #: picture, and all threads take similar times.

@@ -26,6 +26,9 @@ __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change", "warp_changes
 # The coverage changes in steps of 1 / samples; with 64 samples these steps exceed a camera's noise.
 _COVERAGE_SAMPLES = 512
 
+# Pixels per step, which limits memory.
+_PIXELS_PER_STEP = 2**16
+
 # Smallest coverage by a face of pixels that are used for the face's signal.
 _MOST = 0.5
 
@@ -102,15 +105,15 @@ def warp_changes(warp: Warp, cameras: Sequence[Camera]) -> Iterator[NDArray[np.f
 
 def _change(warp: Warp, camera: Camera, coverage: NDArray[np.float32]) -> NDArray[np.float64]:
     """``warp_change``. coverage : (n, k) of ``camera``, see ``_coverage``."""
-    inside, own_face = warp.inside
-    border, face = np.nonzero(coverage)
-    pixel = np.concatenate([inside, warp.border[border]])
-    seen = _interpolated(warp, camera, pixel, np.concatenate([own_face, face]))
     result = np.zeros((warp.base[0].size, len(warp.base)))
-    result[inside] = seen[: len(inside)]
-    pixel, first = np.unique(border, return_index=True)
-    shares = coverage[border, face, None] * seen[len(inside) :]
+    inside, own_face = warp.inside
+    for start in range(0, len(inside), _PIXELS_PER_STEP):
+        part = slice(start, start + _PIXELS_PER_STEP)
+        result[inside[part]] = _interpolated(warp, camera, inside[part], own_face[part])
+    border, face = np.nonzero(coverage)
     if len(border):
+        pixel, first = np.unique(border, return_index=True)
+        shares = coverage[border, face, None] * _interpolated(warp, camera, warp.border[border], face)
         result[warp.border[pixel]] = np.add.reduceat(shares, first)
     return result.T.reshape(warp.base.shape) - warp.base
 

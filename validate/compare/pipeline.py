@@ -163,7 +163,7 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
     rendered = refitted_picture(prepared, final, model.effects)
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     surveyed = prepared.expected_camera(model.effects)
-    if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit.camera, surveyed) > _LED_ASTRAY:
+    if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit, surveyed) > _LED_ASTRAY:
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, QUIET, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(
@@ -174,11 +174,11 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
 
 
-def _pull(fitted: Camera, surveyed: Camera) -> float:
-    """How far a fitted camera is from the survey, in standard deviations; 0 without a covariance."""
+def _pull(fit: NuisanceFit, surveyed: Camera) -> float:
+    """How far the fitted camera is from the survey, in standard deviations; 0 without a covariance."""
     if surveyed.covariance is None:
         return 0.0
-    off = surveyed.parameters - fitted.parameters
+    off = fit.missed(surveyed).camera
     return float(np.sqrt(off @ np.linalg.solve(surveyed.covariance, off)))
 
 
