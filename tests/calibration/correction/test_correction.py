@@ -257,6 +257,10 @@ def test_a_flat_that_is_saturated_in_part_has_the_scale_of_the_others(tmp_path, 
     usable = ~flat.saturated
     assert 0.2 < usable.mean() < 0.8
     scale = float((flat.response[usable] / fake.flat[usable]).mean())
+    as_read = read_flat(capture, bands[0], dark, measure_noise(capture, dark))
+    # counts and their variance are the same, whatever the scale
+    scaled, read = ((f.response * f.mean_dn, f.relative_variance * f.mean_dn**2) for f in (flat, as_read))
+    np.testing.assert_allclose(scaled, read)
     unknown = [note for note in found.notes if "the scale of the band is uncertain" in note]
     if saturated == 1:
         assert scale == pytest.approx(1.0, abs=4.5 * 0.01 / np.sqrt(300)) and not unknown
