@@ -1,64 +1,170 @@
-"""Shares of pixels covered by a few flat faces, seen through a pinhole.
+"""Shares of pixels covered by a few flat faces, seen through a pinhole: exact areas.
 
 From one point a face's depth and sides are linear functions of a ray's slopes: with the ray e + t d, e the eye, the
 plane n . p = c is met at 1 / t = n . d / (c - n . e), and the ray passes inside a side a . p > b where
-(a + (a . e - b) n / (c - n . e)) . d > 0. The face with the greatest 1 / t is seen. Most pixels see only a few faces,
-which are chosen beforehand.
+(a + (a . e - b) n / (c - n . e)) . d > 0. The face with the greatest 1 / t is seen. So straight lines divide a pixel
+into cells that each see one face: the edges of faces, and the lines in which faces intersect. Strips between the
+heights at which lines meet each other or the pixel's sides hold trapezoids, whose area is height times middle width.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, device_array, dr, mi
 from .flat_faces import FlatFaces
-from .tracer import undistorted_positions
 
 __all__ = ["polygon_coverage"]
 
-#: Pixels are sorted by how many faces may be seen in them; each class is a kernel of its own.
-_CLASSES = (2, 4, 8)
+#: Pixels are sorted by how many lines cross them and how many faces may be seen in them; a class is computed at once.
+_LINES, _FACES = (1, 2, 3, 4, 6, 9, 14), (2, 3, 4, 6, 9)
+
+#: Cells times faces of one computation, which limits memory.
+_MOST_CELLS = 2**20
 
 #: Part of a pixel by which its borders are moved out, for the curvature of distorted lines.
 _MARGIN = 0.01
 
+#: Faces that reach through each other by less than this, mm, only touch.
+_TOUCHING_MM = 1e-4
+
+#: Decimals of a share: what is covered by less is not seen.
+_DECIMALS = 6
+
 
 def polygon_coverage(
-    faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArray[np.int64], samples: int, seed: int
+    faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArray[np.int64]
 ) -> NDArray[np.float32]:
     """(c, n, f) share, 0 to 1, of some ``pixels`` (n,) of each of c cameras in which a face is the nearest.
 
-    cameras : with one picture size; pixels are counted along its rows. samples : low-discrepancy positions in each
-    pixel that may see several faces, the same ones for all cameras.
+    cameras : with one picture size; pixels are counted along its rows. Within a pixel distortion is taken for linear.
     """
+    lines = _lines_of(faces)
     functions = np.array([_functions(faces.planes, camera) for camera in cameras])
-    found = [_candidates(own, camera, pixels) for own, camera in zip(functions, cameras, strict=True)]
-    candidates, alone = np.array(found).swapaxes(0, 1)
-    coverage = alone.astype(np.float32)
-    counts = np.where(alone.any(axis=-1), 0, candidates.sum(axis=-1))
-    count = functions.shape[1]
-    limits = [*(k for k in _CLASSES if k < count), count]
-    for fewest, most in zip([0, *limits], limits, strict=False):
-        seen_by, own = np.nonzero((counts > fewest) & (counts <= most))
-        if len(own):
-            near = candidates[seen_by, own]
-            chosen = np.argsort(~near, axis=1, kind="stable")[:, :most]
-            near = np.take_along_axis(near, chosen, axis=1)
-            # the last function is that of no face
-            listed = np.where(near, seen_by[:, None] * count + chosen, len(cameras) * count)
-            pixel, of = (device_array(mi.UInt32, index) for index in (pixels[own], seen_by))
-            positions, points = (
-                undistorted_positions(cameras, pixel, of),
-                SobolPoints(2, samples, pixel, seed),
-            )
-            shares = _sampled(functions.reshape(-1, *functions.shape[2:]), listed, positions, points, samples)
-            rows, _ = np.nonzero(near)
-            coverage[seen_by[rows], own[rows], chosen[near]] = shares[near]
+    zero = np.array([lines.zero(camera, own[:, 0]) for camera, own in zip(cameras, functions, strict=True)])
+    coverage = np.zeros((len(cameras), len(pixels), len(faces.planes)), np.float32)
+    divided = []
+    for index, camera in enumerate(cameras):
+        corners = _corners(camera, pixels)
+        middle, half = _box(corners)
+        candidates, coverage[index] = _candidates(functions[index], middle, half)
+        mixed = np.flatnonzero(candidates.any(axis=1) & ~coverage[index].any(axis=1))
+        crossed = (np.abs(zero[index] @ middle[:, mixed]) < np.abs(zero[index]) @ half[:, mixed]).T
+        crossed &= candidates[mixed].astype(np.float32) @ lines.faces.T > 0
+        frames = _frames(corners[:, mixed])
+        divided.append((np.full(len(mixed), index), mixed, frames, candidates[mixed], crossed))
+    seen_by, which, frames, candidates, crossed = (
+        np.concatenate(each) for each in zip(*divided, strict=True)
+    )
+    for own, most_lines, most_faces in _classes(crossed.sum(axis=1), candidates.sum(axis=1)):
+        here = seen_by[own, None]
+        cut, of = _first(crossed[own], most_lines)
+        cuts = np.where(of[..., None], zero[here, cut], [0.0, 0.0, 1.0])
+        chosen, of = _first(candidates[own], most_faces)
+        near = np.where(of[..., None, None], functions[here, chosen], [0.0, 0.0, -1.0])
+        shares = _shares(cuts @ frames[own], near @ frames[own, None])
+        np.add.at(coverage, (here, which[own, None], chosen), shares)
     return coverage
+
+
+def _classes(
+    lines: NDArray[np.int64], faces: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], int, int]]:
+    """Pixels to be computed together, and how many lines and faces any of them has at most.
+
+    lines, faces : (n,) how many each pixel has.
+    """
+    place = np.stack([np.searchsorted(_LINES, lines), np.searchsorted(_FACES, faces)])
+    for kind in np.unique(place, axis=1).T:
+        own = np.flatnonzero((place == kind[:, None]).all(axis=0))
+        most_lines, most_faces = int(lines[own].max()), int(faces[own].max())
+        cells = (1 + 2 * most_lines + most_lines * (most_lines - 1) // 2) * (most_lines + 1)
+        at_once = max(1, _MOST_CELLS // (cells * most_faces))
+        for start in range(0, len(own), at_once):
+            yield own[start : start + at_once], most_lines, most_faces
+
+
+def _first(marked: NDArray[np.bool_], most: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(n, most) columns of what is marked in each row, then others; whether each is marked."""
+    chosen = np.argsort(~marked, axis=1, kind="stable")[:, :most]
+    return chosen, np.take_along_axis(marked, chosen, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Where the face that is seen may change. ends : (e, 2, 3) mm of edges. pairs : (p, 2) faces that intersect.
+
+    faces : (e + p + f, f) those that each line belongs to; the last ones are faces' horizons.
+    """
+
+    ends: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    faces: NDArray[np.float32]
+
+    def zero(self, camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(e + p + f, 3) coefficients of (x, y, 1) that are zero on each line. depth : (f, 3) those of 1 / t."""
+        first, last = np.moveaxis(self.ends - camera.position_mm, 1, 0)
+        crossings = depth[self.pairs[:, 0]] - depth[self.pairs[:, 1]]
+        return np.concatenate([np.cross(first, last) @ camera.rotation.T, crossings, depth])
+
+
+@lru_cache(maxsize=4)
+def _lines_of(faces: FlatFaces) -> _Lines:
+    count = len(faces.outlines)
+    ends: dict[tuple[bytes, ...], NDArray[np.float64]] = {}
+    owners: dict[tuple[bytes, ...], list[int]] = {}
+    for index, outline in enumerate(faces.outlines):
+        for edge in np.stack([outline, np.roll(outline, -1, axis=0)], axis=1):
+            key = tuple(sorted(end.tobytes() for end in edge))
+            ends[key] = edge
+            owners.setdefault(key, []).append(index)
+    through = np.array(
+        [
+            [np.ptp(np.sign(_beyond(outline @ plane[:3] - plane[3]))) == 2 for outline in faces.outlines]
+            for plane in faces.planes[:, 0]
+        ]
+    )
+    pairs = np.array(
+        [(i, j) for i, j in combinations(range(count), 2) if through[i, j] and through[j, i]], int
+    )
+    belongs = [np.isin(np.arange(count), own) for own in (*owners.values(), *pairs)]
+    return _Lines(
+        np.array([*ends.values()]), pairs.reshape(-1, 2), np.array([*belongs, *np.eye(count)], np.float32)
+    )
+
+
+def _beyond(heights: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.abs(heights) > _TOUCHING_MM, heights, 0.0)
+
+
+def _corners(camera: Camera, pixels: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(4, n, 2) slopes of the pixels' corners: upper left, upper right, lower left, lower right."""
+    rows, columns = np.divmod(pixels, camera.width_px)
+    down, right = np.array([[-0.5, -0.5, 0.5, 0.5], [-0.5, 0.5, -0.5, 0.5]])[..., None]
+    return camera.slopes(columns + right, rows + down)
+
+
+def _box(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, n) centres of the pixels and half their sizes, in homogeneous coordinates."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = np.vstack([(low + high).T / 2, np.ones(len(low))])
+    return middle, np.vstack([(high - low).T * (0.5 + _MARGIN), np.zeros(len(low))])
+
+
+def _frames(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3, 3) of (u, v, 1), 0 to 1 within each pixel, to the slopes (x, y, 1)."""
+    frames = np.zeros((corners.shape[1], 3, 3))
+    frames[:, 2, 2] = 1.0
+    frames[:, :2, 0] = (corners[1] - corners[0] + corners[3] - corners[2]) / 2
+    frames[:, :2, 1] = (corners[2] - corners[0] + corners[3] - corners[1]) / 2
+    frames[:, :2, 2] = corners.mean(axis=0) - (frames[:, :2, 0] + frames[:, :2, 1]) / 2
+    return frames
 
 
 def _functions(planes: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
@@ -72,18 +178,11 @@ def _functions(planes: NDArray[np.float64], camera: Camera) -> NDArray[np.float6
 
 
 def _candidates(
-    functions: NDArray[np.float64], camera: Camera, pixels: NDArray[np.int64]
+    functions: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n, f) faces that may be seen in each pixel, and those that are all that it sees."""
-    rows, columns = np.divmod(pixels, camera.width_px)
-    down, right = np.array([[-0.5, -0.5, 0.5, 0.5], [-0.5, 0.5, -0.5, 0.5]])[..., None]
-    corners = camera.slopes(columns + right, rows + down)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    # (3, n) centres and half sizes, in homogeneous coordinates
-    middle = np.vstack([(low + high).T / 2, np.ones(len(low))])
-    half = np.vstack([(high - low).T * (0.5 + _MARGIN), np.zeros(len(low))])
     depth, *sides = functions.transpose(1, 0, 2)
-    touching, covering = np.ones((2, len(depth), len(low)), bool)
+    touching, covering = np.ones((2, len(depth), middle.shape[1]), bool)
     for side in sides:
         value, spread = side @ middle, np.abs(side) @ half
         touching &= value + spread > 0
@@ -97,39 +196,44 @@ def _candidates(
     return candidates.T, (covering & candidates & (candidates.sum(axis=0) == 1)).T
 
 
-def _sampled(
-    functions: NDArray[np.float64],
-    listed: NDArray[np.int64],
-    positions: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]],
-    points: SobolPoints,
-    samples: int,
-) -> NDArray[np.float32]:
-    """(n, k) shares of the faces ``listed`` (n, k) at each lane's positions; beyond the last is that of none."""
-    count, most = listed.shape
-    never = np.broadcast_to([0.0, 0.0, -1.0], functions[:1].shape)
-    # a multiple of four numbers a face, which are read four at a time
-    rows = np.concatenate([functions, never]).reshape(-1, functions[0].size)
-    table = device_array(mi.Float, np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))))
-    fours = -(-rows.shape[1] // 4)
-    lane = dr.arange(mi.UInt32, count)
-    index = device_array(mi.UInt32, listed)
-    own = []
-    for k in range(most):
-        start = fours * dr.gather(mi.UInt32, index, lane * most + k)
-        own.append([x for i in range(fours) for x in dr.gather(mi.Vector4f, table, start + i)])
+def _shares(lines: NDArray[np.float64], faces: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, k) parts of unit squares that see each face.
 
-    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        x, y = positions(points.point(i, 0), points.point(i, 1))
-        nearest, face = mi.Float(0), dr.full(mi.UInt32, most, 1)
-        for k, row in enumerate(own):
-            depth, *sides = (dr.fma(row[j], x, dr.fma(row[j + 1], y, row[j + 2])) for j in range(0, 15, 3))
-            inside = dr.minimum(dr.minimum(sides[0], sides[1]), dr.minimum(sides[2], sides[3])) > 0
-            seen = inside & (depth > nearest)
-            nearest, face = dr.select(seen, depth, nearest), dr.select(seen, k, face)
-        return i + 1, [total + dr.select(face == k, mi.Float(1), mi.Float(0)) for k, total in enumerate(sums)]
+    lines : (n, l, 3) coefficients of (u, v, 1), zero where another face may be seen. faces : (n, k, 5, 3) those of
+    1 / t and of the sides.
+    """
+    area, u, v = _trapezoids(lines)
+    nearest, face = np.zeros_like(area), np.full(area.shape, -1)
+    for k, own in enumerate(np.moveaxis(faces, 1, 0)):
+        depth, *sides = (
+            row[:, 0, None, None] * u + row[:, 1, None, None] * v + row[:, 2, None, None]
+            for row in np.moveaxis(own, 1, 0)
+        )
+        seen = (np.min(sides, axis=0) > 0) & (depth > nearest)
+        nearest[seen], face[seen] = depth[seen], k
+    shares = [np.sum(area, axis=(1, 2), where=face == k) for k in range(faces.shape[1])]
+    return np.round(np.stack(shares, axis=1), _DECIMALS)
 
-    last = dr.opaque(mi.UInt32, samples)
-    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(most)])
-    _, sums = dr.while_loop(start, lambda i, _: i < last, body)
-    dr.eval(sums)
-    return (np.stack([s.numpy() for s in sums], axis=-1) / samples).astype(np.float32)
+
+def _trapezoids(lines: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
+    """Areas (n, strip, cell) of the cells of unit squares, and u and v in their middle.
+
+    lines : (n, l, 3) coefficients of (u, v, 1), zero on the line.
+    """
+    a, b, c = np.moveaxis(lines, -1, 0)
+    i, j = np.triu_indices(lines.shape[1], 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meeting = (a[:, j] * c[:, i] - a[:, i] * c[:, j]) / (a[:, i] * b[:, j] - a[:, j] * b[:, i])
+        heights = _within(np.concatenate([-c / b, -(a + c) / b, meeting], axis=1))
+        top, bottom = heights[:, :-1], heights[:, 1:]
+        v = ((top + bottom) / 2)[..., None]
+        places = _within(-(b[:, None] * v + c[:, None]) / a[:, None])
+    u = (places[..., :-1] + places[..., 1:]) / 2
+    return np.diff(places, axis=-1) * (bottom - top)[..., None], u, v
+
+
+def _within(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0, the places between 0 and 1 in rising order, and 1, along the last axis."""
+    inside = np.clip(np.nan_to_num(places, nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
+    ends = np.broadcast_to([0.0, 1.0], (*inside.shape[:-1], 2))
+    return np.sort(np.concatenate([ends[..., :1], inside, ends[..., 1:]], axis=-1), axis=-1)

@@ -23,9 +23,9 @@ _LANES = 16
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
     """(y, x, f) float32: share of each pixel covered by each flat face, 0 to 1, the lamp's face last.
 
-    The rest to 1 is not covered. samples : low-discrepancy camera rays of pixels crossed by an edge, and of pixels
-    that see another face than a neighbour without an edge in between (surfaces that intersect). All other pixels use
-    one ray.
+    The rest to 1 is not covered. Exact for a few dozen flat faces. samples : of other scenes, low-discrepancy camera
+    rays of pixels crossed by an edge, and of pixels that see another face than a neighbour without an edge in between
+    (surfaces that intersect). All other pixels use one ray.
     """
     crossed = pixels_on_edges(camera, face_edges(tracer.vertices, tracer.facet))
     centres = pixel_rays(camera, dr.arange(mi.UInt32, crossed.size))(mi.Float(0.5), mi.Float(0.5))
@@ -55,10 +55,11 @@ def pixel_coverage(
 ) -> np.ndarray:
     """(c, n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows, of each of c cameras.
 
-    cameras : with one picture size. samples : camera rays of a pixel, the same ones for all cameras.
+    cameras : with one picture size. samples : camera rays of a pixel, the same ones for all cameras; not needed where
+    the faces are few and flat.
     """
     if isinstance(tracer.accelerator, FlatFaces):
-        return _by_polygons(tracer, tracer.accelerator, cameras, np.asarray(pixels), samples, seed)
+        return _by_polygons(tracer, tracer.accelerator, cameras, np.asarray(pixels))
     return np.array([_by_rays(tracer, camera, pixels, samples, seed) for camera in cameras])
 
 
@@ -86,13 +87,13 @@ def _by_rays(tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, s
 
 
 def _by_polygons(
-    tracer: Tracer, faces: FlatFaces, cameras: Sequence[Camera], pixels: np.ndarray, samples: int, seed: int
+    tracer: Tracer, faces: FlatFaces, cameras: Sequence[Camera], pixels: np.ndarray
 ) -> np.ndarray:
     """The lit sides of polygons, added up by flat face; backs only hide what is behind them."""
     eyes = np.array([camera.position_mm for camera in cameras])
     lit = eyes @ faces.planes[:, 0, :3].T > faces.planes[:, 0, 3]
     own = np.eye(len(tracer.facet_surface), dtype=np.float32)[tracer.facet[np.array(faces.triangles)[::2]]]
-    return polygon_coverage(faces, cameras, pixels, samples, seed) @ (own * lit[..., None])
+    return polygon_coverage(faces, cameras, pixels) @ (own * lit[..., None])
 
 
 def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:

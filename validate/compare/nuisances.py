@@ -21,8 +21,8 @@ __all__ = [
     "held_lamp_scale",
 ]
 
-#: Default step of the camera's derivatives, px of rms motion. Shorter steps suffer from the sampling of edges; longer
-#: ones smooth them (10% of the chi2 of a motion remains unexplained).
+#: Default step of the camera's derivatives, px of rms motion. Longer ones smooth edges (10% of the chi2 of a motion
+#: remains unexplained).
 _STEP_PX = 0.1
 
 #: Steps of the search, first in smoothed pictures: where an edge along a row of pixels comes to the next row, the cost
@@ -35,9 +35,9 @@ _ROUNDS_EACH = 4
 #: Weights of neighbouring rows and columns in smoothed pictures.
 _SMOOTHING = np.array([1, 6, 15, 20, 15, 6, 1]) / 64
 
-#: The search goes on with the shorter steps while they lower the cost by more than this part, at most so many times:
-#: where edges lie along rows of pixels, as a floor's front edge may, it is slow.
-_FURTHER_STEPS_PX, _MOST_FURTHER, _WORTH = (0.1, 0.03), 12, 1e-3
+#: The search goes on with the shorter steps, at most so many times, until two after each other do not lower the cost by
+#: more than this part: where edges lie along rows of pixels, as a floor's front edge may, it is slow.
+_FURTHER_STEPS_PX, _MOST_FURTHER, _WORTH, _IDLE = (0.03, 0.01, 0.003), 6, 1e-3, 2
 
 _SMALLEST_GAIN = 1.0
 
@@ -188,8 +188,10 @@ def _search(
     current = seen(camera)
     design = np.zeros((Nuisances.count, len(target)))
     lowest = at_last = cost(camera, scale, current)
+    idle = 0
     for index, search_step in enumerate((*steps, *_MOST_FURTHER * _FURTHER_STEPS_PX)):
-        if index >= len(steps) and at_last - lowest < _WORTH * lowest:
+        idle = 0 if at_last - lowest >= _WORTH * lowest else idle + 1
+        if index >= len(steps) and idle >= _IDLE:
             break
         at_last = lowest
         for row, derivative in zip(
