@@ -5,7 +5,7 @@ from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
 from .patch_light import PatchLight, band_shares, patch_light, with_albedo
 from .patch_transport import PatchTransport, build_patch_transport
-from .warp import Warp, build_warp, pixels_per_unit, warp_change, warp_changes
+from .warp import Warp, build_warp, pixels_per_unit, warp_change, warp_derivatives
 
 __all__ = [
     "STEPS",
@@ -25,6 +25,6 @@ __all__ = [
     "patch_light",
     "pixels_per_unit",
     "warp_change",
-    "warp_changes",
+    "warp_derivatives",
     "with_albedo",
 ]

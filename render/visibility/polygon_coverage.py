@@ -49,9 +49,13 @@ def polygon_coverage(
     functions = np.array([_functions(faces.planes, camera) for camera in cameras])
     zero = np.array([lines.zero(camera, own[:, 0]) for camera, own in zip(cameras, functions, strict=True)])
     coverage = np.zeros((len(cameras), len(pixels), len(faces.planes)), np.float32)
-    divided = []
+    divided: list[tuple[NDArray, ...]] = []
+    lenses: dict[tuple, NDArray[np.float64]] = {}
     for index, camera in enumerate(cameras):
-        corners = _corners(camera, pixels)
+        lens = (camera.focal_length_px, *camera.principal_point_px, camera.k1, camera.further_distortion)
+        if lens not in lenses:
+            lenses[lens] = _corners(camera, pixels)
+        corners = lenses[lens]
         middle, half = _box(corners)
         candidates, coverage[index] = _candidates(functions[index], middle, half)
         mixed = np.flatnonzero(candidates.any(axis=1) & ~coverage[index].any(axis=1))

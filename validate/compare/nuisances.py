@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from cboxlab.render.perturbation import Warp, pixels_per_unit, warp_change, warp_changes
+from cboxlab.render.perturbation import Warp, pixels_per_unit, warp_change, warp_derivatives
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
@@ -86,16 +86,11 @@ class NuisanceFit:
 
 
 def camera_jacobian(warp: Warp, camera: Camera, step_px: float = _STEP_PX) -> NDArray[np.float64]:
-    """Derivative (10, band, y, x) of the signals with respect to ``camera.parameters``, by central differences.
+    """Derivative (10, band, y, x) of the signals with respect to ``camera.parameters``.
 
-    step_px : step of each parameter, as the rms motion of the picture.
+    step_px : step of each parameter for the coverage of pixels, as the rms motion of the picture.
     """
-    steps = step_px / pixels_per_unit(warp.tracer, camera)
-    both = camera.parameters + np.stack([np.diag(steps), -np.diag(steps)], axis=1).reshape(-1, len(steps))
-    changes = warp_changes(warp, [camera.with_parameters(there) for there in both])
-    return np.array(
-        [(ahead - behind) / (2 * step) for step, ahead, behind in zip(steps, changes, changes, strict=True)]
-    )
+    return warp_derivatives(warp, camera, step_px / pixels_per_unit(warp.tracer, camera))
 
 
 def fit_lamp_scale(
