@@ -25,8 +25,8 @@ from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
-#: Camera rays per pixel for its coverage by several faces. With 64 rays, noise contributes 0.04 to chi2 per sample;
-#: the motion of a block by 0.3 mm contributes 0.06 (32 x 32 pixels).
+#: Camera rays per pixel for its coverage by several faces, where it is not known exactly. With 64 rays, noise
+#: contributes 0.04 to chi2 per sample; the motion of a block by 0.3 mm contributes 0.06 (32 x 32 pixels).
 _COVERAGE_SAMPLES = 512
 
 #: Entries of G, fragments times patches, that are traced at once: 32 MiB.

@@ -1,9 +1,8 @@
 """The picture of a slightly moved camera, without rendering again.
 
 In a pixel I = Sum_f c_f L_f, with c_f the share covered by flat face f and L_f the signal of that face. A motion of
-the camera changes c_f, which is found by camera rays (always with the same random numbers), and moves the point seen
-on each face, for which L_f is interpolated in the picture of the first camera. The difference between the two cameras
-is added to the rendered picture. Rays are traced only near borders of faces.
+the camera changes c_f near borders of faces, and moves the point seen on each face, for which L_f is interpolated in
+the picture of the first camera. The difference between the two cameras is added to the rendered picture.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from ..visibility import Tracer, border_pixels, pixel_coverage
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change", "warp_derivatives"]
 
-# The coverage changes in steps of 1 / samples; with 64 samples these steps exceed a camera's noise.
+# Rays of a pixel where the coverage is not known exactly. It then changes in steps of 1 / samples; with 64 samples
+# these steps exceed a camera's noise.
 _COVERAGE_SAMPLES = 512
 
 # Pixels per step, which limits memory.

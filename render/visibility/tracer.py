@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,6 @@ __all__ = [
     "intersect",
     "normal_and_material",
     "pixel_rays",
-    "undistorted_positions",
     "visible",
 ]
 
@@ -229,7 +228,7 @@ def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float
     """
     axes = [[dr.opaque(mi.Float, float(value)) for value in row] for row in camera.rotation]
     origin = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in camera.position_mm))
-    positions = undistorted_positions([camera], pixel, mi.UInt32(0))
+    positions = _undistorted_positions(camera, pixel)
 
     def rays(u: mi.Float, v: mi.Float) -> mi.Ray3f:
         x, y = positions(u, v)
@@ -239,33 +238,21 @@ def pixel_rays(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float
     return rays
 
 
-def undistorted_positions(
-    cameras: Sequence[Camera], pixel: mi.UInt32, seen_by: mi.UInt32
+def _undistorted_positions(
+    camera: Camera, pixel: mi.UInt32
 ) -> Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]:
     """Slopes x and y of camera rays against the camera's axis, by the position in the pixel as in ``pixel_rays``.
-
-    seen_by : each lane's camera, as an index; the cameras share one picture size.
 
     Undistorted positions are the distorted ones times s with s + q s^3 = 1, q = k1 r^2, solved by Newton's method:
     several steps once for the pixel's centre, then one step for each position.
     """
-
-    def each(*values: float) -> mi.Float:
-        if len(values) == 1:
-            return dr.opaque(mi.Float, values[0])
-        return dr.gather(mi.Float, device_array(mi.Float, values), seen_by)
-
-    f, k1 = each(*(c.focal_length_px for c in cameras)), each(*(c.k1 for c in cameras))
-    centre_x, centre_y = (each(*(float(c.principal_point_px[axis]) for c in cameras)) for axis in (0, 1))
-    width = cameras[0].width_px
-    column, row = mi.Float(pixel % width), mi.Float(pixel // width)
-    if any(c.further_distortion is not None for c in cameras):
+    f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
+    centre_x, centre_y = (dr.opaque(mi.Float, float(centre)) for centre in camera.principal_point_px)
+    column, row = mi.Float(pixel % camera.width_px), mi.Float(pixel // camera.width_px)
+    if camera.further_distortion is not None:
         # within a pixel it is taken for even
         centres = np.stack([column.numpy(), row.numpy()], axis=-1).astype(float)
-        of = np.broadcast_to(seen_by.numpy(), len(centres))
-        for index, camera in enumerate(cameras):
-            centres[of == index] = camera.undisplaced(centres[of == index])
-        column, row = (device_array(mi.Float, c) for c in centres.T)
+        column, row = (device_array(mi.Float, c) for c in camera.undisplaced(centres).T)
     left = (column - 0.5 - centre_x) / f
     top = (row - 0.5 - centre_y) / f
     pitch = 1 / f

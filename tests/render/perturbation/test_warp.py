@@ -80,7 +80,7 @@ def test_a_wave_moves_as_its_formula_says(warp, pixels):
 
     Interpolated, its slope is sin(w) / w of the true one, 4 % less; with straight lines a fourth would be missed.
     """
-    _, image, signal, own = warp
+    _, image, _, own = warp
     rows, columns = np.mgrid[:SIZE, :SIZE]
 
     def wave(x):

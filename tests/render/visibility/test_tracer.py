@@ -7,7 +7,6 @@ import pytest
 from cboxlab.render.device import device_array, mi
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.visibility import pixel_rays
-from cboxlab.render.visibility.tracer import undistorted_positions
 from cboxlab.scenes import cornell_camera
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -33,19 +32,3 @@ def test_a_ray_goes_where_its_place_in_the_pixel_says(k1):
     off = found[:, :2] / found[:, 2:] - wanted[:, :2] / wanted[:, 2:]
     assert np.abs(off).max() * seen.focal_length_px < 2e-5
     np.testing.assert_allclose(np.array(rays.o).reshape(3, -1)[:, 0], seen.position_mm, rtol=1e-6)
-
-
-def test_each_lane_has_its_own_camera():
-    cameras = [camera(-0.3), replace(camera(0.1), focal_length_px=70.0)]
-    of = PIXEL % 2
-    x, y = undistorted_positions(cameras, *(device_array(mi.UInt32, i) for i in (PIXEL, of)))(
-        *(device_array(mi.Float, u) for u in RANDOM)
-    )
-    row, column = np.divmod(PIXEL, WIDTH)
-    for index, seen in enumerate(cameras):
-        own = of == index
-        wanted = (
-            seen.directions((column + RANDOM[0] - 0.5)[own], (row + RANDOM[1] - 0.5)[own]) @ seen.rotation.T
-        )
-        np.testing.assert_allclose(np.array(x)[own], wanted[:, 0] / wanted[:, 2], atol=1e-6)
-        np.testing.assert_allclose(np.array(y)[own], wanted[:, 1] / wanted[:, 2], atol=1e-6)
