@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = ["Coat", "Reflection", "changed_reflection", "fresnel"]
 _COSINES = 256
 
 Albedo: TypeAlias = "Callable[[mi.Float], tuple[mi.Float, mi.Float]]"
+Sample: TypeAlias = "Callable[[SobolPoints, mi.UInt32, mi.Ray3f], list[mi.Float]]"
 Base: TypeAlias = "Callable[[mi.Vector3f, mi.Vector3f], mi.Float]"
 
 
@@ -137,14 +139,17 @@ def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
 
 def changed_reflection(
     light: PatchedScene, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
-    reflection: Reflection, *, material: int, samples: int = 256, seed: int = 0,
+    reflection: Reflection, *, material: int, samples: tuple[int, int] = (256, 256),
+    seen_in: NDArray[np.int64] | None = None, seed: int = 0,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.
 
     radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
     and of the lamps. lamp_shares : (lamps, w) radiance of each lamp relative to their mean. reflection : if it has
     albedos, which ``radiance`` includes, the light reflected towards the surfaces seen by the camera gets the
-    directional distribution of the changed reflection.
+    directional distribution of the changed reflection. samples : rays of each pixel that sees the material,
+    and of all pixels for the reflection before, whose light the last one spreads. seen_in : (n,) pixels
+    that see the material, counted along the rows; None for all.
     """
     tracer, patches = light.tracer, light.patches
     base, coat, albedo = reflection.base, reflection.coat, reflection.albedo
@@ -154,19 +159,14 @@ def changed_reflection(
     table_rho = device_array(mi.Float, reflectances)
     shares = [[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares]
     count = camera.width_px * camera.height_px
-    lane = dr.arange(mi.UInt32, count)
-    rays = pixel_rays(camera, lane)
-    points = SobolPoints(8 if albedo is None else 14, samples, lane, seed)
 
     def seen(hit: Hit, active: mi.Bool) -> list[mi.Float]:
         on = hit.reflecting & active
         patch = patch_of(patches, hit.triangle, hit.uv, on)
         return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
 
-    means = None if albedo is None else (albedo, _for_diffuse_light(albedo))
-
-    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-        ray = rays(points.point(i, 4), points.point(i, 5))
+    def at_surface(points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f) -> list[mi.Float]:
+        """The change at the surface that the camera sees."""
         hit = intersect(tracer, ray)
         mine = hit.front & (hit.material == material)
         frame = mi.Frame3f(hit.normal)
@@ -190,11 +190,7 @@ def changed_reflection(
                 c + lobe + dr.select(valid, strength * b, 0)
                 for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
             ]
-        change = [dr.select(mine, c, 0) for c in change]
-        if means is not None:
-            before = before_last(*means, i, hit, mi.Ray3f(origin, frame.to_world(gathered)))
-            change = [c + d for c, d in zip(change, before, strict=True)]
-        return i + 1, [s + c for s, c in zip(sums, change, strict=True)]
+        return [dr.select(mine, c, 0) for c in change]
 
     def from_lamps(
         frame: mi.Frame3f, origin: mi.Point3f, u: mi.Float, v: mi.Float, active: mi.Bool
@@ -231,9 +227,13 @@ def changed_reflection(
         return lobes, strength, near, valid
 
     def before_last(
-        albedo: Albedo, diffuse: Sequence[mi.Float], i: mi.UInt32, hit: Hit, ray: mi.Ray3f
+        albedo: Albedo, diffuse: Sequence[mi.Float], points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f
     ) -> list[mi.Float]:
         """The light reflected by the material before the surface seen, minus its mean over directions."""
+        hit = intersect(tracer, ray)
+        onwards = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
+        origin = hit.position + hit.normal * RAY_OFFSET_MM
+        ray = mi.Ray3f(origin, mi.Frame3f(hit.normal).to_world(onwards))
         far = intersect(tracer, ray, hit.reflecting)
         theirs = far.front & (far.material == material)
         frame = mi.Frame3f(far.normal)
@@ -270,8 +270,27 @@ def changed_reflection(
         first = [dr.gather(mi.Float, table_rho, entry + k, hit.reflecting) for k in range(bands)]
         return [dr.select(theirs, f * c, 0) for f, c in zip(first, change, strict=True)]
 
-    total = dr.opaque(mi.UInt32, samples)
-    start = (dr.zeros(mi.UInt32, count), [dr.zeros(mi.Float, count) for _ in range(bands)])
-    _, sums = dr.while_loop(start, lambda i, _: i < total, body)
-    dr.eval(sums)
-    return np.stack([np.array(s) for s in sums]).reshape(bands, camera.height_px, camera.width_px) / samples
+    def means(pixels: NDArray, dimensions: int, own_samples: int, sample: Sample) -> NDArray[np.float64]:
+        """(w, n) mean changes of some pixels."""
+        lane = device_array(mi.UInt32, pixels)
+        rays, points = pixel_rays(camera, lane), SobolPoints(dimensions, own_samples, lane, seed)
+
+        def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+            change = sample(points, i, rays(points.point(i, 4), points.point(i, 5)))
+            return i + 1, [total + c for total, c in zip(sums, change, strict=True)]
+
+        last = dr.opaque(mi.UInt32, own_samples)
+        start = (dr.zeros(mi.UInt32, len(pixels)), [dr.zeros(mi.Float, len(pixels)) for _ in range(bands)])
+        _, sums = dr.while_loop(start, lambda i, _: i < last, body)
+        dr.eval(sums)
+        return np.stack([np.array(total) for total in sums]) / own_samples
+
+    change = np.zeros((bands, count))
+    own = np.arange(count) if seen_in is None else seen_in
+    if len(own):
+        change[:, own] = means(own, 8, samples[0], at_surface)
+    if albedo is not None:
+        change += means(
+            np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo))
+        )
+    return change.reshape(bands, camera.height_px, camera.width_px)

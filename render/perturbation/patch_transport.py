@@ -68,6 +68,10 @@ class PatchTransport:
         """(f,) index of each fragment's surface."""
         return self.light.tracer.facet_surface[self.face]
 
+    def pixels_of(self, material: int) -> NDArray[np.int64]:
+        """(n,) pixels that see a material, by its index, counted along the rows."""
+        return np.unique(self.pixel[self.material == material])
+
     def pixels(self, values: NDArray) -> NDArray[np.float64]:
         """Pictures (w, y, x) of the fragments' radiance (f, w)."""
         height, width = self.camera.height_px, self.camera.width_px

@@ -54,6 +54,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
         return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
 
+    samples = 2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2)))
     added = changed_reflection(
         transport.light,
         transport.camera,
@@ -62,7 +63,8 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         light.lamp_shares,
         Reflection(base, coat, means),
         material=own,
-        samples=2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2))),
+        samples=(samples, max(light.samples, samples // 4)),
+        seen_in=transport.pixels_of(own),
     )
     return changed.change(added=changed.added + added)
 

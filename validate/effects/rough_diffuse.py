@@ -75,7 +75,8 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         light.lamp_shares,
         Reflection(base, albedo=means),
         material=own,
-        samples=light.samples,
+        samples=(light.samples, light.samples),
+        seen_in=transport.pixels_of(own),
     )
     return changed.change(added=changed.added + added)
 

@@ -157,7 +157,7 @@ def test_an_unchanged_paint_changes_nothing(bright_box):
             ONE_LAMP,
             Reflection(lambert, coat),
             material=0,
-            samples=16,
+            samples=(16, 16),
         )
         assert change.shape == (2, 12, 12)
         assert np.all(change == 0)
@@ -176,7 +176,7 @@ def test_other_paints_are_left_alone():
         ONE_LAMP,
         Reflection(lambert, Coat(1.0, 0.2)),
         material=red,
-        samples=64,
+        samples=(64, 64),
     )
     image = gather(light, camera, 4, 1)
     covered = image.coverage[
@@ -198,7 +198,7 @@ def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
         ONE_LAMP,
         Reflection(lambda i, o: mi.Float(0.5)),
         material=0,
-        samples=256,
+        samples=(256, 256),
         seed=3,
     )
     walls = gather(light, camera, 4, 1).coverage[..., -1] == 0
@@ -225,7 +225,7 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
         ONE_LAMP,
         Reflection(lambert, coat),
         material=0,
-        samples=256,
+        samples=(256, 256),
         seed=4,
     )
     assert np.array_equal(change[0], change[1])
@@ -264,7 +264,7 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
     with_it, without = (
         changed_reflection(
             light, camera, np.ones((len(light.patches), 2)), np.full((1, 2), rho), ONE_LAMP,
-            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, samples=1024, seed=5,
+            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, samples=(1024, 1024), seed=5,
         )[0]
         for means in (albedo, None)
     )  # fmt: skip
