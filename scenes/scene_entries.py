@@ -13,7 +13,18 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from .errors import InputError
 from .faults import path_inside, referred
 from .input_files import read_channels
-from .shapes import Mesh, box_mesh, file_mesh, file_uv, joined, quad_mesh, ring_mesh, sphere_mesh, vector_area
+from .shapes import (
+    Mesh,
+    box_mesh,
+    file_mesh,
+    file_uv,
+    joined,
+    plate_mesh,
+    quad_mesh,
+    ring_mesh,
+    sphere_mesh,
+    vector_area,
+)
 
 __all__ = [
     "LampEntry",
@@ -220,13 +231,13 @@ def _quad(quad: list[Point], where: str) -> Mesh:
 
 
 def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
-    """The quads with the lamp's quads cut out; at most one lamp quad lies in each."""
-    whole, meshes = dict(enumerate(quads)), []
+    """The quads with the lamps' quads cut out."""
+    own: list[list[Quad]] = [[] for _ in quads]
     for light in lamp_quads:
-        reasons = ["no quad is left for it"]
-        for index, quad in whole.items():
+        reasons = ["there is none"]
+        for index, quad in enumerate(quads):
             try:
-                ring = ring_mesh(quad, light)
+                ring_mesh(quad, light)
             except ValueError as error:
                 reasons.append(f"quads_mm[{index}]: {error}")
                 continue
@@ -234,14 +245,20 @@ def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
                 hint = "reverse the order of the lamp's corners"
                 expected = "a lamp facing the same way as the surface"
                 raise InputError(f"{where}.hole", "a lamp facing backwards", expected, hint)
-            meshes.append(ring)
-            del whole[index]
+            own[index].append(light)
             break
         else:
-            expected = "each lamp quad in the plane of this surface and inside a separate quad of it"
+            expected = "each lamp quad in the plane of this surface and inside a quad of it"
             raise InputError(f"{where}.hole", f"no quad that contains the lamp ({reasons[-1]})", expected)
-    rest = [_quad(quad, f"{where}.quads_mm[{index}]") for index, quad in whole.items()]
-    return joined([*meshes, *rest])
+    meshes = []
+    for index, (quad, lights) in enumerate(zip(quads, own, strict=True)):
+        place = f"{where}.quads_mm[{index}]"
+        try:
+            meshes.append(plate_mesh(quad, lights) if lights else _quad(quad, place))
+        except ValueError as error:
+            expected = "lamps side by side, that straight lines part"
+            raise InputError(place, f"{len(lights)} lamps of which {error}", expected) from None
+    return joined(meshes)
 
 
 def _ring_or_none(quad: list[Point], light: list[Point]) -> Mesh | None:

@@ -6,6 +6,7 @@ A mesh is (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from .errors import InputError
 from .input_files import require_regular_file
 
 __all__ = [
-    "Mesh", "box_mesh", "file_mesh", "file_uv", "joined", "moved_on_floor", "quad_mesh", "ring_mesh", "sphere_mesh",
-    "vector_area",
+    "Mesh", "box_mesh", "file_mesh", "file_uv", "joined", "moved_on_floor", "plate_mesh", "quad_mesh", "ring_mesh",
+    "sphere_mesh", "vector_area",
 ]  # fmt: skip
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -88,6 +89,46 @@ def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
             faces.append((i, n + (j + 1) % m, n + j))
             j = (j + 1) % m
     return np.concatenate([outer, hole]), np.array(faces, np.int64)
+
+
+def plate_mesh(outer: ArrayLike, holes: Sequence[ArrayLike]) -> Mesh:
+    """A convex polygon (n, 3) with several convex holes, divided between them by straight lines along their edges.
+
+    Raises ValueError as ``ring_mesh`` does, and where no such line has all holes on one side or the other.
+    """
+    if len(holes) == 1:
+        return ring_mesh(outer, holes[0])
+    outer, inside = np.asarray(outer, float), [np.asarray(hole, float) for hole in holes]
+    edges = np.concatenate([np.roll(hole, -1, axis=0) - hole for hole in inside])
+    axes = np.cross(vector_area(outer), edges)
+    gaps = []
+    for axis in axes / np.linalg.norm(axes, axis=1, keepdims=True):
+        reach = sorted((float((hole @ axis).min()), float((hole @ axis).max())) for hole in inside)
+        ends = np.maximum.accumulate([end for _, end in reach])
+        gaps += [
+            (start - end, (start + end) / 2, axis)
+            for end, (start, _) in zip(ends[:-1], reach[1:], strict=True)
+        ]
+    gap, place, axis = max(gaps, key=itemgetter(0))
+    if gap <= 0:
+        raise ValueError("no straight line parts the holes")
+    parts = []
+    for sign in (1.0, -1.0):
+        own = [hole for hole in inside if sign * (hole[0] @ axis - place) > 0]
+        parts.append(plate_mesh(_beyond(outer, sign * (outer @ axis - place)), own))
+    return joined(parts)
+
+
+def _beyond(polygon: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The part (m, 3) of a convex polygon (n, 3) where a linear function, (n,) at its corners, is positive."""
+    kept = []
+    for index, (here, there) in enumerate(zip(distance, np.roll(distance, -1), strict=True)):
+        first, second = polygon[index], polygon[(index + 1) % len(polygon)]
+        if here > 0:
+            kept.append(first)
+        if here * there < 0:
+            kept.append(first + here / (here - there) * (second - first))
+    return np.array(kept)
 
 
 def box_mesh(center_mm: ArrayLike, size_mm: ArrayLike, yaw_deg: float) -> Mesh:

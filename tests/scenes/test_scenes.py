@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
-from cboxlab.scenes.shapes import box_mesh, file_mesh, joined, quad_mesh, ring_mesh, vector_area
+from cboxlab.scenes.shapes import box_mesh, file_mesh, joined, plate_mesh, quad_mesh, ring_mesh, vector_area
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -203,6 +203,43 @@ def test_a_hole_that_is_none_is_refused(hole, told):
 def test_a_hole_in_nothing_is_refused(outer):
     with pytest.raises(ValueError, match="no area"):
         ring_mesh(outer, SQUARE)
+
+
+def rectangle(x, y, width, height, turn=0.0):
+    """Corners (4, 3) about a centre, turned in the plane z = 0."""
+    c, s = np.cos(turn), np.sin(turn)
+    flat = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([width, height]) / 2
+    return np.column_stack([flat @ np.array([[c, s], [-s, c]]) + [x, y], np.zeros(4)])
+
+
+@pytest.mark.parametrize(
+    "holes",
+    [
+        [rectangle(1, 1, 1, 1), rectangle(3, 3, 1, 1)],
+        [rectangle(1, 1, 1, 1), rectangle(3, 1.2, 1, 1), rectangle(2, 3, 3, 0.5)],
+        [rectangle(1.2, 1.2, 1, 1, 0.6), rectangle(2.8, 2.6, 1.4, 1, 0.6)],
+        [rectangle(1, 1, 1, 1), rectangle(1, 3, 1, 1), rectangle(3, 1, 1, 1), rectangle(3, 3, 1, 1)],
+    ],
+)
+def test_a_plate_with_several_holes_is_tiled(holes):
+    """No triangle overlaps a hole or another triangle, all face one way, and their area is what the holes leave."""
+    vertices, faces = plate_mesh(SQUARE, holes)
+    areas = np.array([vector_area(vertices[face])[2] for face in faces])
+    assert np.all(areas > 0)
+    assert areas.sum() == pytest.approx(16 - sum(vector_area(hole)[2] for hole in holes))
+    points = np.random.default_rng(2).uniform(0, 4, (2000, 2))
+    hits = sum(inside_triangle(points, *vertices[face, :2]) for face in faces)
+    dark = sum(inside_triangle(points, *hole[[0, i, i + 1], :2]) for hole in holes for i in (1, 2))
+    assert np.array_equal(hits, 1 - dark)
+
+
+def test_holes_that_no_line_parts_are_refused():
+    """Four around a middle, each beside the next one's end; two that overlap."""
+    windmill = [rectangle(x, y, w, h) for x, y, w, h in
+                ((1.4, 0.8, 2.2, 0.6), (3.2, 1.4, 0.6, 2.2), (2.6, 3.2, 2.2, 0.6), (0.8, 2.6, 0.6, 2.2))]  # fmt: skip
+    for holes in (windmill, [rectangle(2, 2, 1, 1), rectangle(2.5, 2, 1, 1)]):
+        with pytest.raises(ValueError, match="no straight line"):
+            plate_mesh(SQUARE, holes)
 
 
 def test_a_block_is_closed_turned_about_its_centre_and_lit_from_outside():

@@ -11,7 +11,7 @@ quads_mm = [[[-4, 10, 4], [-4, 10, 3], [-3, 10, 3], [-3, 10, 4]]]
 radiance = { wavelength_nm = [400, 700], values = [6.0, 0.0] }
 reflectance = 0.5
 """
-#: One ceiling quad takes one hole: two, side by side.
+#: The ceiling as two quads, side by side.
 HALVES = CEILING.replace(
     "[5, 10, -5], [5, 10, 5]]]",
     "[-2, 10, -5], [-2, 10, 5]], [[-2, 10, 5], [-2, 10, -5], [5, 10, -5], [5, 10, 5]]]",
@@ -37,6 +37,26 @@ def test_two_lamps_have_their_own_spectra_and_holes(tmp_path):
     one = load(tmp_path, GOOD)
     assert one.further_lamps == () and np.array_equal(one.lamp_radiance([550]), one.lamp.radiance.at([550]))
     assert load(tmp_path, GOOD.replace("[lamp]", "[[lamp]]")).lamps[0].surface.name == "light"
+
+
+def test_two_lamps_in_one_quad(tmp_path):
+    """The ceiling as one quad leaves the same two holes as two quads do."""
+    one, two = (load(tmp_path, text) for text in (TWO.replace(HALVES[:-15], CEILING[:-15]), TWO))
+    ceilings = [scene.surface("ceiling") for scene in (one, two)]
+    assert len(ceilings[0].vertices_mm) != 0
+    areas = [np.sum(ceiling.areas_mm2) for ceiling in ceilings]
+    assert areas == pytest.approx([100 - 4 - 1] * 2)
+    centres = [np.average(c.vertices_mm[c.faces].mean(axis=1), axis=0, weights=c.areas_mm2) for c in ceilings]
+    np.testing.assert_allclose(*centres, atol=1e-12)
+
+
+def test_lamps_that_overlap_are_refused(tmp_path):
+    text = TWO.replace(HALVES[:-15], CEILING[:-15])
+    moved = text.replace(
+        "[-4, 10, 4], [-4, 10, 3], [-3, 10, 3], [-3, 10, 4]", "[0, 10, 2], [0, 10, 0], [2, 10, 0], [2, 10, 2]"
+    )
+    told = fault(tmp_path, moved)
+    assert "surface[0] (ceiling).quads_mm[0]: found 2 lamps of which no straight line parts the holes" in told
 
 
 def test_faults_of_several_lamps_name_the_lamp(tmp_path):
