@@ -47,7 +47,7 @@ def applied(monkeypatch):
 def test_what_the_rays_change_is_added(applied):
     before, after, given = applied
     np.testing.assert_allclose(after.added, 0.012)
-    assert given["coat"] is None and given["samples"] == before.samples
+    assert given["coat"] is None and given["samples"] == (before.samples, before.samples)
     np.testing.assert_allclose(given["radiance"], after.patch_radiance())
 
 
