@@ -256,8 +256,11 @@ def _with_holes(quads: list[Quad], lamp_quads: list[Quad], where: str) -> Mesh:
         try:
             meshes.append(plate_mesh(quad, lights) if lights else _quad(quad, place))
         except ValueError as error:
-            expected = "lamps side by side, that straight lines part"
-            raise InputError(place, f"{len(lights)} lamps of which {error}", expected) from None
+            expected, hint = (
+                "lamps that straight lines along their edges part",
+                "divide the quad between them",
+            )
+            raise InputError(place, f"{len(lights)} lamps ({error})", expected, hint) from None
     return joined(meshes)
 
 

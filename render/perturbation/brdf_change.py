@@ -139,17 +139,16 @@ def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
 
 def changed_reflection(
     light: PatchedScene, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
-    reflection: Reflection, *, material: int, samples: tuple[int, int] = (256, 256),
-    seen_in: NDArray[np.int64] | None = None, seed: int = 0,
+    reflection: Reflection, *, material: int, seen_in: NDArray[np.int64], samples: tuple[int, int] = (256, 256),
+    seed: int = 0,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.
 
     radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
     and of the lamps. lamp_shares : (lamps, w) radiance of each lamp relative to their mean. reflection : if it has
     albedos, which ``radiance`` includes, the light reflected towards the surfaces seen by the camera gets the
-    directional distribution of the changed reflection. samples : rays of each pixel that sees the material,
-    and of all pixels for the reflection before, whose light the last one spreads. seen_in : (n,) pixels
-    that see the material, counted along the rows; None for all.
+    directional distribution of the changed reflection. seen_in : (n,) pixels that see the material, counted along the
+    rows. samples : rays of each of these, and of all pixels for the reflection before, which the last one spreads.
     """
     tracer, patches = light.tracer, light.patches
     base, coat, albedo = reflection.base, reflection.coat, reflection.albedo
@@ -286,9 +285,8 @@ def changed_reflection(
         return np.stack([np.array(total) for total in sums]) / own_samples
 
     change = np.zeros((bands, count))
-    own = np.arange(count) if seen_in is None else seen_in
-    if len(own):
-        change[:, own] = means(own, 8, samples[0], at_surface)
+    if len(seen_in):
+        change[:, seen_in] = means(seen_in, 8, samples[0], at_surface)
     if albedo is not None:
         change += means(
             np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo))

@@ -141,6 +141,11 @@ def bright_box():
     return light, camera_inside(12), np.ones((len(light.patches), 2))
 
 
+def everywhere(camera):
+    """All pixels of a camera."""
+    return np.arange(camera.width_px * camera.height_px)
+
+
 def lambert(incoming, outgoing):
     return mi.Float(1)
 
@@ -157,6 +162,7 @@ def test_an_unchanged_paint_changes_nothing(bright_box):
             ONE_LAMP,
             Reflection(lambert, coat),
             material=0,
+            seen_in=everywhere(camera),
             samples=(16, 16),
         )
         assert change.shape == (2, 12, 12)
@@ -176,6 +182,7 @@ def test_other_paints_are_left_alone():
         ONE_LAMP,
         Reflection(lambert, Coat(1.0, 0.2)),
         material=red,
+        seen_in=everywhere(camera),
         samples=(64, 64),
     )
     image = gather(light, camera, 4, 1)
@@ -198,6 +205,7 @@ def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
         ONE_LAMP,
         Reflection(lambda i, o: mi.Float(0.5)),
         material=0,
+        seen_in=everywhere(camera),
         samples=(256, 256),
         seed=3,
     )
@@ -225,6 +233,7 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
         ONE_LAMP,
         Reflection(lambert, coat),
         material=0,
+        seen_in=everywhere(camera),
         samples=(256, 256),
         seed=4,
     )
@@ -264,7 +273,8 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
     with_it, without = (
         changed_reflection(
             light, camera, np.ones((len(light.patches), 2)), np.full((1, 2), rho), ONE_LAMP,
-            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, samples=(1024, 1024), seed=5,
+            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, seen_in=everywhere(camera),
+            samples=(1024, 1024), seed=5,
         )[0]
         for means in (albedo, None)
     )  # fmt: skip
