@@ -26,7 +26,7 @@ __all__ = ["polygon_coverage"]
 _LINES, _FACES = (1, 2, 3, 4, 6, 9, 14), (2, 3, 4, 6, 9)
 
 #: Cells times faces of one computation, which limits memory.
-_MOST_CELLS = 2**20
+_MOST_CELLS = 2**17
 
 #: Part of a pixel by which its borders are moved out, for the curvature of distorted lines.
 _MARGIN = 0.01
@@ -48,48 +48,43 @@ def polygon_coverage(
     lines = _lines_of(faces)
     functions = np.array([_functions(faces.planes, camera) for camera in cameras])
     zero = np.array([lines.zero(camera, own[:, 0]) for camera, own in zip(cameras, functions, strict=True)])
-    coverage = np.zeros((len(cameras), len(pixels), len(faces.planes)), np.float32)
-    divided: list[tuple[NDArray, ...]] = []
-    lenses: dict[tuple, NDArray[np.float64]] = {}
-    for index, camera in enumerate(cameras):
-        lens = (camera.focal_length_px, *camera.principal_point_px, camera.k1, camera.further_distortion)
-        if lens not in lenses:
-            lenses[lens] = _corners(camera, pixels)
-        corners = lenses[lens]
-        middle, half = _box(corners)
-        candidates, coverage[index] = _candidates(functions[index], middle, half)
-        mixed = np.flatnonzero(candidates.any(axis=1) & ~coverage[index].any(axis=1))
-        crossed = (np.abs(zero[index] @ middle[:, mixed]) < np.abs(zero[index]) @ half[:, mixed]).T
-        crossed &= candidates[mixed].astype(np.float32) @ lines.faces.T > 0
-        frames = _frames(corners[:, mixed])
-        divided.append((np.full(len(mixed), index), mixed, frames, candidates[mixed], crossed))
-    seen_by, which, frames, candidates, crossed = (
-        np.concatenate(each) for each in zip(*divided, strict=True)
-    )
-    for own, most_lines, most_faces in _classes(crossed.sum(axis=1), candidates.sum(axis=1)):
-        here = seen_by[own, None]
+    lens_of = [(c.focal_length_px, *c.principal_point_px, c.k1, c.further_distortion) for c in cameras]
+    lenses = {lens: _corners(camera, pixels) for lens, camera in zip(lens_of, cameras, strict=True)}
+    middle, half = _box(np.concatenate([*lenses.values()]))
+    candidates, alone = _candidates(functions, middle, half)
+    coverage = np.empty((len(cameras), len(pixels), len(faces.planes)), np.float32)
+    coverage[:] = alone
+    mixed = np.flatnonzero(candidates.any(axis=1) & ~alone.any(axis=1))
+    candidates = candidates[mixed]
+    low, high = _bounds(zero, middle[:, mixed], half[:, mixed])
+    crossed = ((low < 0) & (high > 0)).T & (candidates.astype(np.float32) @ lines.faces.T > 0)
+    own_frames = {lens: _frames(corners[:, mixed]) for lens, corners in lenses.items()}
+    frames = np.array([own_frames[lens] for lens in lens_of])
+    for own, most_lines, most_faces in _classes(crossed.sum(axis=1), candidates.sum(axis=1), len(cameras)):
         cut, of = _first(crossed[own], most_lines)
-        cuts = np.where(of[..., None], zero[here, cut], [0.0, 0.0, 1.0])
+        cuts = np.where(of[..., None], zero[:, cut], [0.0, 0.0, 1.0])
         chosen, of = _first(candidates[own], most_faces)
-        near = np.where(of[..., None, None], functions[here, chosen], [0.0, 0.0, -1.0])
-        shares = _shares(cuts @ frames[own], near @ frames[own, None])
-        np.add.at(coverage, (here, which[own, None], chosen), shares)
+        near = np.where(of[..., None, None], functions[:, chosen], [0.0, 0.0, -1.0])
+        here = frames[:, own]
+        near = near.reshape(*near.shape[:2], -1, 3) @ here
+        shares = _shares((cuts @ here).reshape(-1, most_lines, 3), near.reshape(-1, most_faces, 5, 3))
+        coverage[:, mixed[own, None], chosen] = shares.reshape(len(cameras), *chosen.shape)
     return coverage
 
 
 def _classes(
-    lines: NDArray[np.int64], faces: NDArray[np.int64]
+    lines: NDArray[np.int64], faces: NDArray[np.int64], cameras: int
 ) -> Iterator[tuple[NDArray[np.int64], int, int]]:
     """Pixels to be computed together, and how many lines and faces any of them has at most.
 
-    lines, faces : (n,) how many each pixel has.
+    lines, faces : (n,) how many each pixel has. cameras : that see each pixel.
     """
     place = np.stack([np.searchsorted(_LINES, lines), np.searchsorted(_FACES, faces)])
     for kind in np.unique(place, axis=1).T:
         own = np.flatnonzero((place == kind[:, None]).all(axis=0))
         most_lines, most_faces = int(lines[own].max()), int(faces[own].max())
         cells = (1 + 2 * most_lines + most_lines * (most_lines - 1) // 2) * (most_lines + 1)
-        at_once = max(1, _MOST_CELLS // (cells * most_faces))
+        at_once = max(1, _MOST_CELLS // (cells * most_faces * cameras))
         for start in range(0, len(own), at_once):
             yield own[start : start + at_once], most_lines, most_faces
 
@@ -181,22 +176,26 @@ def _functions(planes: NDArray[np.float64], camera: Camera) -> NDArray[np.float6
     return np.concatenate([depth[:, None], sides], axis=1) @ camera.rotation.T
 
 
+def _bounds(
+    functions: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(f, n) least and greatest values of functions (c, f, 3) of (x, y, 1) in each box, over all cameras."""
+    low, high = functions.min(axis=0), functions.max(axis=0)
+    mean, apart = (low + high) / 2, (high - low) / 2
+    value = mean @ middle
+    spread = np.abs(mean) @ half + apart @ (np.abs(middle) + half)
+    return value - spread, value + spread
+
+
 def _candidates(
     functions: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(n, f) faces that may be seen in each pixel, and those that are all that it sees."""
-    depth, *sides = functions.transpose(1, 0, 2)
-    touching, covering = np.ones((2, len(depth), middle.shape[1]), bool)
-    for side in sides:
-        value, spread = side @ middle, np.abs(side) @ half
-        touching &= value + spread > 0
-        covering &= value - spread > 0
-    value, spread = depth @ middle, np.abs(depth) @ half
-    nearest, furthest = value + spread, value - spread
-    touching &= nearest > 0
-    covering &= furthest > 0
-    wall = np.where(covering, furthest, -np.inf).max(axis=0)
-    candidates = touching & (nearest >= wall)
+    """(n, f) faces that some camera may see in each pixel, and those that are all that every camera sees there."""
+    by_kind = functions.swapaxes(1, 2).reshape(len(functions), -1, 3)
+    low, high = (each.reshape(5, -1, middle.shape[1]) for each in _bounds(by_kind, middle, half))
+    touching, covering = (high > 0).all(axis=0), (low > 0).all(axis=0)
+    wall = np.where(covering, low[0], -np.inf).max(axis=0)
+    candidates = touching & (high[0] >= wall)
     return candidates.T, (covering & candidates & (candidates.sum(axis=0) == 1)).T
 
 
@@ -215,7 +214,7 @@ def _shares(lines: NDArray[np.float64], faces: NDArray[np.float64]) -> NDArray[n
         )
         seen = (np.min(sides, axis=0) > 0) & (depth > nearest)
         nearest[seen], face[seen] = depth[seen], k
-    shares = [np.sum(area, axis=(1, 2), where=face == k) for k in range(faces.shape[1])]
+    shares = [np.sum(area * (face == k), axis=(1, 2)) for k in range(faces.shape[1])]
     return np.round(np.stack(shares, axis=1), _DECIMALS)
 
 
