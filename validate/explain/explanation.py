@@ -18,7 +18,7 @@ from .optics_forms import moves_of_bands, optics_forms, smears
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
 from .spot_cells import hot_spot
-from .spots import fits_the_place
+from .spots import fits_the_place, soft_outline
 from .surface_forms import surface_forms
 
 __all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain", "hidden"]
@@ -216,11 +216,12 @@ def _scores(excess: Excess, forms: Sequence[Form]) -> list[float]:
     """2 ln evidence of each form, with what it lacks to the largest gain forgiven as far as shapes are in error, and
     with what is known of the places of such things."""
     most = max(form.fit.gain for form in forms)
+    soft = any(form.family == "object" and soft_outline(excess, form) for form in forms)
     found = []
     for form in forms:
         complexity = form.fit.gain - form.evidence
         lacks = max(most - form.fit.gain - _SHAPE_ERROR * most, 0.0)
-        found.append(most - lacks - complexity + fits_the_place(excess, form))
+        found.append(most - lacks - complexity + fits_the_place(excess, form, soft))
     return found
 
 

@@ -160,6 +160,17 @@ def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     assert np.hypot(found.centre_px[0] - 40, found.centre_px[1] - 30) < 3
 
 
+@pytest.mark.parametrize("height", [2.5, 5.0])
+def test_a_bright_place_without_outline_is_light_and_one_with_an_outline_a_thing(height):
+    """A lamp at a height before a wall, h^4 / (h^2 + r^2)^2, and a thing as large as where that is one half."""
+    square = (COLUMNS - 34) ** 2 + (ROWS - 14) ** 2
+    colour = np.array([0.02, 0.7, 0.3, 0.0])[:, None, None]
+    lamp = (height**2 / (height**2 + square)) ** 2
+    plate = 1.0 * (square < (np.sqrt(2) - 1) * height**2)
+    assert explain(small_excess(SIGNAL * colour * lamp * ~FLOOR)).family == "extra-light"
+    assert explain(small_excess(SIGNAL * colour * plate)).family == "object"
+
+
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
     """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
     found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
