@@ -206,6 +206,10 @@ def _shares(lines: NDArray[np.float64], faces: NDArray[np.float64]) -> NDArray[n
     1 / t and of the sides.
     """
     area, u, v = _trapezoids(lines)
+    if lines.shape[1] == 1:  # each side of the line sees one face: that of its largest trapezoid
+        largest = area.argmax(axis=1)[:, None]
+        u, v = (np.take_along_axis(np.broadcast_to(x, area.shape), largest, axis=1) for x in (u, v))
+        area = area.sum(axis=1, keepdims=True)
     nearest, face = np.zeros_like(area), np.full(area.shape, -1)
     for k, own in enumerate(np.moveaxis(faces, 1, 0)):
         depth, *sides = (
