@@ -128,6 +128,7 @@ def _ways(validation: Validation, effect: Effect, choices: Mapping[str, str | fl
 
 def _best(problem: FitProblem, known: Iterable[Signature | None], residual: np.ndarray) -> Candidate:
     """The best fit, from the starts that are best to first order."""
+    residual = problem.model.project(residual)
     screened = sorted((screen(problem, s, residual) for s in known if s is not None), key=lambda c: c.chi2)
     return min((fit(problem, c, residual) for c in screened[:_FITTED]), key=lambda c: c.chi2)
 

@@ -253,9 +253,8 @@ def columns_of(problem: FitProblem, known: Signature) -> NDArray[np.float64]:
 
 
 def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
-    """Fit a hypothesis to first order. A single number is kept within its bounds."""
+    """Fit a hypothesis to a projected residual (n + 11,), to first order. A single number is kept within its bounds."""
     hypothesis = known.hypothesis
-    residual = problem.model.project(residual)
     columns = columns_of(problem, known)
     smoothed = np.array([problem.noise_averaging_gain(effect) for effect in known.stepped])
     amplitude, covariance = least_squares(columns, residual, smoothed)

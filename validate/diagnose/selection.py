@@ -44,6 +44,7 @@ def best_singles(
     chi2 of a fit that is known already.
     """
     best: dict[str, Candidate] = {}
+    residual = problem.model.project(residual)
     for index, one in enumerate(signatures, 1):
         candidate = screen(problem, one, residual)
         progress.part(0.5 * index / len(signatures))
@@ -51,7 +52,7 @@ def best_singles(
         if penalised(candidate) < penalised(rival):
             best[rival.hypothesis.effect.id] = candidate
     ranked = sorted(best.values(), key=penalised)
-    start = square(problem.model.project(residual))
+    start = square(residual)
     done: list[float] = []
     for index, candidate in enumerate(ranked[:refined]):
         lowest = min(done, default=known)
