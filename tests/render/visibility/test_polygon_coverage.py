@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.visibility import build_tracer, pixel_coverage
-from cboxlab.render.visibility.faces_and_tree import in_a_tree
+from cboxlab.render.visibility.faces_and_tree import FacesAndTree, in_a_tree
 from cboxlab.render.visibility.flat_faces import flat_faces
 from cboxlab.render.visibility.polygon_coverage import polygon_coverage
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.camera import PARAMETER_NAMES
+from cboxlab.scenes.scene import Surface
 from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -46,6 +48,27 @@ def test_shares_are_those_of_rays(name):
     assert 0 < expected.sum() / len(pixels) <= 1
     assert ((expected > 0) & (expected < 1)).any(axis=1).sum() > 20
     assert np.abs(found - expected).max() < 1.5e-3
+
+
+@pytest.mark.parametrize("name", cameras())
+def test_beside_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_box_alone(name):
+    box, camera = cornell_box(), cameras()[name]
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=60.0)
+    mesh.apply_translation([420.0, 330.0, 300.0])
+    ball = Surface("ball", "white", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    tracer = build_tracer(replace(box, surfaces=(*box.surfaces, ball)))
+    assert isinstance(tracer.accelerator, FacesAndTree)
+    pixels = np.arange(SIZE * SIZE)
+    found, expected = (
+        pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
+        for t in (tracer, replace(tracer, accelerator=in_a_tree(tracer.vertices)))
+    )
+    assert np.abs(found - expected).max() < 1.5e-3
+    of_ball = tracer.facet_surface == len(box.surfaces)
+    away = ~expected[:, of_ball].any(axis=1)
+    alone = pixel_coverage(build_tracer(box), [camera], pixels, 1)[0]
+    exact = np.all(found[:, ~of_ball] == alone, axis=1)
+    assert exact[away].sum() > 0.9 * away.sum() and not exact[~away].any()
 
 
 def seen(*outlines):
