@@ -19,7 +19,17 @@ from cboxlab.scenes.progress import Teller
 from numpy.typing import NDArray
 from rich.text import Text
 
-from ..terminal import JsonOption, console, data_table, errors, give_json, say, this_run, watch_stages
+from ..terminal import (
+    JsonOption,
+    console,
+    data_table,
+    errors,
+    give_json,
+    print_table,
+    say,
+    this_run,
+    watch_stages,
+)
 
 if TYPE_CHECKING:
     from cboxlab.render.files import Declared
@@ -36,6 +46,7 @@ __all__ = [
     "give_json",
     "options",
     "positive_number",
+    "print_table",
     "require_compiled",
     "require_folder",
     "say",

@@ -14,12 +14,12 @@ from .console import (
     JsonOption,
     bar,
     choose_device,
-    console,
     data_table,
     errors,
     give_json,
     options,
     positive_number,
+    print_table,
     require_compiled,
     require_folder,
     say,
@@ -304,7 +304,7 @@ def _print_answer(answer: Answer, result: Score | None) -> None:
             cells += [str(row.rank or "–"), "yes" if row.selected else "no", errors or "–"]
         table.add_row(*cells)
     if answer.effects:
-        console.print(table)
+        print_table(table)
     if result is not None:
         first, selection = ("right" if sound else "wrong" for sound in (result.first, result.exact))
         say(f"First of the ranking: {first}. Selection: {selection}.")

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from cboxlab.scenes.errors import InputError
 
-from .console import JsonOption, bar, console, data_table, give_json, say
+from .console import JsonOption, bar, data_table, give_json, print_table, say
 
 if TYPE_CHECKING:
     from cboxlab.calibration.radiometry import HyperspectralCube
@@ -107,4 +107,4 @@ def _print_bands(found: HyperspectralCube) -> None:
             band, f"{wavelength:.1f}", f"{scale:.4g}", f"{100 * sigma:.2f}", f"{shift[0]:+.2f}", f"{shift[1]:+.2f}",
             f"{moved.magnification:.4f}", f"{moved.correlation:.3f}",
         )  # fmt: skip
-    console.print(table)
+    print_table(table)

@@ -12,11 +12,11 @@ from .console import (
     DeclareOption,
     JsonOption,
     bar,
-    console,
     data_table,
     declared_files,
     give_json,
     options,
+    print_table,
     require_compiled,
     require_folder,
     say,
@@ -150,7 +150,7 @@ def _refine_geometry(calibration: Calibration, out: Path) -> Path:
         table.add_row(
             error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
         )
-    console.print(table)
+    print_table(table)
     say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
     return out / "geometry.json"
 
@@ -188,7 +188,7 @@ def _print_calibration(calibration: Calibration) -> None:
     )
     for row in calibration_rows(calibration):
         table.add_row(*row)
-    console.print(table)
+    print_table(table)
     if calibration.colour is not None:
         errors = data_table(
             "Filter weights: rms error, mean and largest colour difference", "weights", "X, %", "Y, %", "Z, %",
@@ -196,13 +196,13 @@ def _print_calibration(calibration: Calibration) -> None:
         )  # fmt: skip
         for method in colour_rows(calibration.colour):
             errors.add_row(*method)
-        console.print(errors)
+        print_table(errors)
     if calibration.patches is not None:
         colours = data_table("Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00")
         errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
         for patch in patch_rows(calibration.patches, errors_of_patches):
             colours.add_row(*patch)
-        console.print(colours)
+        print_table(colours)
 
 
 def compare(
@@ -258,7 +258,7 @@ def _print_comparison(comparison: StackComparison) -> None:
             str(row.pixels),
             _shown(row.chi2_per_pixel, ".3f"),
         )
-    console.print(table)
+    print_table(table)
     if comparison.means:
         means = data_table(
             "Means over all wavelengths, (A - B) / B", "part", "difference, %", "± %", "pixels"
@@ -267,7 +267,7 @@ def _print_comparison(comparison: StackComparison) -> None:
             means.add_row(
                 mean.name, f"{100 * mean.difference:+.3f}", f"{100 * mean.sigma:.3f}", str(mean.pixels)
             )
-        console.print(means)
+        print_table(means)
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
     for pixel in comparison.worst:
         worst.add_row(
@@ -281,7 +281,7 @@ def _print_comparison(comparison: StackComparison) -> None:
     if comparison.residual_over_sigma is not None:
         say(f"Noise alone gives a χ² per pixel of {comparison.expected_chi2:.2f}.")
     if comparison.worst:
-        console.print(worst)
+        print_table(worst)
     for note in comparison.notes:
         say(f"• {note}")
 

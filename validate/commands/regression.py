@@ -13,11 +13,11 @@ from .console import (
     DeclareOption,
     JsonOption,
     bar,
-    console,
     data_table,
     declared_files,
     give_json,
     options,
+    print_table,
     require_folder,
     say,
 )
@@ -97,14 +97,14 @@ def _print(outcome: Outcome) -> None:
     for row in outcome.of_kind("surface"):
         table.add_row(row.name, *_cells(row))
     if outcome.of_kind("surface"):
-        console.print(table)
+        print_table(table)
     if not outcome.same:
         table = data_table("What decided", "pool", "difference, %", "± %", "sigmas", "detectable, %")
         for row in outcome.deciding[:_MOST_ROWS]:
             table.add_row(
                 f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row)
             )
-        console.print(table)
+        print_table(table)
         for index, named in enumerate(outcome.named[:3]):
             values = ", ".join(f"{key} {_value(value)}" for key, value in named.parameters.items())
             start = "Named" if index == 0 else "or   "

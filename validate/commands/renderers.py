@@ -12,10 +12,10 @@ from cboxlab.scenes.faults import suggestion
 from .console import (
     JsonOption,
     bar,
-    console,
     data_table,
     give_json,
     options,
+    print_table,
     require_compiled,
     require_folder,
     say,
@@ -186,7 +186,7 @@ def _references(json: Path | None) -> None:
     for row in found:
         numbers = f"{row.expected:.6g}", f"{100 * row.difference:+.4f}", f"{100 * row.sigma:.4f}"
         table.add_row(row.name, row.integrator, *numbers)
-    console.print(table)
+    print_table(table)
 
 
 def _print(compared: ComparedRenderers) -> None:
@@ -200,17 +200,17 @@ def _print(compared: ComparedRenderers) -> None:
             for j in compared.judged
         ]
         table.add_row(surface, *cells)
-    console.print(table)
+    print_table(table)
     table = data_table("By wavelength, %", "nm", *names)
     for index, nm in enumerate(compared.judged[0].wavelength_nm):
         table.add_row(f"{nm:g}", *(_band(judged, index) for judged in compared.judged))
-    console.print(table)
+    print_table(table)
     table = data_table("Noise and time", "renderer", "error, %", "CPU s", "elapsed s", "variance × CPU s")
     for name, variance, cpu, wall in compared.costs:
         table.add_row(
             name, f"{100 * variance**0.5:.3g}", f"{cpu:.1f}", f"{wall:.1f}", f"{variance * cpu:.3g}"
         )
-    console.print(table)
+    print_table(table)
     for judged in compared.judged:
         say(f"{judged.renderer}: {judged.sentence}")
         if judged.remark:

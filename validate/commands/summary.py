@@ -9,7 +9,7 @@ from cboxlab.calibration.result import Calibration
 from ..compare import Validation, failures
 from ..diagnose import Diagnosis
 from ..report import chi2_by_place, finding_sentences, named_bands, ranked_values, step_name, verdict
-from .console import console, data_table, say
+from .console import console, data_table, print_table, say
 
 __all__ = ["print_diagnosis", "print_failures", "print_suspicions", "print_validation"]
 
@@ -38,7 +38,7 @@ def print_validation(result: Validation) -> None:
             _known(row.delta_e_ab, ".2f"),
             f"{row.chi2.per_dof:.2f}",
         )
-    console.print(table)
+    print_table(table)
     print_failures(result)
 
 
@@ -69,7 +69,7 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     table.columns[1].no_wrap = False
     for r in diagnosis.ranking[:6]:
         table.add_row(r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
-    console.print(table)
+    print_table(table)
     path = data_table(
         "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp: deviation, σ"
     )
@@ -82,4 +82,4 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
             f"{c.delta_e_ab_noise.mean:.3f}",
             f"{step.prior_pull:.1f}",
         )
-    console.print(path)
+    print_table(path)

@@ -17,8 +17,9 @@ from typing import Any
 
 from cboxlab.scenes.files import replacing
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "data_table",
     "errors",
     "give_json",
+    "print_table",
     "say",
     "show_results_apart",
     "this_run",
@@ -112,13 +114,38 @@ def say(text: str) -> None:
 
 
 def data_table(title: str, *header: str) -> Table:
-    """A table whose first column is text and whose others are numbers."""
+    """A table whose first column is text, which may be wrapped, and whose others are numbers. See ``print_table``."""
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
     )
     for index, name in enumerate(header):
-        table.add_column(name, justify="right" if index else "left", no_wrap=True)
+        table.add_column(name, justify="right" if index else "left", no_wrap=index > 0, overflow="fold")
     return table
+
+
+def print_table(table: Table) -> None:
+    """Print a table; numbers that do not fit side by side in parts below each other, each with the first column."""
+    first, *others = table.columns
+    room = console.width - min(_width(first), console.width // 3)
+    parts: list[list[Column]] = [[first]]
+    for column in others:
+        if len(parts[-1]) > 1 and sum(map(_width, [*parts[-1][1:], column])) > room:
+            parts.append([first])
+        parts[-1].append(column)
+    for index, part in enumerate(parts):
+        shown = data_table("" if index else str(table.title), *(str(column.header) for column in part))
+        for own, column in zip(shown.columns, part, strict=True):
+            own.no_wrap = column.no_wrap
+        for row in zip(*(column.cells for column in part), strict=True):
+            shown.add_row(*row)
+        console.print(shown)
+
+
+def _width(column: Column) -> int:
+    """Signs that a column takes, with the space beside it; of one that may be wrapped its longest word's."""
+    cells = [str(cell) for cell in (column.header, *column.cells)]
+    words = cells if column.no_wrap else [word for cell in cells for word in cell.split()]
+    return 2 + max(map(cell_len, words), default=0)
 
 
 def give_json(path: Path | None, record: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ import pytest
 from cboxlab.validate.commands.app import app
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.commands.model import complete_effect
-from cboxlab.validate.terminal import command_line, give_json, told_time
+from cboxlab.validate.terminal import command_line, console, data_table, give_json, print_table, told_time
 from cboxlab.validate.terminal.stages import Stages
 
 
@@ -115,6 +115,27 @@ def test_json_of_a_comparison_is_that_of_its_folder(tmp_path, cbox):
     assert cbox("compare", DEMO_CAPTURE, DEMO_CAPTURE, *arguments)[0] == 0
     written = json.loads((tmp_path / "c.json").read_text())
     assert written == json.loads((tmp_path / "maps" / "comparison.json").read_text())
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+@pytest.mark.parametrize("count", [1, 4, 16])
+def test_numbers_of_a_table_are_never_cut(width, count, monkeypatch):
+    """Sixteen bands in a terminal of 80 signs were columns of dots."""
+    monkeypatch.setattr(console, "width", width)
+    names = ["back", "a block, " * 9 + "the last"]
+    bands, cells = [f"b{i}" for i in range(count)], [[f"{i}{row}.2345" for i in range(count)] for row in "17"]
+    table = data_table("Bands", "surface", *bands)
+    for name, row in zip(names, cells, strict=True):
+        table.add_row(name, *row)
+    with console.capture() as printed:
+        print_table(table)
+    lines = printed.get().splitlines()
+    words = " ".join(lines).split()
+    assert max(map(len, lines)) <= width
+    assert sorted(word for word in words if word in bands) == sorted(bands)
+    assert sorted(word for word in words if ".2345" in word) == sorted(cells[0] + cells[1])
+    assert words.count("Bands") == 1 and words.count("back") == words.count("surface") == words.count("last")
+    assert words.count("back") == 1 or (width, count) in ((40, 16), (80, 16), (40, 4))
 
 
 def test_numbers_that_are_not_finite_become_null(tmp_path):
