@@ -17,7 +17,7 @@ from .form import Form, changed
 from .optics_forms import moves_of_bands, optics_forms, smears
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
-from .spot_cells import hot_spot
+from .spot_cells import hot_spot, spot_of_one_band
 from .spots import fits_the_place, soft_outline
 from .surface_forms import surface_forms
 
@@ -126,9 +126,10 @@ class Explanation:
 
 def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     """Fit all families to the excess and judge them."""
-    spot = hot_spot(excess)
+    spot, of_one_band = hot_spot(excess), spot_of_one_band(excess)
+    spots = [one for one in (spot, of_one_band) if one is not None]
     kinds = (
-        sensor_forms(excess, spot), optics_forms(excess), order_forms(excess), surface_forms(excess, spot),
+        sensor_forms(excess, spots), optics_forms(excess), order_forms(excess), surface_forms(excess, spot),
     )  # fmt: skip
     forms: list[Form] = []
     for done, some in enumerate(kinds):

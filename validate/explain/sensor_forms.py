@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..fields import Acts, ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum
 from .form import Columns, Form, equations, scaled
-from .spot_cells import Spot, cells
+from .spot_cells import cells
 from .waves import strongest_waves
 
 __all__ = ["sensor_forms"]
@@ -23,8 +23,11 @@ _ORDER = 10
 _ACTS: dict[str, Acts] = {"sensor-offset": "offset", "sensor-gain": "gain"}
 
 
-def sensor_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
-    """All offsets and gains: over rows, columns, smoothly, as waves or rings, in one spot; in all bands or in each."""
+def sensor_forms(excess: Excess, spots: Sequence[NDArray[np.bool_]]) -> Iterator[Form]:
+    """All offsets and gains: over rows, columns, smoothly, as waves or rings, in a spot; in all bands or in each.
+
+    spots : (y, x) each, the pixels of it.
+    """
     bases = {
         "rows": ImageMaps("rows"), "columns": ImageMaps("columns"),
         "a smooth pattern": ImageMaps("cosines", order=_ORDER),
@@ -42,8 +45,8 @@ def sensor_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
             yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
             each = each_band(n)
             yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
-    if spot is not None:
-        yield from _both(excess, "a spot", cells(spot.region), local=True)
+    for spot in spots:
+        yield from _both(excess, "a spot", cells(spot), local=True)
 
 
 def _operators(excess: Excess) -> dict[str, NDArray[Any]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, gaussian_filter, label
@@ -11,42 +9,53 @@ from scipy.ndimage import binary_dilation, gaussian_filter, label
 from ..fields import ImageMaps
 from .excess import Excess
 
-__all__ = ["Spot", "cells", "hot_spot"]
+__all__ = ["cells", "hot_spot", "spot_of_one_band"]
 
 #: A spot that is a larger part of the picture than this is none.
 _LARGEST = 0.15
+
+#: Standard deviation over which the excess is smoothed, px.
+_SMOOTHED_PX = 1.5
 
 #: Most cells of a spot.
 _MOST_CELLS = 200
 
 
-@dataclass(frozen=True, eq=False)
-class Spot:
-    """Where the excess is densest. region : (y, x) connected pixels. centre_px : [x, y]. share : of the excess."""
-
-    region: NDArray[np.bool_]
-    centre_px: tuple[float, float]
-    share: float
+def hot_spot(excess: Excess) -> NDArray[np.bool_] | None:
+    """(y, x) the connected region about the highest excess of chi2; None where none stands out of noise."""
+    over = np.sum(_over_noise(excess), axis=0)
+    return _about_the_peak(over, np.sqrt(2 * len(excess.bands)))
 
 
-def hot_spot(excess: Excess) -> Spot | None:
-    """The connected region about the highest excess of chi2; None where none stands out of noise."""
-    bands = excess.used.sum(axis=0)
-    over = np.sum(excess.residual.astype(float) ** 2, axis=0) - bands
-    smooth = gaussian_filter(over, 1.5)
-    noise = np.sqrt(2 * len(excess.bands)) / (2 * np.sqrt(np.pi) * 1.5)
+def spot_of_one_band(excess: Excess) -> NDArray[np.bool_] | None:
+    """The same of one band's excess less the mean of the others', for the band in which it is highest.
+
+    Dust on a filter, or a hair, is in one band; what is wrong in all bands may be larger and elsewhere.
+    """
+    over, bands = _over_noise(excess), len(excess.bands)
+    if bands < 2:
+        return None
+    alone = (bands * over - over.sum(axis=0)) / (bands - 1)
+    highest = int(np.argmax(gaussian_filter(alone, (0, _SMOOTHED_PX, _SMOOTHED_PX)).max(axis=(1, 2))))
+    return _about_the_peak(alone[highest], np.sqrt(2 * bands / (bands - 1)))
+
+
+def _over_noise(excess: Excess) -> NDArray[np.float64]:
+    """(band, y, x) squares of the residual less what noise makes of them."""
+    return np.asarray(excess.residual.astype(float) ** 2 - excess.used)
+
+
+def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.bool_] | None:
+    """deviation : standard deviation of a pixel of ``over`` (y, x) by noise."""
+    smooth = gaussian_filter(over, _SMOOTHED_PX)
+    noise = deviation / (2 * np.sqrt(np.pi) * _SMOOTHED_PX)
     peak = float(smooth.max())
     if peak < 6 * noise:
         return None
     parts, _ = label(smooth > max(4 * noise, 0.05 * peak))
     region = parts == parts[np.unravel_index(np.argmax(smooth), smooth.shape)]
     region = binary_dilation(region, iterations=2)
-    if region.mean() > _LARGEST:
-        return None
-    weights = np.where(region, np.maximum(over, 0), 0)
-    y, x = np.indices(excess.shape)
-    centre = float((x * weights).sum() / weights.sum()), float((y * weights).sum() / weights.sum())
-    return Spot(region, centre, float(over[region].sum() / max(over.sum(), 1e-9)))
+    return region if region.mean() <= _LARGEST else None
 
 
 def cells(region: NDArray[np.bool_]) -> ImageMaps:

@@ -15,7 +15,7 @@ from ..fields import ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
 from .form import Columns, Form, equations, scaled
-from .spot_cells import Spot, cells
+from .spot_cells import cells
 from .surface_bases import Maps, lamp_dn, surface_maps
 
 __all__ = ["surface_forms"]
@@ -24,7 +24,7 @@ __all__ = ["surface_forms"]
 _ROUNDS = 3
 
 
-def surface_forms(excess: Excess, spot: Spot | None) -> Iterator[Form]:
+def surface_forms(excess: Excess, spot: NDArray[np.bool_] | None) -> Iterator[Form]:
     """All forms that act on surfaces."""
     maps = surface_maps(excess)
     surfaces, first, counts = np.unique(maps.surface, return_index=True, return_counts=True)
@@ -79,10 +79,10 @@ def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[n
         )
 
 
-def _spots(excess: Excess, spot: Spot) -> Iterator[Form]:
-    bells = cells(spot.region)
+def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
+    bells = cells(spot)
     basis = csr_matrix(bells.matrix(excess.shape))
-    seen = excess.surface[spot.region]
+    seen = excess.surface[spot]
     seen = seen[seen >= 0]
     bands = len(excess.bands)
     if len(seen):

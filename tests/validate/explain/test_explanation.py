@@ -160,6 +160,19 @@ def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     assert np.hypot(found.centre_px[0] - 40, found.centre_px[1] - 30) < 3
 
 
+def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhere():
+    """The flaw is two places in deep shadow, of opposite sign, as an error of the rendered picture may be."""
+    bend = 30 + 0.02 * (ROWS - 14.0) ** 2
+    hair = np.zeros(SIGNAL.shape)
+    hair[2] = -0.04 * SIGNAL[2] * np.clip(1.5 - abs(COLUMNS - bend), 0, 1) * (abs(ROWS - 14) < 10)
+    flaw = SIGNAL * (0.08 * _spot(5, 42, 1.0) - 0.08 * _spot(9, 42, 1.0))
+    found = explain(small_excess(hair + flaw))
+    assert (found.family, found.words, found.bands) == ("sensor-gain", "a spot in one band", ("b2",))
+    assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 3
+    densest = [np.sum((change / SIGMA) ** 2, axis=0).max() for change in (flaw, hair)]
+    assert densest[0] > 2 * densest[1]
+
+
 @pytest.mark.parametrize("height", [2.5, 5.0])
 def test_a_bright_place_without_outline_is_light_and_one_with_an_outline_a_thing(height):
     """A lamp at a height before a wall, h^4 / (h^2 + r^2)^2, and a thing as large as where that is one half."""
