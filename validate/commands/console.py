@@ -6,7 +6,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -34,6 +34,8 @@ from ..terminal import (
 if TYPE_CHECKING:
     from cboxlab.render.files import Declared
 
+    from ..model import Model
+
 __all__ = [
     "DeclareOption",
     "JsonOption",
@@ -44,6 +46,7 @@ __all__ = [
     "declared_files",
     "errors",
     "give_json",
+    "model_for",
     "options",
     "positive_number",
     "print_table",
@@ -137,6 +140,26 @@ def choose_device(name: str | None) -> None:
 
     if variant.use(name).split("_")[0] != "cuda" and name == "cuda":
         raise InputError("--device", "no GPU that Mitsuba can use", "cpu, or a machine with a CUDA GPU")
+
+
+def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
+    """The model of --model; without it the published box, and a warning for captures that state to show another."""
+    from cboxlab.calibration.capture import load_capture
+
+    from ..results import as_model
+
+    found = as_model(model)
+    for capture in captures if model is None else ():
+        stated = load_capture(capture).manifest.scene
+        if stated not in (None, found.scene):
+            manifest = capture / "capture.toml"
+            errors.print(
+                Text(
+                    f'{manifest}: scene is "{stated}", the model "{found.scene}". Give the box with --model.'
+                ),
+                soft_wrap=True,
+            )
+    return found
 
 
 def require_compiled() -> None:

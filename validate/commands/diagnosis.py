@@ -14,6 +14,7 @@ from .console import (
     bar,
     declared_files,
     give_json,
+    model_for,
     options,
     require_compiled,
     require_folder,
@@ -48,14 +49,14 @@ def diagnose(
 ) -> None:
     """Find the physical effects that the model lacks, add them, and show how the error decreases."""
     from ..predict import default_cache
-    from ..results import as_model, write_manifest
     from ..results import diagnose as run
+    from ..results import write_manifest
     from .summary import print_diagnosis, print_failures, print_suspicions
 
     if out is not None:
         require_folder(out)
     declared = declared_files(declare)
-    chosen, cache = as_model(model), None if no_cache else default_cache()
+    chosen, cache = model_for(model, captures), None if no_cache else default_cache()
     require_compiled()
     with options(render="--render"), bar("calibrating") as report:
         result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)

@@ -15,6 +15,7 @@ from .console import (
     data_table,
     declared_files,
     give_json,
+    model_for,
     options,
     print_table,
     require_compiled,
@@ -72,13 +73,13 @@ def validate(
 ) -> None:
     """Calibrate a capture, render the model, compare and write a report."""
     from ..predict import default_cache
-    from ..results import as_model, write_manifest
     from ..results import validate as run
+    from ..results import write_manifest
     from .summary import print_validation
 
     require_folder(out)
     declared = declared_files(declare)
-    chosen, cache = as_model(model), None if no_cache else default_cache()
+    chosen, cache = model_for(model, [capture]), None if no_cache else default_cache()
     require_compiled()
     with options(render="--render"), bar("calibrating") as report:
         result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)

@@ -113,6 +113,21 @@ def test_a_broken_capture_is_one_line_of_help(name, command, capture, tmp_path, 
     assert {path.name for path in tmp_path.iterdir()} == {"capture"}
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsys):
+    """It was compared with the published box for minutes, and was unknown."""
+    capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "other")
+    manifest = capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "my-box"'))
+    model = tmp_path / "model.toml"
+    model.write_text('format = "model/1"\nscene = "cornell-box"\n')
+    found = console.model_for(model if given else None, [DEMO_CAPTURE, capture])
+    assert found.scene == "cornell-box"
+    told = capsys.readouterr().err
+    expected = f'{manifest}: scene is "my-box", the model "cornell-box". Give the box with --model.\n'
+    assert told == ("" if given else expected)
+
+
 @pytest.mark.parametrize("command", ["validate", "calibrate", "diagnose"])
 def test_a_missing_folder(command, tmp_path, cbox):
     outcome = cbox(command, tmp_path / "nowhere", "--out", tmp_path / "out")
