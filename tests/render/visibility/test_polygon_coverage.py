@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.perturbation import pixels_per_unit
 from cboxlab.render.visibility import build_tracer, pixel_coverage
 from cboxlab.render.visibility.faces_and_tree import FacesAndTree, in_a_tree
 from cboxlab.render.visibility.flat_faces import flat_faces
@@ -69,6 +70,18 @@ def test_beside_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_bo
     alone = pixel_coverage(build_tracer(box), [camera], pixels, 1)[0]
     exact = np.all(found[:, ~of_ball] == alone, axis=1)
     assert exact[away].sum() > 0.9 * away.sum() and not exact[~away].any()
+
+
+def test_cameras_asked_together_see_what_each_sees_alone():
+    """What a pixel may see is sorted out once for all of them: cameras half a pixel (rms) apart, of several lenses."""
+    published, tracer = cornell_camera(SIZE), build_tracer(cornell_box())
+    pixels, steps = np.arange(SIZE * SIZE), np.diag(0.5 / pixels_per_unit(tracer, published))
+    several = [
+        published.with_parameters(published.parameters + step) for step in (0 * steps[0], *steps, *-steps)
+    ]
+    together = pixel_coverage(tracer, several, pixels, 1)
+    for camera, found in zip(several, together, strict=True):
+        np.testing.assert_allclose(found, pixel_coverage(tracer, [camera], pixels, 1)[0], atol=2e-6)
 
 
 def seen(*outlines):

@@ -184,6 +184,12 @@ def test_a_bright_place_without_outline_is_light_and_one_with_an_outline_a_thing
     assert explain(small_excess(SIGNAL * colour * plate)).family == "object"
 
 
+def test_a_dark_place_without_outline_is_no_light():
+    """A third of the light is taken away, as by a thing out of focus; light only adds."""
+    found = explain(small_excess(-0.35 * SIGNAL * _spot(34, 14, 3) * ~FLOOR))
+    assert found.family == "object"
+
+
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
     """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
     found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
