@@ -19,7 +19,7 @@ from cboxlab.scenes.progress import QUIET
 from cboxlab.validate.compare import validate
 from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.selection import _NormalEquations
+from cboxlab.validate.diagnose.selection import NormalEquations
 from cboxlab.validate.diagnose.stepwise import signatures_of
 from cboxlab.validate.model import Model
 
@@ -40,7 +40,7 @@ def main() -> None:
     fit = linearised_fit(validation.prepared, validation.rendered, ())
     known = signatures_of(fit, (), model.render, QUIET)
     able = [one for one in known if one.changes is not None and one.hypothesis.free]
-    equations = _NormalEquations.of(fit.problem(()), able, fit.model.residual)
+    equations = NormalEquations.of(fit.problem(()), able, fit.model.residual)
     products, effects = equations.products.astype(float), [one.hypothesis.effect.id for one in able]
     columns = [np.flatnonzero(equations.owner == index) for index in range(len(able))]
     rivals = []

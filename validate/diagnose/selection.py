@@ -14,7 +14,7 @@ from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, columns_of, screen
 
-__all__ = ["backward_elimination", "best_set", "best_singles", "pairs_replaced"]
+__all__ = ["NormalEquations", "backward_elimination", "best_set", "best_singles", "pairs_replaced"]
 
 #: So many of the effects that could replace two others are fitted in full.
 _MOST_FITTED = 3
@@ -68,7 +68,7 @@ def best_singles(
 
 
 @dataclass(frozen=True, eq=False)
-class _NormalEquations:
+class NormalEquations:
     """Of all signatures together, to first order. owner : (column,) which of the signatures it belongs to.
 
     products : (column, column) of unit columns. aim : (column,) their products with the residual. size : (column,)
@@ -83,7 +83,7 @@ class _NormalEquations:
     high: NDArray[np.float64]
 
     @classmethod
-    def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> _NormalEquations:
+    def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> NormalEquations:
         """See ``screen`` for the columns."""
         owner = np.repeat(np.arange(len(signatures)), [len(one.steps) for one in signatures])
         columns, size, aim = np.empty((len(residual), len(owner)), np.float32), *np.empty((2, len(owner)))
@@ -121,7 +121,7 @@ def best_set(
     able = [one for one in signatures if one.changes is not None and one.hypothesis.free]
     if len(able) < 2:
         return []
-    equations = _NormalEquations.of(problem, able, residual)
+    equations = NormalEquations.of(problem, able, residual)
     effects = [one.hypothesis.effect.id for one in able]
 
     def worth(members: Sequence[int]) -> float:

@@ -23,7 +23,7 @@ _OPAQUE = 0.25
 
 #: A thing's outline falls from 1 to 0 within so many pixels, or so many times the distance of the bells that it is made
 #: of. Of discs, plates and rods by formula 0.7 to 2.3 (one of 14: 3.5), of a small lamp's light on a wall 2 to 8.
-_SHARPEST = 2.6
+_WIDEST_OUTLINE = 2.6
 
 #: Families that may make a place brighter by any factor, without an outline.
 _SHINING = ("extra-light", "reflection-lobe", "sensor-offset")
@@ -41,13 +41,13 @@ def soft_outline(excess: Excess, thing: Form) -> bool:
     bells = cast("ImageMaps", thing.maps)
     covered = np.clip(thing.fit.coefficients[0] @ bells.matrix(excess.shape), 0.0, 1.0).reshape(excess.shape)
     length = np.hypot(np.diff(covered, axis=0)[:, :-1], np.diff(covered, axis=1)[:-1]).sum()
-    return bool(6 * np.sum(covered * (1 - covered)) > _SHARPEST * bells.pitch * length)
+    return bool(6 * np.sum(covered * (1 - covered)) > _WIDEST_OUTLINE * bells.pitch * length)
 
 
 def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others.
 
-    soft : whether the outline of a thing there would be soft.
+    soft : whether the outline of a thing where the excess is densest would be soft.
     """
     if not form.local:
         return 0.0
