@@ -1,0 +1,33 @@
+"""Things in one place: where they are looked for, and the odds of what they are."""
+
+import numpy as np
+import pytest
+from cboxlab.validate.explain.sensor_forms import sensor_forms
+from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
+from cboxlab.validate.explain.spots import fits_the_place
+from helpers.small_excess import BANDS, COLUMNS, ROWS, SIZE, small_excess
+
+
+def _spot(x, y, radius):
+    return np.exp(-((COLUMNS - x) ** 2 + (ROWS - y) ** 2) / (2 * radius**2))
+
+
+def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
+    of_one = 70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None]
+    excess = small_excess(of_one + 80.0 * _spot(36, 20, 2))
+    everywhere, alone = hot_spot(excess), spot_of_one_band(excess)
+    assert everywhere[20, 36] and not everywhere[10, 12]
+    assert alone[10, 12] and not alone[20, 36]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(sign):
+    def odds(x, y):
+        excess = small_excess(np.broadcast_to(sign * 60.0 * _spot(x, y, 3), (BANDS, SIZE, SIZE)))
+        forms = sensor_forms(excess, [hot_spot(excess)])
+        glow = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
+        return fits_the_place(excess, glow, soft=True)
+
+    corner, inside = odds(0, SIZE - 1), odds(20, 20)
+    assert inside < corner
+    assert (corner == 0) == (sign == 1)
