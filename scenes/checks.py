@@ -17,6 +17,8 @@ __all__ = [
     "texture_faults",
 ]
 
+#: A table whose longest wavelength is shorter is in another unit.
+_SHORTEST_NM = 100.0
 #: A step larger than this many times the median step is a gap in a table.
 LARGEST_STEP = 3.0
 #: Rounding that a sum of weights times spectra may leave beyond 0 and 1.
@@ -26,7 +28,12 @@ SMALLEST_AREA = 1e-9
 
 
 def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """One fault for each gap: a step above three times the median step, too wide to interpolate over."""
+    """One fault for a table in another unit than nm, and one for each gap: a step above three times the median step,
+    too wide to interpolate over."""
+    first, last = spectrum.wavelength_nm[[0, -1]]
+    if last < _SHORTEST_NM:
+        found = f"wavelengths from {first:g} to {last:g}"
+        return [InputError(where, found, "wavelengths in nm", "multiply by 1000 if the table is in µm")]
     steps = np.diff(spectrum.wavelength_nm)
     if steps.size == 0:
         return []

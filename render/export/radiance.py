@@ -31,7 +31,9 @@ def write(folder: Path, exported: Exported) -> None:
     """Scene files and run.sh."""
     settings = exported.settings
     lines = ["#!/bin/sh", "# Needs oconv and rtrace of Radiance 6 or newer.", "set -e", 'cd "$(dirname "$0")"',
-             "mkdir -p out"]  # fmt: skip
+             "mkdir -p out", "# the package pyradiance keeps Radiance's library beside its programs",
+             'library="$(dirname "$(command -v rtrace)")/../lib"',
+             '[ -n "$RAYPATH" ] || [ ! -f "$library/rayinit.cal" ] || export RAYPATH=".:$library"']  # fmt: skip
     bounces = exported.max_bounces
     paths = f"-ab {_MANY if bounces is None else max(bounces - 1, 0)} -lr -{_MANY} -lw 2e-3"
     for number, group in enumerate(groups_of(settings.wavelength_nm.size, _MOST)):

@@ -31,6 +31,8 @@ class PlanarPixels:
 def planar_pixels(tracer: Tracer, camera: Camera, coverage: NDArray) -> PlanarPixels:
     """Those that see one painted face, flat to the pixel's corners. coverage : (y, x, f) of ``facet_coverage``."""
     whole = np.flatnonzero(coverage.max(axis=-1) == 1)
+    if not len(whole):
+        return PlanarPixels(whole, np.zeros((0, 3), np.float32), np.zeros(0, np.float32), whole)
     lanes = device_array(mi.UInt32, whole)
     rays = pixel_rays(camera, lanes)
     centre = intersect(tracer, rays(mi.Float(0.5), mi.Float(0.5)), coherent=True)

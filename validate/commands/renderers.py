@@ -142,6 +142,8 @@ def renderers(
     _print(compared)
     if out is not None:
         say(f"Export, cubes, bias maps, renderers.json: {out}")
+    if compared.failed:
+        raise compared.failed[0]
 
 
 def _names(text: str) -> list[str]:
@@ -166,11 +168,19 @@ def _collect(folder: Path, json: Path | None) -> None:
         raise InputError(folder, "nothing rendered", "an export with pictures in RENDERER/out")
     if json is not None:
         require_folder(json.parent)
-    cubes = {name: folder / f"{name}.nc" for name in done}
-    for name, path in cubes.items():
-        write_cube(path, read_rendered(folder, name).assign_attrs(origin(renderer=name)))
-        say(f"Cube: {path}")
+    cubes, unfinished = {}, []
+    for name in done:
+        try:
+            cube = read_rendered(folder, name)
+        except InputError as error:
+            unfinished.append(error)
+            continue
+        cubes[name] = folder / f"{name}.nc"
+        write_cube(cubes[name], cube.assign_attrs(origin(renderer=name)))
+        say(f"Cube: {cubes[name]}")
     give_json(json, {"cubes": cubes})
+    if unfinished:
+        raise unfinished[0]
 
 
 def _references(json: Path | None) -> None:

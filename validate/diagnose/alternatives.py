@@ -41,6 +41,10 @@ _MOST_FITTED = 3
 #: Where held out, an effect must gain this part of what it gains where fitted.
 _PREDICTS = 0.5
 
+#: An effect is named if one of its numbers is so many of its standard deviations from null. Of 43 effects rightly named
+#: in captures of another simulator the least certain one has 5.4.
+_LEAST_SIGMAS = 3.0
+
 _BLOCK_PX = 16
 
 #: A band is held out only where the other bands hold at least this part of the square of the effect's change.
@@ -145,16 +149,27 @@ def confirmed_where_held_out(
     known: Sequence[SelectedEffect],
     signatures: Sequence[Signature],
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
-    """Drop effects that gain too little in pixels or bands held out from their fit: they resemble another cause."""
+    """Drop effects that gain too little in pixels or bands held out from their fit, or whose numbers are no further
+    from null than their standard deviations may take them: they resemble another cause."""
     kept = [
         candidate
         for candidate, one in zip(chosen, known, strict=True)
         if not (one.heldout_pixels < _PREDICTS or one.heldout_bands < _PREDICTS)
+        and _away_from_null(candidate)
     ]
     if len(kept) == len(chosen):
         return list(chosen), list(known)
     kept = refitted_together(linearised, kept) if kept else []
     return kept, with_alternatives(linearised, kept, signatures)
+
+
+def _away_from_null(candidate: Candidate) -> bool:
+    off = [
+        abs(candidate.numbers[p.name] - p.null) > _LEAST_SIGMAS * candidate.sigma[p.name]
+        for p in candidate.hypothesis.free
+        if p.null is not None and np.isfinite(p.null) and p.name in candidate.sigma
+    ]
+    return not off or any(off)
 
 
 def groups(known: Sequence[SelectedEffect]) -> tuple[tuple[str, ...], ...]:

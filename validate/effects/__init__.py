@@ -108,7 +108,8 @@ def apply_checked(
         number = values.get(parameter.name, fallback)
         proper = isinstance(number, int | float) and not isinstance(number, bool)
         if not proper or not parameter.low <= number <= parameter.high:
-            allowed = f"a number from {parameter.low:g} to {parameter.high:g} {parameter.unit}"
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            allowed = f"a number from {parameter.low:g} to {parameter.high:g}{unit}"
             raise InputError(key, "nothing" if number is None else repr(number), allowed)
         checked[parameter.name] = float(number)
     return AppliedEffect(effect, checked)

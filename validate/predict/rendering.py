@@ -26,8 +26,11 @@ CONVERGENCE = 0.7
 
 
 def noise_ratio(rendered: xr.Dataset, sensor_variance: NDArray, used: NDArray) -> float:
-    """Median over used pixels and bands of the render's standard deviation over the sensor's."""
-    return float(np.median(np.sqrt(rendered.variance.values / sensor_variance)[used]))
+    """Median over used pixels and bands with light of the render's standard deviation over the sensor's."""
+    lit = used & (rendered.signal.values > 0)
+    if not lit.any():
+        return 0.0
+    return float(np.median(np.sqrt(rendered.variance.values / sensor_variance)[lit]))
 
 
 def render_to_noise(

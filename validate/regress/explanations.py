@@ -85,7 +85,8 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
         factors = {
             group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)
         }
-        yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit.chi2, len(masks))
+        if min(factors.values()) >= 0:
+            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit.chi2, len(masks))
 
 
 def _meaning(factor: float) -> str | None:

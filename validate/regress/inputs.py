@@ -123,12 +123,13 @@ def assert_same_light(
     model: str | None = None,
     camera: Path | None = None,
     false_alarms: float = FALSE_ALARMS,
+    declared: Declared = AS_STATED,
 ) -> Outcome:
     """The outcome where both show the same light; otherwise AssertionError that tells where, and what changed.
 
     Arguments as ``regress_inputs``. Raises InputError for a missing baseline.
     """
-    outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms)
+    outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms, declared=declared)
     if outcome.same:
         return outcome
     whole = outcome.whole

@@ -38,10 +38,12 @@ def trimmed(
     level: NDArray[np.float64],
     variance: NDArray[np.float64],
     degrees: float,
+    lamp: NDArray[np.bool_],
 ) -> Trimmed:
     """An outlier lies 6 standard deviations and one local range of the level from its neighbours' ratio.
 
-    difference, level, variance : (y, x, w). The local range lets edges that moved stay. Sums over wavelengths are
+    difference, level, variance : (y, x, w). lamp : (y, x) at the lamp, which may be a single row of pixels: there
+    nothing is set aside. The local range lets edges that moved stay. Sums over wavelengths are
     looked at, and sums of bands over their means: a white firefly is far larger where the picture has little light.
     """
     total, ground = difference.sum(axis=-1), level.sum(axis=-1)
@@ -50,7 +52,7 @@ def trimmed(
     even = np.divide(1.0, means, out=np.zeros_like(means), where=lit)
     outlier = _far(total, ground, np.sqrt(variance).sum(axis=-1) ** 2, degrees)
     outlier |= _far(difference @ even, level @ even, (np.sqrt(variance) @ even) ** 2, degrees)
-    outlier &= _alone(outlier)
+    outlier &= _alone(outlier) & ~lamp
     clean, base = difference.copy(), level.copy()
     rows, columns = np.nonzero(outlier)
     clean[rows, columns] = _around(difference, outlier, rows, columns)

@@ -22,6 +22,8 @@ _DEPTHS = range(1, 13)
 _SURVIVALS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
 #: Steps of finite differences: of reflectance and of the lamp's edges, relative.
 _PAINT_STEP, _LAMP_STEP = 0.02, 0.1
+#: Larger changes of the lamp's edges are not of first order.
+_LARGEST_LAMP_CHANGE = 0.5
 #: No paint reflects more.
 _BRIGHTEST = 0.98
 #: Widths of interpolation between records of an ambient cache, part of the picture's width.
@@ -36,7 +38,7 @@ def from_scene(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
     yield from _paints(evidence, variants)
     yield from _swapped(evidence, variants)
     yield from _cache(evidence, variants, depths[0])
-    yield _lamp_size(evidence, variants)
+    yield from _lamp_size(evidence, variants)
     yield from _wavelengths(evidence, variants)
 
 
@@ -154,13 +156,13 @@ def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[
     yield Explanation("ambient-cache", {"smooth_functions": len(templates)}, fit.chi2, len(templates))
 
 
-def _lamp_size(evidence: Evidence, variants: Variants) -> Explanation:
-    """Larger edges of the lamp, at a radiance of its own."""
+def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+    """Larger or smaller edges of the lamp, at a radiance of its own; to first order, up to a change by half."""
     grown, smaller = (
         build_variants(with_lamp_size(variants.scene, 1 + step), variants.camera, variants.side)
         for step in (_LAMP_STEP, -_LAMP_STEP)
     )
-    best = Explanation("lamp-size", {}, np.inf, 2)
+    found = []
     for picture, step in ((grown.picture, _LAMP_STEP), (smaller.picture, -_LAMP_STEP)):
         change = np.clip(variants.ratio(picture) - 1, -1, 5) * evidence.baseline
         lamp = evidence.baseline.sum(axis=-1) * (variants.ratio(picture).mean(axis=-1) > 5)
@@ -170,9 +172,9 @@ def _lamp_size(evidence: Evidence, variants: Variants) -> Explanation:
             "edge_factor": 1 + float(fit.amplitudes[0]),
             "radiance_factor": 1 + float(fit.amplitudes[1]),
         }
-        if fit.chi2 < best.chi2:
-            best = Explanation("lamp-size", parameters, fit.chi2, 2)
-    return best
+        if abs(fit.amplitudes[0]) <= _LARGEST_LAMP_CHANGE and parameters["radiance_factor"] > 0:
+            found.append(Explanation("lamp-size", parameters, fit.chi2, 2))
+    yield from sorted(found, key=lambda e: e.chi2)[:1]
 
 
 def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:

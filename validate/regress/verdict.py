@@ -48,7 +48,7 @@ def compared_sides(
     strata = strata_of(b.radiance.sum(axis=-1), own)
     difference = a.radiance - b.radiance
     rough = noise_of(difference, b.radiance, strata.smooth, (a.variance, b.variance), (a.degrees, b.degrees))
-    cut = trimmed(difference, b.radiance, rough.variance, rough.degrees)
+    cut = trimmed(difference, b.radiance, rough.variance, rough.degrees, strata.lamp)
     noise = rough
     if cut.outlier.any():
         noise = noise_of(
@@ -104,6 +104,11 @@ def _remarks(found: Comparison) -> list[str]:
     notes = []
     if not found.strata.mapped:
         notes.append("no surface map: edges and lamp are told by the picture, and no surface by name")
+    if np.array_equal(found.common.candidate.radiance, found.common.baseline.radiance):
+        notes.append(
+            "both sides have the same numbers to the bit: were they rendered with other random numbers, a smaller "
+            "change could be hidden than is told as detectable"
+        )
     ratio = found.noise.ratio
     if np.isfinite(ratio) and ratio > _TELLING and not found.noise.estimated:
         notes.append(

@@ -12,6 +12,7 @@ from typing import Any
 
 from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
 from cboxlab.render.files import write_cube
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import origin, replacing, temporary_folder
 from cboxlab.scenes.progress import QUIET, Progress, share
 
@@ -23,13 +24,15 @@ __all__ = ["ComparedRenderers", "compare_renderers"]
 
 @dataclass(frozen=True, eq=False)
 class ComparedRenderers:
-    """judged : one for each renderer that ran. left_out : a sentence for each that is not installed.
+    """judged : one for each renderer that ran. left_out : a sentence for each that is not installed. failed : for each
+    that was run without a picture.
 
     costs : name, variance (see ``Judged``), CPU s and elapsed s, of ours first.
     """
 
     judged: tuple[Judged, ...]
     left_out: tuple[str, ...]
+    failed: tuple[InputError, ...]
     costs: tuple[tuple[str, float, float, float], ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -38,6 +41,7 @@ class ComparedRenderers:
         return {
             "renderers": [item.to_dict() for item in self.judged],
             "left_out": list(self.left_out),
+            "failed": [str(error) for error in self.failed],
             "costs": {name: dict(zip(keys, values, strict=True)) for name, *values in self.costs},
         }
 
@@ -53,7 +57,7 @@ def compare_renderers(
 
     out : a new folder for the export, the cubes, the bias maps and renderers.json; None keeps nothing. Where a run
     into it was interrupted, what renderers had finished is used. samples : of our picture, per pixel and batch. Raises
-    InputError for what cannot be exported and for a renderer that fails.
+    InputError for what cannot be exported, and where every renderer fails.
     """
     lacking = {name: missing(name) for name in names}
     left_out = tuple(sentence for sentence in lacking.values() if sentence)
@@ -64,15 +68,19 @@ def compare_renderers(
         reference = reference_cube(exported, share(progress, 0.0, 0.3), samples)
         done = _times()
         costs = [("ours", noise_of(reference, reference), done[0] - cpu, done[1] - wall)]
-        judged = []
+        judged, failed = [], []
         ready = [name for name in names if not lacking[name]]
         # by whether a lamp reflects: one more for renderers in which none does
         references = {exported.lamp_reflects: reference}
         for index, name in enumerate(ready):
             own = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
-            run = run_renderer(folder, name)
-            own.part(0.5)
-            cube, shown = read_rendered(folder, name), as_rendered(exported, name)
+            try:
+                run = run_renderer(folder, name)
+                own.part(0.5)
+                cube, shown = read_rendered(folder, name), as_rendered(exported, name)
+            except InputError as error:
+                failed.append(error)
+                continue
             lamp = shown.lamp_reflects
             if lamp not in references:
                 references[lamp] = reference_cube(shown, share(own, 0.5, 0.6), samples)
@@ -81,12 +89,14 @@ def compare_renderers(
             if out is not None:
                 write_cube(out / f"{name}.nc", cube.assign_attrs(origin(renderer=name)))
                 write_bias_map(out / f"bias-{name}.png", judged[-1])
+        if failed and not judged:
+            raise failed[0]
         if out is not None:
             for lamp, cube in references.items():
                 stated = lamp == exported.lamp_reflects
                 path = out / ("reference.nc" if stated else "reference-black-lamp.nc")
                 write_cube(path, cube.assign_attrs(origin(renderer="cboxlab")))
-        found = ComparedRenderers(tuple(judged), left_out, tuple(costs))
+        found = ComparedRenderers(tuple(judged), left_out, tuple(failed), tuple(costs))
         if out is not None:
             with replacing(out / "renderers.json") as path:
                 path.write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")

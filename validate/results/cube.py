@@ -203,6 +203,8 @@ def render(
     Raises InputError for faulty input.
     """
     grid = _grid(np.arange(400.0, 701.0, 10.0) if wavelengths is None else wavelengths)
+    if not noise > 0:
+        raise InputError("noise", repr(noise), "a relative standard error above 0")
     settings = CubeSettings(grid, noise, percentile, samples, seed, scheduler)
     job = _job(model, cornell_camera(size) if camera is None else camera, settings)
     return job.picture(job.first_pass(job.camera), progress, None)

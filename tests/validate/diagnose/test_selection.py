@@ -146,6 +146,16 @@ def test_what_holds_in_one_corner_only_is_no_cause():
         assert names_of(confirmed_where_held_out(linearised, chosen, alternatives, [known[name]])[0]) == kept
 
 
+@pytest.mark.parametrize(("sigmas", "kept"), [(2.9, set()), (3.1, {"one"})])
+def test_what_its_own_error_may_have_made_is_not_named(sigmas, kept):
+    linearised, known = laboratory({"one": waves(1, 0)}, {"one": 0.5})
+    (sure,) = taken(linearised, known, "one")
+    chosen = [replace(sure, sigma={name: abs(n) / sigmas for name, n in sure.numbers.items()})]
+    alternatives = with_alternatives(linearised, chosen, [*known.values()])
+    found = confirmed_where_held_out(linearised, chosen, alternatives, [*known.values()])[0]
+    assert names_of(found) == kept
+
+
 def beside_errors():
     """A picture of 1000 with errors of 0.15 %, alike in all bands over cells and regions, and noise of 1; a smooth
     pattern, alike in all bands or not. Returns signatures, and what draws fits with so much of the latter."""
