@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .frozen import OwnMappings
 from .spectra import Spectrum
+from .wavelength_grid import WAVELENGTH_NM
 
 __all__ = ["Lamp", "Material", "Medium", "Scene", "Surface", "Texture"]
 
@@ -221,8 +222,14 @@ class Scene(OwnMappings):
         return np.array([lamp.radiance.at(wavelength_nm) for lamp in self.lamps])
 
     def with_lamp(self, radiance: Spectrum) -> Scene:
-        """The same scene with another spectrum of the first lamp."""
-        return replace(self, lamp=replace(self.lamp, radiance=radiance))
+        """The same scene with another spectrum of the first lamp, and further lamps as bright beside it as before.
+
+        A meter whose scale is off is off for all lamps alike. Ratios are those of sums over 400 to 700 nm.
+        """
+        now, before = (float(one.at(WAVELENGTH_NM).sum()) for one in (radiance, self.lamp.radiance))
+        factor = now / before if before > 0 else 1.0
+        further = tuple(replace(one, radiance=one.radiance.scaled(factor)) for one in self.further_lamps)
+        return replace(self, lamp=replace(self.lamp, radiance=radiance), further_lamps=further)
 
     def with_lamps(self, change: Callable[[Lamp], Lamp]) -> Scene:
         """The same scene with every lamp changed."""

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
+from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
@@ -226,10 +227,18 @@ def _seen_at(warp: Warp, camera: Camera, face: NDArray, pixel: NDArray) -> NDArr
 
 
 def pixels_per_unit(tracer: Tracer, camera: Camera) -> NDArray[np.float64]:
-    """(10,) rms motion, px, of the scene's corners inside the image, per unit of each camera parameter."""
+    """(10,) rms motion, px, of the scene's corners inside the image, per unit of each camera parameter.
+
+    Where the image shows none, of all that are in front of the camera. Raises InputError where there are none.
+    """
     points = tracer.vertices.reshape(-1, 3)
     image = camera.project(points)
     inside = np.all((image > -0.5) & (image < [camera.width_px, camera.height_px]), axis=1)
+    inside = inside if inside.any() else np.isfinite(image).all(axis=1)
+    if not inside.any():
+        raise InputError(
+            "camera", "the scene behind it", "a camera that sees the scene", "Is it the right box?"
+        )
     step = 1e-4
     motion = [
         camera.with_parameters(camera.parameters + step * axis).project(points) - image

@@ -90,6 +90,7 @@ FAULTS = {
         GOOD.replace("0.75", "{ wavelength_nm = [400, 410, 420, 500], values = [0.1, 0.1, 0.1, 0.1] }"),
         ["a gap in the table from 420 to 500 nm"],
     ),
+    "wavelengths in µm": (GOOD.replace("[400, 700]", "[0.4, 0.7]"), ["lamp.radiance", "0.4 to 0.7", "in nm"]),
     "wavelengths out of order": (GOOD.replace("[400, 700]", "[700, 400]"), ["lamp.radiance", "ascending"]),
     "unequal table": (GOOD.replace("[400, 700]", "[400, 500, 700]"), ["lamp.radiance", "equal length"]),
     "nan in a table": (GOOD.replace("[1.0, 2.0]", "[1.0, nan]"), ["lamp.radiance", "finite"]),

@@ -39,6 +39,14 @@ def test_two_lamps_have_their_own_spectra_and_holes(tmp_path):
     assert load(tmp_path, GOOD.replace("[lamp]", "[[lamp]]")).lamps[0].surface.name == "light"
 
 
+def test_a_reading_of_the_first_lamp_scales_all(tmp_path):
+    """Scale errors of a meter are common: a reading 3 % low of the first lamp makes the whole light 3 % lower."""
+    scene = load(tmp_path, TWO)
+    read = scene.with_lamp(scene.lamp.radiance.scaled(0.97))
+    wavelengths = np.linspace(400, 700, 7)
+    assert read.lamp_radiance(wavelengths) == pytest.approx(0.97 * scene.lamp_radiance(wavelengths))
+
+
 def test_two_lamps_in_one_quad(tmp_path):
     """The ceiling as one quad leaves the same two holes as two quads do."""
     one, two = (load(tmp_path, text) for text in (TWO.replace(HALVES[:-15], CEILING[:-15]), TWO))

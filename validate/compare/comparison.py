@@ -219,7 +219,7 @@ def compare(
 
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = np.where(used, (seen - model) / np.sqrt(variance), np.nan)
-        sigma_ratio = np.sqrt(noise / sensor)[used]
+        sigma_ratio = np.sqrt(noise / sensor)[used & (model > 0)]
     parameters_each = fitted_parameters / max(int(used.sum()), 1)
 
     def chi_square(where: NDArray[np.bool_]) -> ChiSquare:

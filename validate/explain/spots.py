@@ -25,6 +25,9 @@ _OPAQUE = 0.25
 #: of. Of discs, plates and rods by formula 0.7 to 2.3 (one of 14: 3.5), of a small lamp's light on a wall 2 to 8.
 _WIDEST_OUTLINE = 2.6
 
+#: A stain seen in one band is seen in others by this part of it, at least: spectra of paint are broad.
+_BROAD = 0.05
+
 #: Families that may make a place brighter by any factor, without an outline.
 _SHINING = ("extra-light", "reflection-lobe", "sensor-offset")
 
@@ -71,8 +74,10 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         found -= _TOO_DEEP
     if form.family in ("extra-light", "reflection-lobe") and strongest < 0:
         found -= _UNLIKELY
-    if form.family == "reflectance-map" and strongest > 0:
-        found -= _ODD
+    if form.family == "reflectance-map":
+        found -= _ODD if strongest > 0 else 0.0
+        others = np.sort(np.abs(relative))[:-1]
+        found -= _UNLIKELY if (others < _BROAD * abs(strongest)).all() and len(others) else 0.0
     if form.family == "sensor-gain":
         found -= _UNLIKELY if strongest > 0 else 0.0
         if not rounder_in_the_picture(excess, weight):

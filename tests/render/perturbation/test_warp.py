@@ -1,11 +1,13 @@
 """A picture from a slightly moved camera: looked up in the first picture, against rendering it again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.perturbation.warp import build_warp, pixels_per_unit, warp_change, warp_derivatives
 from cboxlab.render.radiosity.final_gather import gather, solve_light
-from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
@@ -46,6 +48,15 @@ def test_pixels_per_unit_is_how_far_corners_move(warp, index):
     before, after = own.camera.project(points), moved(own, index, 0.3).project(points)
     inside = np.all((before > -0.5) & (before < SIZE), axis=1)
     assert np.sqrt(np.mean(np.sum((after - before)[inside] ** 2, axis=1))) == pytest.approx(0.3, rel=0.01)
+
+
+def test_pixels_per_unit_of_a_camera_that_sees_no_corner(warp):
+    """Near the back wall, and with the box behind it."""
+    *_, own = warp
+    near = replace(own.camera, position_mm=np.array([278.0, 273.0, 500.0]))
+    assert np.isfinite(pixels_per_unit(own.tracer, near)).all()
+    with pytest.raises(InputError, match="the scene behind it"):
+        pixels_per_unit(own.tracer, replace(own.camera, position_mm=np.array([278.0, 273.0, 5000.0])))
 
 
 def stretched(warp):

@@ -1,5 +1,7 @@
 """Pixels whose camera rays need no intersection: all their rays meet the plane that is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.render.device import device_array, dr, mi
@@ -34,6 +36,13 @@ def test_edges_lamps_and_nothing_are_left_out():
     assert not planar[coverage.max(axis=-1) < 1].any()
     assert not planar[coverage[..., -1] > 0].any()
     assert not planar[coverage.sum(axis=-1) == 0].any()
+
+
+def test_a_camera_that_looks_away_sees_none():
+    tracer, camera = build_tracer(cornell_box()), cornell_camera(16)
+    behind = replace(camera, position_mm=np.array([278.0, 273.0, 5000.0]))
+    coverage = facet_coverage(tracer, behind)
+    assert not coverage.any() and not len(planar_pixels(tracer, behind, coverage).index)
 
 
 def test_pixels_of_a_bent_face_are_left_out():

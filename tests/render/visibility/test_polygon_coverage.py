@@ -139,3 +139,14 @@ def test_shares_follow_a_camera_without_steps():
     assert np.abs(rises).max() < 1.2e-4
     assert np.abs(shares[-1] - shares[0]).max() > 1.8e-3
     assert np.abs(np.diff(rises, axis=0)).max() < 5e-6
+
+
+def test_a_mesh_that_fills_the_picture():
+    box = cornell_box()
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=60.0)
+    mesh.apply_translation([278.0, 273.0, 300.0])
+    ball = Surface("ball", "white", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    tracer = build_tracer(replace(box, surfaces=(*box.surfaces, ball)))
+    camera = replace(cornell_camera(SIZE), position_mm=np.array([278.0, 273.0, 220.0]))
+    found = pixel_coverage(tracer, [camera], np.arange(SIZE * SIZE), 64)[0]
+    assert np.all(found[:, tracer.facet_surface == len(box.surfaces)].sum(axis=1) > 1 - 1e-6)

@@ -46,3 +46,11 @@ def test_what_was_not_used_for_longest_goes_but_never_the_base_pictures():
     assert [use(key) for key in "abcbdadbe"] == list("ABCBDADBE")
     assert made == list("abcde")
     assert list(store) == [("a",), ("b",), ("e",)]
+
+
+def test_pixels_without_light_do_not_count_as_rendered_well():
+    """Three of four see nothing; the fourth's error is twice the sensor's."""
+    layers, lit = ("band", "y", "x"), np.array([[[0.0, 0.0], [0.0, 9.0]]])
+    bands = xr.Dataset({"signal": (layers, lit), "variance": (layers, 4.0 * (lit > 0))})
+    assert rendering.noise_ratio(bands, np.ones_like(lit), np.ones(lit.shape, bool)) == 2.0
+    assert rendering.noise_ratio(bands, np.ones_like(lit), np.zeros(lit.shape, bool)) == 0.0

@@ -135,6 +135,25 @@ def test_fireflies_are_set_aside_and_told():
     assert outcome.outlier_share > 0.1
 
 
+@pytest.mark.parametrize("factor", [0.1, 2.0])
+def test_a_lamp_of_one_row_of_pixels_is_no_firefly(factor):
+    clean, surfaces = rendered()
+    rows = np.flatnonzero(surfaces.lamp.any(axis=1))
+    thin = replace(surfaces, lamp=surfaces.lamp & (np.arange(SIZE) == rows[-1])[:, None])
+    before = np.where((surfaces.lamp & ~thin.lamp)[..., None], clean[rows[0] - 1, SIZE // 2], clean)
+    after = np.where(thin.lamp[..., None], factor * before, before)
+    first, second = (replace(noisy(s, each), surfaces=thin) for s, each in ((0, before), (1, after)))
+    row = next(row for row in verdict(first, second).of_kind("stratum") if row.name == "lamp")
+    assert row.different
+    assert row.difference == pytest.approx(factor - 1, rel=0.15)
+
+
+def test_the_same_numbers_are_no_independent_pictures():
+    side = noisy(0)
+    assert any("to the bit" in note for note in verdict(side, side).notes)
+    assert not any("to the bit" in note for note in verdict(side, noisy(1)).notes)
+
+
 def test_a_darker_row_is_no_firefly():
     """A row as wide as the box; the outermost row shows the dark surround."""
     clean, _ = rendered()

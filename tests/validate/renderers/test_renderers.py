@@ -8,7 +8,14 @@ from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
 from cboxlab.scenes import InputError, Lamp, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
-from cboxlab.validate.renderers import compare_renderers, judge, missing, reference_cube, run_renderer
+from cboxlab.validate.renderers import (
+    compare_renderers,
+    comparing,
+    judge,
+    missing,
+    reference_cube,
+    run_renderer,
+)
 from helpers.boxes import box_with_lamp, camera_inside, quad, square
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -191,6 +198,23 @@ def test_light_that_is_cut_short_is_named(tmp_path):
     judged = judge("mitsuba", read_rendered(tmp_path / "box", "mitsuba"), reference_cube(whole), whole, run)
     assert judged.sentence.startswith("different") and "path-depth (max_bounces 2)" in judged.sentence
     assert judged.agreeing == ()
+
+
+def test_a_renderer_that_fails_leaves_the_others_their_results(tmp_path, monkeypatch):
+    def run(export, renderer):
+        if renderer == "pbrt":
+            raise InputError(export / renderer, "ended with 2", "a picture")
+        return run_renderer(export, renderer)
+
+    monkeypatch.setattr(comparing, "missing", lambda name: "")
+    monkeypatch.setattr(comparing, "run_renderer", run)
+    settings = ExportSettings(np.array([550.0]), samples=4, batches=2)
+    exported = exported_scene(cornell_box(), cornell_camera(16), settings)
+    compared = compare_renderers(exported, ["pbrt", "mitsuba"], tmp_path / "out")
+    assert [judged.renderer for judged in compared.judged] == ["mitsuba"]
+    assert "ended with 2" in str(compared.failed[0]) and (tmp_path / "out" / "mitsuba.nc").exists()
+    with pytest.raises(InputError, match="ended with 2"):
+        compare_renderers(exported, ["pbrt"], tmp_path / "other")
 
 
 def test_what_is_not_installed_is_said_and_the_rest_is_run(tmp_path, monkeypatch):
