@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cboxlab.calibration.capture import load_capture
+    from cboxlab.render.files import Declared
     from cboxlab.scenes import InputError, load_scene
     from cboxlab.scenes.progress import Cancelled, Progress, Teller
     from cboxlab.validate.model import load_model
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Cancelled",
+    "Declared",
     "InputError",
     "Progress",
     "Study",
@@ -43,6 +45,7 @@ __all__ = [
 #: The package that each name comes from.
 _HOMES = {
     "Cancelled": "scenes.progress",
+    "Declared": "render.files",
     "InputError": "scenes",
     "Progress": "scenes.progress",
     "Study": "validate.results",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..compare import Nuisances
 from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, dispersion, penalised, square
+from .fitting import parameter_variance
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Signature
@@ -41,8 +42,7 @@ _MOST_FITTED = 3
 #: Where held out, an effect must gain this part of what it gains where fitted.
 _PREDICTS = 0.5
 
-#: An effect is named if one of its numbers is so many of its standard deviations from null. Of 43 effects rightly named
-#: in captures of another simulator the least certain one has 5.4.
+#: An effect is named if its amplitude is so many of its standard deviations, errors that bands and faces share counted.
 _LEAST_SIGMAS = 3.0
 
 _BLOCK_PX = 16
@@ -56,8 +56,9 @@ class SelectedEffect:
     """A selected effect, and the other effects of the catalogue in its stead, all other selected ones staying.
 
     alternatives : best first. chi2_without : chi2 with none of them. heldout_pixels, heldout_bands : its gain where
-    it was not fitted, see ``heldout``; NaN where that cannot be tried. count : number of samples that chi2 sums.
-    dispersion : by how much more than noise chi2 differences scatter, see ``evidence``.
+    it was not fitted, see ``heldout``; NaN where that cannot be tried. amplitude_sigma : standard deviation of a
+    multiple of its change, 1 as fitted, see ``parameter_variance``; NaN where the priors decide. count : number of
+    samples that chi2 sums. dispersion : by how much more than noise chi2 differences scatter, see ``evidence``.
     """
 
     candidate: Candidate
@@ -65,6 +66,7 @@ class SelectedEffect:
     chi2_without: float
     heldout_pixels: float
     heldout_bands: float
+    amplitude_sigma: float
     count: int
     dispersion: float
 
@@ -112,6 +114,7 @@ def with_alternatives(
                 fitted, tuple(best), square(problem.model.project(residual)),
                 np.nan if prior else heldout_pixels(linearised.model, residual, shape),
                 np.nan if prior else heldout_bands(linearised.model, residual, shape),
+                np.nan if prior else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
                 linearised.model.count, dispersion(linearised.model, shape, residual),
             )
         )  # fmt: skip
@@ -149,13 +152,13 @@ def confirmed_where_held_out(
     known: Sequence[SelectedEffect],
     signatures: Sequence[Signature],
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
-    """Drop effects that gain too little in pixels or bands held out from their fit, or whose numbers are no further
-    from null than their standard deviations may take them: they resemble another cause."""
+    """Drop effects that gain too little in pixels or bands held out from their fit, or whose amplitude
+    errors that bands and faces share may have made: they resemble another cause."""
     kept = [
         candidate
         for candidate, one in zip(chosen, known, strict=True)
         if not (one.heldout_pixels < _PREDICTS or one.heldout_bands < _PREDICTS)
-        and _away_from_null(candidate)
+        and not one.amplitude_sigma > 1 / _LEAST_SIGMAS
     ]
     if len(kept) == len(chosen):
         return list(chosen), list(known)
@@ -163,13 +166,10 @@ def confirmed_where_held_out(
     return kept, with_alternatives(linearised, kept, signatures)
 
 
-def _away_from_null(candidate: Candidate) -> bool:
-    off = [
-        abs(candidate.numbers[p.name] - p.null) > _LEAST_SIGMAS * candidate.sigma[p.name]
-        for p in candidate.hypothesis.free
-        if p.null is not None and np.isfinite(p.null) and p.name in candidate.sigma
-    ]
-    return not off or any(off)
+def _amplitude_sigma(model: LinearModel, shape: NDArray, left: NDArray) -> float:
+    """Standard deviation of a multiple, 1 as fitted, of a change that leaves ``left``; both (n + 11,) and projected."""
+    size = max(float(shape @ shape), 1e-30)
+    return float(np.sqrt(parameter_variance(model, shape[:, None], np.array([[1 / size]]), left)[0]))
 
 
 def groups(known: Sequence[SelectedEffect]) -> tuple[tuple[str, ...], ...]:

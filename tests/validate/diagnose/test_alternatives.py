@@ -15,7 +15,7 @@ def _candidate(name, chi2):
 
 def _selected(behind, dispersion, gain):
     own, other = _candidate("own", 1000.0), _candidate("other", 1000.0 + behind)
-    return SelectedEffect(own, (other,), 1000.0 + gain, np.nan, np.nan, 5000, dispersion)
+    return SelectedEffect(own, (other,), 1000.0 + gain, np.nan, np.nan, np.nan, 5000, dispersion)
 
 
 @pytest.mark.parametrize("dispersion", [1.0, 4.0])

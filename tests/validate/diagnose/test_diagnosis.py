@@ -344,6 +344,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         linearised.model.chi2,
         1.0,
         1.0,
+        0.01,
         linearised.model.count,
         1.0,
     )
