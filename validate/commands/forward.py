@@ -133,6 +133,10 @@ def capture(
     out: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
     *,
     size: Annotated[int, typer.Option(help="Pixels per side.", min=16, max=1024)] = 128,
+    camera: Annotated[
+        Path | None,
+        typer.Option(help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."),
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of camera and noise; default random.", min=0)] = None,
     noise: Annotated[str, typer.Option(help="Relative standard error of the render, median.")] = "0.1%",
     hide: Annotated[
@@ -155,7 +159,7 @@ def capture(
     from cboxlab.render.laboratory import CaptureSettings
     from cboxlab.scenes.files import replacing_folder
 
-    from ..model import load_model, write_model
+    from ..model import load_model, view_of, write_model
     from ..synthetic import perturbed_camera, seal, settled, varied_settings, write_model_capture
 
     error = positive_number(noise, "--noise")
@@ -167,14 +171,14 @@ def capture(
     chosen = load_model(model)
     number = secrets.randbits(63) if seed is None else seed
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
-    camera = perturbed_camera(size, number)
+    place = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
     settings = varied_settings(number) if hide else CaptureSettings()
     require_compiled()
     truncated = None
     if hide and (effects is not None or strength is not None or not chosen.effects):
         names = tuple(effects.split(",")) if effects else ()
         with options(effects="--effects", strength="--strength"):
-            drawn = _drawn(chosen, names, strength, generator, camera, settings, number)
+            drawn = _drawn(chosen, names, strength, generator, place, settings, number)
         if drawn.stage == "settings":
             bounces = int(generator.integers(1, 4))
             truncated = replace(chosen, render=replace(chosen.render, max_bounces=bounces), name="truncated")
@@ -183,7 +187,7 @@ def capture(
         with bar("rendering") as report:
             inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
             excess = write_model_capture(
-                temporary, replace(chosen, effects=tuple(inside)), camera, settings, number,
+                temporary, replace(chosen, effects=tuple(inside)), place, settings, number,
                 relative_error=error, progress=report,
                 box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
             )  # fmt: skip
@@ -197,7 +201,7 @@ def capture(
             f"which no model explains; --noise {enough:.2g} leaves {_LARGEST_EXCESS:g}."
         )
     secret = {"sha256": digest} if hide else {"seed": number}
-    give_json(json, {"capture": out, "size_px": size, "sealed": hide, **secret})
+    give_json(json, {"capture": out, "size_px": place.width_px, "sealed": hide, **secret})
     if hide:
         say(f"Sealed. Keep this hash to detect any change of the answer: {digest}")
         say(f"Open the answer with: cbox reveal {out} --hash {digest}")
@@ -205,7 +209,7 @@ def capture(
             say(f"Diagnose it with its own model: cbox diagnose {out} --model {out / 'model.toml'}")
     elif chosen.effects:
         say(f"Effects: {', '.join(effect.id for effect in chosen.effects)}")
-    say(f"Capture: {out} ({size} x {size} px" + ("" if hide else f", seed {number}") + ")")
+    say(f"Capture: {out} ({place.width_px} x {place.height_px} px" + ("" if hide else f", seed {number}") + ")")
 
 
 def _drawn(

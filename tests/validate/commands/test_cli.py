@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ import pytest
 import tifffile
 from cboxlab import scenes
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.scenes import InputError
+from cboxlab.render.export.camera_file import write_camera
+from cboxlab.scenes import InputError, cornell_camera
 from cboxlab.validate.commands import console
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.commands.model import _alone as alone
@@ -325,6 +327,22 @@ def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     (tmp_path / "diagnosis.json").write_text(json.dumps(found))
     code, out, _ = cbox("reveal", folder, "--diagnosis", tmp_path / "diagnosis.json")
     assert code == 0 and "First of the ranking: right. Selection: right." in out and "+50.0%" in out
+
+
+def test_a_capture_is_photographed_by_the_camera_given(tmp_path, cbox):
+    camera = replace(cornell_camera(32), height_px=24)
+    write_camera(tmp_path / "camera.json", camera)
+    rough = ("--camera", tmp_path / "camera.json", "--seed", 9, "--noise", "5%")
+    code, out, _ = cbox("capture", "cornell-box", "--out", tmp_path / "own", *rough)
+    assert code == 0 and "32 x 24 px" in out
+    assert load_capture(tmp_path / "own").shape == (24, 32)
+    points = np.genfromtxt(tmp_path / "own" / "points.csv", delimiter=",", names=True)
+    place, seen = (
+        np.stack([points[n] for n in names], axis=-1)
+        for names in (("x_mm", "y_mm", "z_mm"), ("u_px", "v_px"))
+    )
+    off = np.linalg.norm(camera.project(place) - seen, axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.5
 
 
 def test_a_capture_repeats_by_its_seed(tmp_path, cbox):
