@@ -135,7 +135,9 @@ def capture(
     size: Annotated[int, typer.Option(help="Pixels per side.", min=16, max=1024)] = 128,
     camera: Annotated[
         Path | None,
-        typer.Option(help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."),
+        typer.Option(
+            help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."
+        ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of camera and noise; default random.", min=0)] = None,
     noise: Annotated[str, typer.Option(help="Relative standard error of the render, median.")] = "0.1%",
@@ -209,7 +211,11 @@ def capture(
             say(f"Diagnose it with its own model: cbox diagnose {out} --model {out / 'model.toml'}")
     elif chosen.effects:
         say(f"Effects: {', '.join(effect.id for effect in chosen.effects)}")
-    say(f"Capture: {out} ({place.width_px} x {place.height_px} px" + ("" if hide else f", seed {number}") + ")")
+    say(
+        f"Capture: {out} ({place.width_px} x {place.height_px} px"
+        + ("" if hide else f", seed {number}")
+        + ")"
+    )
 
 
 def _drawn(
