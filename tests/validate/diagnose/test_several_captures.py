@@ -123,7 +123,7 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
         photographed(shape, residual, f_number)
         for shape, residual, f_number in zip(shapes, residuals, (8.0, 16.0), strict=True)
     )
-    known = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, COUNT, 1.0)
+    known = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, 0.01, COUNT, 1.0)
     (found,) = settled(first, here, [known], [FurtherFit(second, there, shared)])
     whole = sum(float(r @ r) for r in residuals)
     assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(whole)
