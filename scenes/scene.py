@@ -227,7 +227,7 @@ class Scene(OwnMappings):
         A meter whose scale is off is off for all lamps alike. Ratios are those of sums over 400 to 700 nm.
         """
         now, before = (float(one.at(WAVELENGTH_NM).sum()) for one in (radiance, self.lamp.radiance))
-        factor = now / before if before > 0 else 1.0
+        factor = now / before if min(now, before) > 0 else 1.0
         further = tuple(replace(one, radiance=one.radiance.scaled(factor)) for one in self.further_lamps)
         return replace(self, lamp=replace(self.lamp, radiance=radiance), further_lamps=further)
 

@@ -107,7 +107,7 @@ class CubeResult(Result):
 
     def notes(self) -> list[str]:
         """Errors and what is not in the cube."""
-        if not self.cube["radiance"].values.any():
+        if self.standard_error_99 == 0:
             return ["the camera sees no light: the picture is black"]
         lines = [
             f"standard error {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 pixels)"

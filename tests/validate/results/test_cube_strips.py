@@ -13,7 +13,7 @@ from cboxlab.render.files.cube_strips import ROWS, strip_cameras
 from cboxlab.render.integrators import passes, precision
 from cboxlab.render.integrators.passes import render_pass
 from cboxlab.render.integrators.precision import BATCHES
-from cboxlab.scenes import cornell_camera
+from cboxlab.scenes import InputError, cornell_camera
 from cboxlab.validate.results import CubeSettings, cube, render, render_file
 from cboxlab.validate.results.kept_strips import keep_strip, kept_strip
 from helpers.boxes import BANDS
@@ -118,3 +118,17 @@ def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
     back = kept_strip(place, "made from this")
     assert back is not None and np.array_equal(back["radiance"], strip["radiance"])
     assert [path.name for path in place.parent.iterdir()] == ["0"]
+
+
+def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, monkeypatch):
+    away = replace(cornell_camera(16), position_mm=np.array([278.0, 273.0, 5000.0]))
+    whole = render(wavelengths=BANDS, camera=away, samples=4)
+    assert not whole.cube["radiance"].values.any() and "the picture is black" in whole.notes()[0]
+    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
+    assert "the picture is black" in render_file(tmp_path / "a.nc", None, away, SETTINGS)[1][0]
+
+
+@pytest.mark.parametrize("noise", [-1.0, 0.0, np.nan])
+def test_noise_is_above_0(noise):
+    with pytest.raises(InputError, match="noise"):
+        render(wavelengths=[550], size=16, noise=noise)
