@@ -160,13 +160,6 @@ def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     assert np.hypot(found.centre_px[0] - 40, found.centre_px[1] - 30) < 3
 
 
-def test_a_bright_place_in_one_band_is_no_paint():
-    """A reflection within the filter; spectra of paint are broader than a band."""
-    bright = 0.05 * SIGNAL * _spot(33, 38, 4) * np.eye(BANDS)[2][:, None, None]
-    found = explain(small_excess(bright))
-    assert found.family in ("extra-light", "sensor-offset") and found.bands == ("b2",)
-
-
 def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhere():
     """The flaw is two places in deep shadow, of opposite sign, as an error of the rendered picture may be."""
     bend = 30 + 0.02 * (ROWS - 14.0) ** 2

@@ -1,11 +1,13 @@
 """Things in one place: where they are looked for, and the odds of what they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.validate.explain.sensor_forms import sensor_forms
 from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
 from cboxlab.validate.explain.spots import fits_the_place
-from helpers.small_excess import BANDS, COLUMNS, ROWS, SIZE, small_excess
+from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, SIZE, small_excess
 
 
 def _spot(x, y, radius):
@@ -31,3 +33,13 @@ def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(s
     corner, inside = odds(0, SIZE - 1), odds(20, 20)
     assert inside < corner
     assert (corner == 0) == (sign == 1)
+
+
+def test_a_stain_is_seen_in_more_than_one_band():
+    def odds(bands, words):
+        excess = small_excess(-0.08 * SIGNAL * _spot(20, 20, 3) * bands[:, None, None])
+        forms = sensor_forms(excess, [hot_spot(excess)])
+        gain = next(f for f in forms if (f.family, f.words) == ("sensor-gain", words))
+        return fits_the_place(excess, replace(gain, family="reflectance-map"), soft=False)
+
+    assert odds(np.eye(BANDS)[2], "a spot in one band") < odds(np.ones(BANDS), "a spot") == 0
