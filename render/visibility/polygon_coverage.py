@@ -192,7 +192,8 @@ def _candidates(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n, f) faces that some camera may see in each pixel, and those that are all that every camera sees there."""
     by_kind = functions.swapaxes(1, 2).reshape(len(functions), -1, 3)
-    low, high = (each.reshape(5, -1, middle.shape[1]) for each in _bounds(by_kind, middle, half))
+    shape = 5, functions.shape[1], middle.shape[1]
+    low, high = (each.reshape(shape) for each in _bounds(by_kind, middle, half))
     touching, covering = (high > 0).all(axis=0), (low > 0).all(axis=0)
     wall = np.where(covering, low[0], -np.inf).max(axis=0)
     candidates = touching & (high[0] >= wall)

@@ -71,8 +71,7 @@ def pixel_coverage(
     if isinstance(accelerator, FacesAndTree):
         of_faces = np.array(accelerator.of_faces)
         near = _near_others(tracer, of_faces, cameras, pixels)
-        if not near.all():
-            coverage[:, ~near] = _by_polygons(tracer, accelerator.faces, of_faces, cameras, pixels[~near])
+        coverage[:, ~near] = _by_polygons(tracer, accelerator.faces, of_faces, cameras, pixels[~near])
     if near.any():
         coverage[:, near] = [_by_rays(tracer, camera, pixels[near], samples, seed) for camera in cameras]
     return coverage

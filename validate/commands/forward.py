@@ -173,14 +173,14 @@ def capture(
     chosen = load_model(model)
     number = secrets.randbits(63) if seed is None else seed
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
-    place = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
+    true_camera = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
     settings = varied_settings(number) if hide else CaptureSettings()
     require_compiled()
     truncated = None
     if hide and (effects is not None or strength is not None or not chosen.effects):
         names = tuple(effects.split(",")) if effects else ()
         with options(effects="--effects", strength="--strength"):
-            drawn = _drawn(chosen, names, strength, generator, place, settings, number)
+            drawn = _drawn(chosen, names, strength, generator, true_camera, settings, number)
         if drawn.stage == "settings":
             bounces = int(generator.integers(1, 4))
             truncated = replace(chosen, render=replace(chosen.render, max_bounces=bounces), name="truncated")
@@ -189,7 +189,7 @@ def capture(
         with bar("rendering") as report:
             inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
             excess = write_model_capture(
-                temporary, replace(chosen, effects=tuple(inside)), place, settings, number,
+                temporary, replace(chosen, effects=tuple(inside)), true_camera, settings, number,
                 relative_error=error, progress=report,
                 box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
             )  # fmt: skip
@@ -203,7 +203,7 @@ def capture(
             f"which no model explains; --noise {enough:.2g} leaves {_LARGEST_EXCESS:g}."
         )
     secret = {"sha256": digest} if hide else {"seed": number}
-    give_json(json, {"capture": out, "size_px": place.width_px, "sealed": hide, **secret})
+    give_json(json, {"capture": out, "size_px": true_camera.width_px, "sealed": hide, **secret})
     if hide:
         say(f"Sealed. Keep this hash to detect any change of the answer: {digest}")
         say(f"Open the answer with: cbox reveal {out} --hash {digest}")
@@ -212,7 +212,7 @@ def capture(
     elif chosen.effects:
         say(f"Effects: {', '.join(effect.id for effect in chosen.effects)}")
     say(
-        f"Capture: {out} ({place.width_px} x {place.height_px} px"
+        f"Capture: {out} ({true_camera.width_px} x {true_camera.height_px} px"
         + ("" if hide else f", seed {number}")
         + ")"
     )

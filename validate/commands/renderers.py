@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import suggestion
+from cboxlab.scenes.faults import combined, suggestion
 
 from .console import (
     JsonOption,
@@ -143,7 +143,7 @@ def renderers(
     if out is not None:
         say(f"Export, cubes, bias maps, renderers.json: {out}")
     if compared.failed:
-        raise compared.failed[0]
+        raise combined(compared.failed)
 
 
 def _names(text: str) -> list[str]:
@@ -180,7 +180,7 @@ def _collect(folder: Path, json: Path | None) -> None:
         say(f"Cube: {cubes[name]}")
     give_json(json, {"cubes": cubes})
     if unfinished:
-        raise unfinished[0]
+        raise combined(unfinished)
 
 
 def _references(json: Path | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -131,13 +132,13 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
             raise InputError(side.source, found, f"size and wavelengths of {first.source}, its companion")
     if len(sides) == 1:
         return first
-    stack = np.stack([side.radiance for side in sides])
     known: dict[bytes, Side] = {}
     for side in sides:
-        if (same := known.setdefault(side.radiance.tobytes(), side)) is not side:
+        digest = hashlib.sha256(np.ascontiguousarray(side.radiance)).digest()
+        if (same := known.setdefault(digest, side)) is not side:
             expected = "pictures with random numbers of their own, whose scatter tells their error"
             raise InputError(side.source, f"the same numbers as {same.source}", expected)
-    count = len(sides)
+    stack, count = np.stack([side.radiance for side in sides]), len(sides)
     variances = [side.variance for side in sides if side.variance is not None]
     if len(variances) == count:
         variance, degrees = np.sum(variances, axis=0) / count**2, sum(side.degrees for side in sides)

@@ -106,8 +106,8 @@ def _remarks(found: Comparison) -> list[str]:
         notes.append("no surface map: edges and lamp are told by the picture, and no surface by name")
     if np.array_equal(found.common.candidate.radiance, found.common.baseline.radiance):
         notes.append(
-            "both sides have the same numbers to the bit: were they rendered with other random numbers, a smaller "
-            "change could be hidden than is told as detectable"
+            "both sides have the same numbers to the bit: between independent pictures noise would hide a larger "
+            "change than is stated as detectable"
         )
     ratio = found.noise.ratio
     if np.isfinite(ratio) and ratio > _TELLING and not found.noise.estimated:

@@ -13,6 +13,7 @@ from typing import Any
 from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
 from cboxlab.render.files import write_cube
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import combined
 from cboxlab.scenes.files import origin, replacing, temporary_folder
 from cboxlab.scenes.progress import QUIET, Progress, share
 
@@ -90,7 +91,7 @@ def compare_renderers(
                 write_cube(out / f"{name}.nc", cube.assign_attrs(origin(renderer=name)))
                 write_bias_map(out / f"bias-{name}.png", judged[-1])
         if failed and not judged:
-            raise failed[0]
+            raise combined(failed)
         if out is not None:
             for lamp, cube in references.items():
                 stated = lamp == exported.lamp_reflects

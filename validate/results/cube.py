@@ -108,7 +108,7 @@ class CubeResult(Result):
     def notes(self) -> list[str]:
         """Errors and what is not in the cube."""
         if self.standard_error_99 == 0:
-            return ["the camera sees no light: the picture is black"]
+            return ["the camera sees no lit surface"]
         lines = [
             f"standard error {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 pixels)"
         ]

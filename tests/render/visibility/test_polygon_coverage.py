@@ -150,3 +150,9 @@ def test_a_mesh_that_fills_the_picture():
     camera = replace(cornell_camera(SIZE), position_mm=np.array([278.0, 273.0, 220.0]))
     found = pixel_coverage(tracer, [camera], np.arange(SIZE * SIZE), 64)[0]
     assert np.all(found[:, tracer.facet_surface == len(box.surfaces)].sum(axis=1) > 1 - 1e-6)
+
+
+def test_no_pixels_have_no_shares():
+    """As along the borders of a picture that shows one wall."""
+    tracer = build_tracer(cornell_box())
+    assert pixel_coverage(tracer, [cornell_camera(SIZE)], np.zeros(0, int), 1).shape[:2] == (1, 0)

@@ -123,9 +123,9 @@ def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
 def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, monkeypatch):
     away = replace(cornell_camera(16), position_mm=np.array([278.0, 273.0, 5000.0]))
     whole = render(wavelengths=BANDS, camera=away, samples=4)
-    assert not whole.cube["radiance"].values.any() and "the picture is black" in whole.notes()[0]
+    assert not whole.cube["radiance"].values.any() and "sees no lit surface" in whole.notes()[0]
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
-    assert "the picture is black" in render_file(tmp_path / "a.nc", None, away, SETTINGS)[1][0]
+    assert "sees no lit surface" in render_file(tmp_path / "a.nc", None, away, SETTINGS)[1][0]
 
 
 @pytest.mark.parametrize("noise", [-1.0, 0.0, np.nan])

@@ -11,6 +11,7 @@ const page = {
   catalogue: [],
   pending: [], // moves that wait for the answer to the one before
   asking: false,
+  opened: {}, // chi-square of each capture as it was opened; not known to a page that is loaded later
 };
 
 async function asked(path, body) {
@@ -80,7 +81,7 @@ function show(record) {
   const all = record.captures.length > 1 ? ` (all: ${record.chi2_of_captures.map((v) => numberText(v)).join(", ")})` : "";
   const chi2 = numberText(+record.chi2_per_dof.toPrecision(4));
   if (!record.can_undo) page.opened = { ...page.opened, [record.capture]: chi2 };
-  const opened = record.can_undo && page.opened?.[record.capture] ? `; ${page.opened[record.capture]} as opened` : "";
+  const opened = record.can_undo && page.opened[record.capture] ? `; ${page.opened[record.capture]} as opened` : "";
   $("save-root").textContent = `below ${record.root}`;
   $("figures").replaceChildren(
     "χ² per degree of freedom ", make("strong", { id: "chi2" }, chi2), ` (1: noise alone${opened})`,
