@@ -134,7 +134,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         return first
     known: dict[bytes, Side] = {}
     for side in sides:
-        digest = hashlib.sha256(np.ascontiguousarray(side.radiance)).digest()
+        digest = hashlib.sha256(side.radiance.tobytes()).digest()
         if (same := known.setdefault(digest, side)) is not side:
             expected = "pictures with random numbers of their own, whose scatter tells their error"
             raise InputError(side.source, f"the same numbers as {same.source}", expected)
