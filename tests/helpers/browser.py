@@ -90,8 +90,16 @@ class Page:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
         where = address.resolve().as_uri() if isinstance(address, Path) else address
-        self.call("Page.navigate", url=where)
-        self.until("document.readyState === 'complete' && location.href !== 'about:blank'")
+        self._load("Page.navigate", url=where)
+
+    def reload(self) -> None:
+        """Load the page again, and wait until it is complete."""
+        self._load("Page.reload")
+
+    def _load(self, method: str, **parameters: Any) -> None:
+        self.run("window.isOld = true")  # the old page may still answer for a while
+        self.call(method, **parameters)
+        self.until("!window.isOld && document.readyState === 'complete'")
 
     def size(self, width: int, height: int = 900) -> None:
         """Change the size of the window."""

@@ -262,10 +262,8 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     assert bench.study.effects[0].values == fitted.values
     assert not page.run("document.getElementById('undo').disabled")
     assert page.run("page.record.effects[0].values.fraction") == pytest.approx(fitted.values["fraction"])
-    page.run("location.reload()")
-    page.until(
-        "typeof page === 'object' && page.record?.can_undo && page.viewer && page.controls?.length === 1 && !page.job"
-    )
+    page.reload()
+    page.until("page.record?.can_undo && page.viewer && page.controls?.length === 1 && !page.job")
     page.until(f"document.getElementById('chi2').textContent == '{found:g}'")
     assert page.run("document.getElementById('mistake').textContent") == ""
 
