@@ -149,9 +149,9 @@ def convex_room(
     overlap_mm: float,
 ) -> ConvexBody | None:
     """The convex hull of the scene's ``corners`` (n, 3), with those ``loose`` faces that fill sides of it; None where
-    it has too few to pay.
+    it has too few to pay: no more than half as many as the hull has sides.
     """
-    planes = _planes(corners)
+    planes = _planes(corners, most=2 * len(loose))
     filled = [_filling(plane, area, outlines, loose) for plane, area in planes]
     if 2 * sum(map(len, filled)) <= len(planes):
         return None
@@ -224,8 +224,9 @@ def _connected(outlines: Sequence[NDArray[np.float64]]) -> list[list[int]]:
     return groups
 
 
-def _planes(corners: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
-    """Planes (n, n . p), n outwards, of the hull of points (k, 3), and the area in each; none of a flat one."""
+def _planes(corners: NDArray[np.float64], most: float = np.inf) -> list[tuple[NDArray[np.float64], float]]:
+    """Planes (n, n . p), n outwards, of the hull of points (k, 3), and the area in each; none of a flat one, or of one
+    with more than ``most``, as of a fine mesh."""
     try:
         hull = ConvexHull(corners)
     except QhullError:
@@ -242,6 +243,8 @@ def _planes(corners: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], flo
                 break
         else:
             found.append((plane, area))
+        if len(found) > most:
+            return []
     return found
 
 

@@ -19,15 +19,17 @@ __all__ = ["Evidence", "Fit", "build_evidence"]
 
 #: Pixels a side of a cell, groups of bands, fewest pixels of a cell.
 _CELL_PX, _GROUPS, _FEWEST = 8, 8, 6
-#: Relative standard deviations that no noise explains: of a cell's mean, of an edge pixel; and part of the local range.
-_CELL_FLOOR, _PIXEL_FLOOR, _RANGE_FLOOR = 5e-4, 1e-3, 0.05
+#: Relative standard deviations that no noise explains: of a cell's mean, of an edge pixel; and part of the local range,
+#: the second where a side states no errors. Those at edges are then guessed from smooth parts, but 20 rays in each
+#: picture's pixel tell its part on either side of an edge no better.
+_CELL_FLOOR, _PIXEL_FLOOR, _RANGE_FLOOR, _RANGE_GUESSED = 5e-4, 1e-3, 0.05, 0.15
 #: Residuals beyond so many standard deviations count linearly (Huber 1964); single pixels no more beyond _MOST.
 _HUBER, _MOST = 4.0, 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """amplitudes : of the templates. chi2 : what remains, Huber's. residual : (n,)."""
+    """amplitudes : of the templates. chi2 : what remains, Huber's."""
 
     amplitudes: NDArray[np.float64]
     chi2: float
@@ -119,7 +121,8 @@ def build_evidence(found: Comparison) -> Evidence:
     pixels = strata.used & ~strata.smooth
     total = level.sum(axis=-1)
     sigma = np.maximum(smooth_variance(total, noise.total, noise.degrees), noise.total) * inflation
-    sigma += (_PIXEL_FLOOR * total) ** 2 + (_RANGE_FLOOR * local_range(total)) ** 2
+    part = _RANGE_GUESSED if noise.estimated else _RANGE_FLOOR
+    sigma += (_PIXEL_FLOOR * total) ** 2 + (part * local_range(total)) ** 2
     scale = 1 / np.sqrt(sigma[pixels])
     target = _features(trimmed.difference, cell, group, safe, whitener, pixels, scale)
     return Evidence(level, level + trimmed.difference, cell, whitener, safe, group, pixels, scale, target)
@@ -139,8 +142,11 @@ def _cells(found: Comparison) -> NDArray[np.int64]:
     return result
 
 
-def _grouped(correlation: NDArray, variance: NDArray, rows: NDArray) -> NDArray[np.float64]:
-    """(g, g) correlation between sums over groups of bands, for the picture's mean variances."""
+def _grouped(correlation: NDArray | None, variance: NDArray, rows: NDArray) -> NDArray[np.float64]:
+    """(g, g) correlation between sums over groups of bands, for the picture's mean variances; where it is not known the
+    identity times g, which no correlation exceeds in any direction."""
+    if correlation is None:
+        return len(rows) * np.eye(len(rows))
     sigma = np.sqrt(variance.reshape(-1, variance.shape[-1]).mean(axis=0))
     covariance = rows @ (correlation * np.outer(sigma, sigma)) @ rows.T
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

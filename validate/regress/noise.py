@@ -18,6 +18,8 @@ __all__ = ["Noise", "local_range", "noise_of", "smooth_variance"]
 
 #: Pixels a side of the blocks whose means tell the correlation between pixels.
 _BLOCK = 4
+#: So many pixels for each wavelength tell the correlation between wavelengths.
+_LEAST_EACH = 8
 #: Median of a chi-square of three degrees of freedom over its mean.
 _MEDIAN_OF_3 = 0.789
 
@@ -26,23 +28,26 @@ _MEDIAN_OF_3 = 0.789
 class Noise:
     """Of the difference of two pictures.
 
-    variance : (y, x, w) of each pixel. degrees : of freedom behind each. correlation : (w, w) between wavelengths.
-    total : (y, x) variance of the sum over wavelengths. clustering : variance of means over its value for
+    variance : (y, x, w) of each pixel. degrees : of freedom behind each. correlation : (w, w) between wavelengths; None
+    where too few pixels tell it. total : (y, x) variance of the sum over wavelengths. clustering : variance of means over its value for
     independent pixels, at least 1. ratio : scatter of neighbours over what is stated, of the sum over
     wavelengths. estimated : whether a side states no standard error.
     """
 
     variance: NDArray[np.float64]
     degrees: float
-    correlation: NDArray[np.float64]
+    correlation: NDArray[np.float64] | None
     total: NDArray[np.float64]
     clustering: float
     ratio: float
     estimated: bool
 
     def over(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(y, x) variance of a weighted sum over wavelengths (w,)."""
+        """(y, x) variance of a weighted sum over wavelengths (w,); the largest that may be, where nothing tells how
+        they go together."""
         sigma = np.sqrt(self.variance) * weights
+        if self.correlation is None:
+            return np.asarray(sigma.sum(axis=-1) ** 2)
         return np.maximum(((sigma @ self.correlation) * sigma).sum(axis=-1), 0.0)
 
 
@@ -90,12 +95,14 @@ def noise_of(
 
 def _correlation(
     difference: NDArray, variance: NDArray, level: NDArray, smooth: NDArray
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64] | None:
     """(w, w) between wavelengths, from second differences of what is left over its standard deviation."""
     count = difference.shape[-1]
     inner = minimum_filter(smooth, 3)
-    if count == 1 or inner.sum() < 8 * count:
-        return np.ones((count, count))
+    if count == 1:
+        return np.ones((1, 1))
+    if inner.sum() < _LEAST_EACH * count:
+        return None
     columns = []
     for band in range(count):
         sigma = np.sqrt(smooth_variance(level[..., band], variance[..., band], 3.0))

@@ -264,3 +264,15 @@ def test_a_block_above_the_floor_is_entered_from_below_too():
     for enclosed in (False, True):
         assert np.array(faces.ray_test(ray, enclosed=enclosed)).tolist() == [True, False]
     assert np.array(tree.ray_test(ray)).tolist() == [True, False]
+
+
+def test_a_fine_convex_mesh_about_the_faces_leaves_them_loose():
+    index = np.arange(10_000) + 0.5
+    height, turn = 1 - index / 5_000, np.pi * (1 + 5**0.5) * index  # a spiral of even density
+    across = np.sqrt(1 - height**2)
+    sphere = 2_000 * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+    walls = triangles(500 * BOX)[:6]
+    faces = flat_faces(
+        walls, facets(normals_of(walls), np.zeros(6, int))[0], np.concatenate([sphere, *walls])
+    )
+    assert faces.room is None and len(faces.rows) == 6

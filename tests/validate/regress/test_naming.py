@@ -131,6 +131,26 @@ def test_glossy_white_paint_is_named_gloss():
     assert first.parameters["specular"] == pytest.approx(0.9, abs=0.2)
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(stated):
+    """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
+    hardly larger than noise, and what noise leaves is no evidence of anything else."""
+    first, second = (
+        side_of(
+            [labelled_cube(render(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed))], ["it"]
+        )
+        for seed in (5, 6)
+    )
+    if not stated:
+        first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
+    _, found = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
+    assert found.noise.correlation is None
+    own = build_variants(cornell_box(), cornell_camera(32), first)
+    probability = {change.change: change.probability for change in named_changes(found, own)}
+    assert probability["lamp-scale"] > 0.25
+    assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
+
+
 def test_a_coat_is_sized():
     """Our own coat, as a ratio on a picture of the integrator's rays."""
     coat = {"material": "white", "specular": 0.8, "roughness": 0.15}
