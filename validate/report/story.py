@@ -227,7 +227,9 @@ def _ranking(diagnosis: Diagnosis) -> Table:
     return Table(
         ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"), rows,
         "Camera and lamp are refitted with each effect. The errors that the render itself may have count as noise "
-        "here, so that they do not pass for an effect.",
+        "here, so that they do not pass for an effect; a right effect may explain a little more than 100 %. "
+        "Probability: of an effect found, that it is the cause and not one of those that could stand in its stead; "
+        "several effects found together have theirs each. Of unknown: that a cause not in the catalogue is at work.",
     )  # fmt: skip
 
 
