@@ -28,6 +28,10 @@ _WIDEST_OUTLINE = 2.6
 #: A stain seen in one band is seen in others by this part of it, at least: spectra of paint are broad.
 _BROAD = 0.05
 
+#: Light makes a place brighter: of the squares of what it changes over sigma no more than this part is darker, by noise
+#: and what camera and lamp take up.
+_DARKER = 0.25
+
 #: Families that may make a place brighter by any factor, without an outline.
 _SHINING = ("extra-light", "reflection-lobe", "sensor-offset")
 
@@ -72,8 +76,9 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         return 0.0 if deep and not lit else -_UNLIKELY
     if deep and not (lit and form.family in _SHINING):
         found -= _TOO_DEEP
-    if form.family in ("extra-light", "reflection-lobe") and strongest < 0:
-        found -= _UNLIKELY
+    if form.family in ("extra-light", "reflection-lobe"):
+        darker = np.sum(np.minimum(change * excess.weight, 0.0) ** 2) / weight.sum()
+        found -= _UNLIKELY if darker > _DARKER else 0.0  # light adds
     if form.family == "reflectance-map":
         found -= _ODD if strongest > 0 else 0.0
         others = np.sort(np.abs(relative))[:-1]

@@ -43,3 +43,14 @@ def test_a_stain_is_seen_in_more_than_one_band():
         return fits_the_place(excess, replace(gain, family="reflectance-map"), soft=False)
 
     assert odds(np.eye(BANDS)[2], "a spot in one band") < odds(np.ones(BANDS), "a spot") == 0
+
+
+def test_light_makes_no_place_darker():
+    def odds(shape):
+        excess = small_excess(np.broadcast_to(60.0 * shape, (BANDS, SIZE, SIZE)))
+        forms = sensor_forms(excess, [hot_spot(excess)])
+        added = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
+        return fits_the_place(excess, replace(added, family="reflection-lobe"), soft=True)
+
+    bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)  # lit on one side, turned from the light on the other
+    assert odds(bulge) < odds(_spot(22, 18, 3)) == 0
