@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter, label
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, label
 
 from ..fields import ImageMaps
 from .excess import Excess
@@ -17,8 +17,8 @@ _LARGEST = 0.15
 #: Standard deviation over which the excess is smoothed, px.
 _SMOOTHED_PX = 1.5
 
-#: Most cells of a spot.
-_MOST_CELLS = 200
+#: Most cells of a spot, and how many lie between the middle and the border of one that is thin, as a hair's.
+_MOST_CELLS, _BELLS_ACROSS = 200, 6
 
 
 def hot_spot(excess: Excess) -> NDArray[np.bool_] | None:
@@ -59,8 +59,9 @@ def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.b
 
 
 def cells(region: NDArray[np.bool_]) -> ImageMaps:
-    """Bells over a region, as close as their number allows, 1 px at the least."""
-    pitch = max(1.0, float(np.sqrt(region.sum() / _MOST_CELLS)))
+    """Bells over a region, as close as their number allows or as a thin one needs, 1 px at the least."""
+    thin = distance_transform_edt(region).max() / _BELLS_ACROSS
+    pitch = max(1.0, min(float(np.sqrt(region.sum() / _MOST_CELLS)), float(thin)))
     rows, columns = np.nonzero(region)
     centres = tuple(
         (float(u), float(v))

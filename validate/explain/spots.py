@@ -11,7 +11,7 @@ from ..fields import ImageMaps
 from .excess import Excess
 from .form import Form, changed
 
-__all__ = ["fits_the_place", "soft_outline"]
+__all__ = ["darker_part", "fits_the_place", "soft_outline"]
 
 #: What a wrong depth, a wrong sign or an odd outline costs, 2 ln of the odds.
 _TOO_DEEP = 300.0
@@ -25,15 +25,15 @@ _OPAQUE = 0.25
 #: of. Of discs, plates and rods by formula 0.7 to 2.3 (one of 14: 3.5), of a small lamp's light on a wall 2 to 8.
 _WIDEST_OUTLINE = 2.6
 
+#: Variance across a line that pixels show as thin as they can, px^2, and how many times it is along one.
+_THIN_PX2, _LONG = 0.6, 30.0
+
 #: A stain seen in one band is seen in others by this part of it, at least: spectra of paint are broad.
 _BROAD = 0.05
 
-#: Light makes a place brighter: of the squares of what it changes over sigma no more than this part is darker, by noise
-#: and what camera and lamp take up.
-_DARKER = 0.25
-
-#: Families that may make a place brighter by any factor, without an outline.
-_SHINING = ("extra-light", "reflection-lobe", "sensor-offset")
+#: Families that may make a place brighter by any factor, without an outline, but not darker: light and charge add. Of
+#: the squares of what they change over sigma no more than this part is darker, by noise and what the lamp takes up.
+_SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
 
 #: Where there is less light than this part of a band's mean, changes are compared with that part.
 _DARK = 0.05
@@ -51,6 +51,12 @@ def soft_outline(excess: Excess, thing: Form) -> bool:
     return bool(6 * np.sum(covered * (1 - covered)) > _WIDEST_OUTLINE * bells.pitch * length)
 
 
+def darker_part(excess: Excess, change: NDArray[Any]) -> float:
+    """The part of the squares of a change (band, y, x) in DN over sigma by which the picture is darker."""
+    squares = (change * excess.weight) ** 2
+    return float(squares[change < 0].sum() / max(squares.sum(), 1e-300))
+
+
 def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others.
 
@@ -62,7 +68,7 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     weight = np.sum((change * excess.weight) ** 2, axis=0)
     if not weight.any():
         return 0.0
-    core = weight > 0.3 * weight.max()
+    core, line = weight > 0.3 * weight.max(), _sharp_line(weight)
     dark = _DARK * excess.signal.mean(axis=(1, 2))
     relative = change[:, core].mean(axis=1) / np.maximum(excess.signal[:, core].mean(axis=1), dark)
     strongest = float(relative[np.argmax(np.abs(relative))])
@@ -70,24 +76,34 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     found = 0.0
     if form.family == "sensor-offset":
         found -= 0.0 if _at_the_border(weight) else _UNLIKELY
-        found -= _UNLIKELY if strongest < 0 else 0.0  # charge adds counts
     lit = soft and strongest > 0
     if form.family == "object":
-        return 0.0 if deep and not lit else -_UNLIKELY
+        return 0.0 if (deep or line) and not lit else -_UNLIKELY
     if deep and not (lit and form.family in _SHINING):
         found -= _TOO_DEEP
-    if form.family in ("extra-light", "reflection-lobe"):
-        darker = np.sum(np.minimum(change * excess.weight, 0.0) ** 2) / weight.sum()
-        found -= _UNLIKELY if darker > _DARKER else 0.0  # light adds
+    if form.family in _SHINING and darker_part(excess, change) > _DARKER:
+        found -= _TOO_DEEP
     if form.family == "reflectance-map":
         found -= _ODD if strongest > 0 else 0.0
         others = np.sort(np.abs(relative))[:-1]
         found -= _UNLIKELY if (others < _BROAD * abs(strongest)).all() and len(others) else 0.0
     if form.family == "sensor-gain":
         found -= _UNLIKELY if strongest > 0 else 0.0
+        found -= _TOO_DEEP if line and relative.all() else 0.0
         if not rounder_in_the_picture(excess, weight):
             found -= _ODD
     return found
+
+
+def _sharp_line(weight: NDArray[Any]) -> bool:
+    """Whether a weight (y, x) is a line as thin as pixels show it, which keeps to no row or column: a thread or a wire
+    in the scene. What lies on the sensor's window is out of focus, and hairs are bent."""
+    places = np.array(np.nonzero(weight))
+    own = weight[tuple(places)]
+    spread = np.cov(places, aweights=own)
+    across, along = np.linalg.eigh(spread)[0]
+    turned = abs(spread[0, 1]) / max(spread[0, 0], spread[1, 1]) * np.sqrt(12 * along)
+    return bool(across < _THIN_PX2 and along > _LONG * across and turned > 1.0)
 
 
 def _at_the_border(weight: NDArray[Any]) -> bool:

@@ -14,11 +14,15 @@ from scipy.sparse import csr_matrix
 from ..fields import ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
-from .form import Columns, Form, equations, scaled
+from .form import Columns, Form, changed, equations, scaled
 from .spot_cells import cells
+from .spots import darker_part
 from .surface_bases import Maps, lamp_dn, surface_maps
 
 __all__ = ["surface_forms"]
+
+#: What is this near to as dark as it is bright is a slope or two.
+_BOTH_SIGNS = 0.3
 
 #: Rounds of the fit of an object's outline and radiance in turn.
 _ROUNDS = 3
@@ -101,7 +105,10 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
 
         n = equations(excess, stained)
         fit = free_spectrum(n)
-        yield Form("reflectance-map", "a stain", fit, stained, "reflectance", own, name, local=True)
+        stain = Form("reflectance-map", "a stain", fit, stained, "reflectance", own, name, local=True)
+        if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
+            stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
+        yield stain
         n = equations(excess, shining)
         fit = fixed_spectrum(n, np.ones(bands))
         yield Form("reflection-lobe", "a glossy spot", fit, shining, "radiance", own, name, local=True)
@@ -115,18 +122,25 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
 
 
 def _object(excess: Excess, basis: csr_matrix, bells: ImageMaps) -> Form:
-    """A thing of one radiance in each band in front of the rest, a (o - s): its outline a and radiance o in turn."""
+    """A thing of one radiance in each band in front of the rest, a (o - s): its outline a and radiance o in turn, from
+    what is seen in its core, which it may cover, and from none, as of a thread that covers little of a pixel."""
     measured = excess.signal + excess.residual * np.where(excess.used, excess.sigma, 0.0)
     over = np.sum(excess.residual.astype(float) ** 2, axis=0).ravel() * (
         np.asarray(basis.sum(axis=0)).ravel() > 0
     )
     core = over > 0.3 * over.max()
-    radiance = np.array([np.median(one.ravel()[core]) for one in measured])
-    ones, fitted_with = np.ones(len(excess.bands)), radiance
+    seen = np.array([np.median(one.ravel()[core]) for one in measured])
+    found = (_thing(excess, basis, bells, measured, start) for start in (seen, np.zeros(len(seen))))
+    return max(found, key=lambda form: form.fit.evidence)
+
+
+def _thing(
+    excess: Excess, basis: csr_matrix, bells: ImageMaps, measured: NDArray[Any], radiance: NDArray[Any]
+) -> Form:
+    ones = np.ones(len(excess.bands))
     for _ in range(_ROUNDS):
         fitted_with, made = radiance, _in_front(excess, basis, radiance)
-        n = equations(excess, made)
-        fit = fixed_spectrum(n, ones)
+        fit = fixed_spectrum(equations(excess, made), ones)
         outline = np.clip(fit.coefficients[0] @ basis, 0.0, 1.0)
         weight = (excess.weight.reshape(len(ones), -1) * outline) ** 2
         behind = excess.signal.reshape(len(ones), -1)

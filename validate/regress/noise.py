@@ -29,9 +29,9 @@ class Noise:
     """Of the difference of two pictures.
 
     variance : (y, x, w) of each pixel. degrees : of freedom behind each. correlation : (w, w) between wavelengths; None
-    where too few pixels tell it. total : (y, x) variance of the sum over wavelengths. clustering : variance of means over its value for
-    independent pixels, at least 1. ratio : scatter of neighbours over what is stated, of the sum over
-    wavelengths. estimated : whether a side states no standard error.
+    where too few pixels tell it. total : (y, x) variance of the sum over wavelengths. clustering : variance of means
+    over its value for independent pixels, at least 1. ratio : scatter of neighbours over what is stated, of the sum
+    over wavelengths. estimated : whether a side states no standard error.
     """
 
     variance: NDArray[np.float64]

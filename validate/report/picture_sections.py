@@ -209,11 +209,11 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
     return ReportSection(
         "From bands to colour: the filter weights",
         (
-            "XYZ = 683 lm/W Σ b_i S_i / K_i, with S_i the corrected signal of band i in DN and K_i = C t / (N² d²) the "
-            "factor from the band's integral of radiance times response to DN. The weights reconstruct the CIE functions only approximately. "
-            "This error affects the absolute colours, but not the colour differences above, since measured and rendered "
-            "colours use the same weights. Trained weights are chosen by the colours of likely spectra and not by the "
-            "curves, so their curves may be far from the CIE functions.",
+            "XYZ = 683 lm/W Σ b_i S_i / K_i, with S_i the corrected signal of band i in DN and K_i = C t / (N² d²) "
+            "the factor from the band's integral of radiance times response to DN. The weights reconstruct the CIE "
+            "functions only approximately. This error affects the absolute colours, but not the colour differences "
+            "above, since measured and rendered colours use the same weights. Trained weights are chosen by the "
+            "colours of likely spectra and not by the curves, so their curves may be far from the CIE functions.",
         ),
         (
             drawing(first, second),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.validate.explain import explain
 from cboxlab.validate.explain.sensor_forms import sensor_forms
 from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
 from cboxlab.validate.explain.spots import fits_the_place
@@ -54,3 +55,31 @@ def test_light_makes_no_place_darker():
 
     bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)  # lit on one side, turned from the light on the other
     assert odds(bulge) < odds(_spot(22, 18, 3)) == 0
+
+
+def _line(x_of_row, depth):
+    """(y, x) part of each pixel that a thin line before wall and floor covers."""
+    at = x_of_row(ROWS[:, :1].astype(float))
+    return depth * np.clip(1 - np.abs(COLUMNS - at), 0.0, 1.0) * (ROWS > 18) * (ROWS < 44)
+
+
+@pytest.mark.parametrize(
+    ("x_of_row", "family"),
+    [
+        (lambda y: 30 - 0.08 * y, "object"),  # a thread
+        (lambda y: 30 + 0 * y, "sensor-gain"),  # part of a column
+        (lambda y: 20 + 0.02 * (y - 31) ** 2, "sensor-gain"),  # a bent hair
+    ],
+)
+def test_a_thin_straight_line_that_follows_no_column_is_a_thing_in_the_scene(x_of_row, family):
+    line = _line(x_of_row, 0.12)
+    found = explain(small_excess(line * (100.0 - SIGNAL)))
+    assert found.family == family
+    assert found.share > 0.8
+
+
+def test_a_bump_that_is_lit_on_one_side_is_no_light():
+    bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)
+    found = explain(small_excess(0.06 * bulge * SIGNAL))
+    assert (found.family, found.surface) == ("reflectance-map", "wall")
+    assert "bump" in found.words
