@@ -21,7 +21,7 @@ _FEWEST_DIFFERENT = 0.05
 _KINDS = {
     "dark": "dark", "bias": "dark", "flat": "flat", "sphere": "reference", "reference": "reference", "ref": "reference",
 }  # fmt: skip
-_EXPOSURE = re.compile(r"(\d+(?:\.\d+)?)(ms|s)")
+_EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
 
 
 def _telling(frame: np.ndarray) -> bool:
@@ -72,7 +72,8 @@ def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:
 
 
 def _tokens(path: str) -> set[str]:
-    return set(re.split(r"[^A-Za-z0-9.]+", PurePosixPath(path).stem.lower()))
+    # the sign of a power of ten parts no name: 8.6e-06s
+    return set(re.split(r"(?<!\de)-|[^A-Za-z0-9.-]+", PurePosixPath(path).stem.lower()))
 
 
 def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
