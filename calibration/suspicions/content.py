@@ -73,7 +73,7 @@ def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:
 
 def _tokens(path: str) -> set[str]:
     # the sign of a power of ten parts no name: 8.6e-06s
-    return set(re.split(r"(?<!\de)-|[^A-Za-z0-9.-]+", PurePosixPath(path).stem.lower()))
+    return set(re.split(r"(?<!\de)[+-]|[^A-Za-z0-9.+-]+", PurePosixPath(path).stem.lower()))
 
 
 def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:

@@ -26,7 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .optics import Blur, Vignetting
 
-__all__ = ["Detector", "SensorCamera", "channel_map", "digitise", "noisy_counts", "quantise"]
+__all__ = ["Detector", "SensorCamera", "channel_map", "digitise", "noisy_counts", "quantise", "shot_noise"]
+
+#: More than any pixel holds; Poisson numbers of larger means cannot be drawn.
+_MOST_ELECTRONS = 1e18
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +136,11 @@ def channel_map(
     return np.tile(cell, tiles)[: shape[0], : shape[1]]
 
 
+def shot_noise(expected_e: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
+    """Numbers of electrons, Poisson distributed. expected_e : >= 0 (any shape)."""
+    return generator.poisson(np.minimum(expected_e, _MOST_ELECTRONS)).astype(np.float64)
+
+
 def noisy_counts(
     expected_e: NDArray[np.float64], dark_mean_dn: ArrayLike, dark_sigma_dn: ArrayLike, detector: Detector,
     generator: np.random.Generator,
@@ -141,7 +149,7 @@ def noisy_counts(
 
     expected_e : expected electrons >= 0 (any shape). dark_mean_dn, dark_sigma_dn : DN, broadcast against it.
     """
-    electrons = generator.poisson(expected_e).astype(np.float64)
+    electrons = shot_noise(expected_e, generator)
     return digitise(electrons, dark_mean_dn, dark_sigma_dn, detector, generator)
 
 

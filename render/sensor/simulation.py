@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..image import LAMP
 from .charge import spill_columns
-from .detector import Detector, SensorCamera, digitise, quantise
+from .detector import Detector, SensorCamera, digitise, quantise, shot_noise
 from .light import BLOCK_ROWS, frame_shape, rate_blocks
 
 __all__ = ["auto_exposure", "expected_counts", "expected_electrons", "simulate"]
@@ -74,7 +74,7 @@ def simulate(
     charge = np.empty(shape) if detector.blooms else None
     streams = [np.random.default_rng([seed, start]) for start in range(0, shape[0], BLOCK_ROWS)]
     for (rows, rate), stream in zip(rate_blocks(cube, camera, channel), streams, strict=True):
-        electrons = stream.poisson(rate * exposure_s * _sensitivity(detector, rows, shape)).astype(np.float64)
+        electrons = shot_noise(rate * exposure_s * _sensitivity(detector, rows, shape), stream)
         if charge is None:
             counts[rows] = _counted(electrons, detector, exposure_s, rows, stream)
         else:

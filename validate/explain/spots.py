@@ -28,7 +28,7 @@ _WIDEST_OUTLINE = 2.6
 #: Variance across a line that pixels show as thin as they can, px^2, and how many times it is along one.
 _THIN_PX2, _LONG = 0.6, 30.0
 
-#: A stain seen in one band is seen in others by this part of it, at least: spectra of paint are broad.
+#: A stain or a thread seen in one band is seen in others by this part of it, at least: their spectra are broad.
 _BROAD = 0.05
 
 #: Families that may make a place brighter by any factor, without an outline, but not darker: light and charge add. Of
@@ -68,10 +68,13 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     weight = np.sum((change * excess.weight) ** 2, axis=0)
     if not weight.any():
         return 0.0
-    core, line = weight > 0.3 * weight.max(), _sharp_line(weight)
+    core = weight > 0.3 * weight.max()
     dark = _DARK * excess.signal.mean(axis=(1, 2))
     relative = change[:, core].mean(axis=1) / np.maximum(excess.signal[:, core].mean(axis=1), dark)
     strongest = float(relative[np.argmax(np.abs(relative))])
+    others = np.sort(np.abs(relative))[:-1]
+    one_band = len(others) > 0 and bool((others < _BROAD * abs(strongest)).all())
+    line = _sharp_line(weight) and not one_band
     deep = float(np.abs(relative).max()) > _OPAQUE
     found = 0.0
     if form.family == "sensor-offset":
@@ -85,25 +88,33 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         found -= _TOO_DEEP
     if form.family == "reflectance-map":
         found -= _ODD if strongest > 0 else 0.0
-        others = np.sort(np.abs(relative))[:-1]
-        found -= _UNLIKELY if (others < _BROAD * abs(strongest)).all() and len(others) else 0.0
+        found -= _UNLIKELY if one_band else 0.0
     if form.family == "sensor-gain":
         found -= _UNLIKELY if strongest > 0 else 0.0
-        found -= _TOO_DEEP if line and relative.all() else 0.0
+        found -= _TOO_DEEP if line else 0.0
         if not rounder_in_the_picture(excess, weight):
             found -= _ODD
     return found
 
 
+def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centre (2,) as (x, y), px, of a weight (y, x), and its second moments (2, 2) about it, px^2."""
+    rows, columns = np.indices(weight.shape)
+    places, parts = np.array([columns, rows], float), weight / weight.sum()
+    centre = np.einsum("iyx,yx->i", places, parts)
+    offsets = places - centre[:, None, None]
+    return centre, np.einsum("iyx,jyx,yx->ij", offsets, offsets, parts)
+
+
 def _sharp_line(weight: NDArray[Any]) -> bool:
-    """Whether a weight (y, x) is a line as thin as pixels show it, which keeps to no row or column: a thread or a wire
-    in the scene. What lies on the sensor's window is out of focus, and hairs are bent."""
-    places = np.array(np.nonzero(weight))
-    own = weight[tuple(places)]
-    spread = np.cov(places, aweights=own)
-    across, along = np.linalg.eigh(spread)[0]
-    turned = abs(spread[0, 1]) / max(spread[0, 0], spread[1, 1]) * np.sqrt(12 * along)
-    return bool(across < _THIN_PX2 and along > _LONG * across and turned > 1.0)
+    """Whether a weight (y, x) is a straight line as thin as pixels show it, which keeps to no row or column: a thread
+    or a wire in the scene. What lies on the sensor's window is out of focus, and hairs are bent."""
+    _, moments = _moments(weight)
+    across, along = np.linalg.eigvalsh(moments)
+    if across > _THIN_PX2 or along <= _LONG * across:
+        return False
+    # how far its ends lie apart across the rows or columns that it runs along
+    return bool(abs(moments[0, 1]) / max(np.diag(moments)) * np.sqrt(12 * along) > 1.0)
 
 
 def _at_the_border(weight: NDArray[Any]) -> bool:
@@ -116,11 +127,7 @@ def _at_the_border(weight: NDArray[Any]) -> bool:
 
 def rounder_in_the_picture(excess: Excess, weight: NDArray[Any]) -> bool:
     """Whether a spot is rounder in the picture than on the surface that it is seen on."""
-    rows, columns = np.indices(weight.shape)
-    total = weight.sum()
-    centre = (columns * weight).sum() / total, (rows * weight).sum() / total
-    offsets = np.array([columns - centre[0], rows - centre[1]])
-    shape = np.einsum("iyx,jyx,yx->ij", offsets, offsets, weight) / total
+    centre, shape = _moments(weight)
     owner = excess.surface[round(float(centre[1])), round(float(centre[0]))]
     t = excess.transport
     near = (t.surface == owner) & (t.coverage > 0.99)

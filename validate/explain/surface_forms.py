@@ -21,7 +21,7 @@ from .surface_bases import Maps, lamp_dn, surface_maps
 
 __all__ = ["surface_forms"]
 
-#: What is this near to as dark as it is bright is a slope or two.
+#: A stain may be a bump, bright on one side and dark on the other, where the darker part is this near to a half.
 _BOTH_SIGNS = 0.3
 
 #: Rounds of the fit of an object's outline and radiance in turn.
@@ -137,6 +137,7 @@ def _object(excess: Excess, basis: csr_matrix, bells: ImageMaps) -> Form:
 def _thing(
     excess: Excess, basis: csr_matrix, bells: ImageMaps, measured: NDArray[Any], radiance: NDArray[Any]
 ) -> Form:
+    """The same from one radiance (band,) in DN. measured : (band, y, x) DN."""
     ones = np.ones(len(excess.bands))
     for _ in range(_ROUNDS):
         fitted_with, made = radiance, _in_front(excess, basis, radiance)

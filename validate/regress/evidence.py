@@ -20,8 +20,8 @@ __all__ = ["Evidence", "Fit", "build_evidence"]
 #: Pixels a side of a cell, groups of bands, fewest pixels of a cell.
 _CELL_PX, _GROUPS, _FEWEST = 8, 8, 6
 #: Relative standard deviations that no noise explains: of a cell's mean, of an edge pixel; and part of the local range,
-#: the second where a side states no errors. Those at edges are then guessed from smooth parts, but 20 rays in each
-#: picture's pixel tell its part on either side of an edge no better.
+#: the second where a side states no errors. Those at edges are then guessed from smooth parts, but with 20 rays in
+#: either picture the part of a pixel beyond an edge is known no better.
 _CELL_FLOOR, _PIXEL_FLOOR, _RANGE_FLOOR, _RANGE_GUESSED = 5e-4, 1e-3, 0.05, 0.15
 #: Residuals beyond so many standard deviations count linearly (Huber 1964); single pixels no more beyond _MOST.
 _HUBER, _MOST = 4.0, 20.0

@@ -36,7 +36,7 @@ def provenance(result: Validation) -> list[tuple[str, str]]:
         ("render seed", str(settings.seed)),
         ("seed of the noise in expected ΔE", "0"),
         ("render noise asked for", f"{settings.noise:g} of the sensor's"),
-        ("time taken, without diagnosis", f"{result.seconds:.0f} s"),
+        ("time taken by the validation", f"{result.seconds:.0f} s"),
         ("versions", ", ".join(f"{package} {version(package)}" for package in _PACKAGES)),
         ("Python and machine", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
     ]

@@ -11,6 +11,7 @@ from cboxlab.calibration.suspicions.content import check_names
     [
         ("dark-8.6e-06s-0.tif", 8.6e-6, 0),
         ("dark-8.6e-06s-0.tif", 6.0, 1),
+        ("dark-1e+06s-0.tif", 1e6, 0),
         ("dark-0.25s-1.tif", 0.25, 0),
         ("dark_250ms_1.tif", 2.5, 1),
         ("f550-3.tif", 2.5, 0),

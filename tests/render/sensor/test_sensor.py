@@ -41,6 +41,12 @@ def tungsten(shape=(8, 8)) -> xr.Dataset:
     return cube(np.broadcast_to(1e-3 * planck(wavelength, 3000.0), (*shape, 31)).copy(), wavelength)
 
 
+def test_far_too_long_an_exposure_saturates():
+    frame = simulate(tungsten(), load_camera("dcs200"), 1e25, 1)
+    assert (frame == frame.max()).all()
+    assert frame.max() == load_camera("dcs200").detector.full_scale_dn
+
+
 @pytest.mark.parametrize("electrons", [3.0, 400.0, 30_000.0])
 def test_a_million_counts_have_the_mean_and_variance_of_theory(electrons):
     """Mean e / g + dark; variance e / g^2 + sigma^2; both within their own standard errors.

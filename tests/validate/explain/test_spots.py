@@ -83,3 +83,9 @@ def test_a_bump_that_is_lit_on_one_side_is_no_light():
     found = explain(small_excess(0.06 * bulge * SIGNAL))
     assert (found.family, found.surface) == ("reflectance-map", "wall")
     assert "bump" in found.words
+
+
+def test_a_thin_straight_line_in_one_band_alone_is_on_that_bands_filter():
+    line = _line(lambda y: 30 - 0.08 * y, 0.22)
+    found = explain(small_excess(-line * SIGNAL * np.eye(BANDS)[2][:, None, None]))
+    assert (found.family, found.bands) == ("sensor-gain", ("b2",))
