@@ -55,6 +55,14 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         d.put(one, d.image(other))
 
 
+@mistake("rows with a noise of their own", r"of a row share")
+def _(d: Draft, rng: np.random.Generator) -> None:
+    for table in d.tables("band"):
+        for path in table["frames"]:
+            own = d.image(path).astype(float)
+            d.put(path, own + rng.normal(0, 2, (own.shape[0], 1)))
+
+
 @mistake("a dark repeat of another exposure", r"dark|same")
 def _(d: Draft, rng: np.random.Generator) -> None:
     tables = sorted(d.tables("dark"), key=lambda t: t["exposure_s"])

@@ -33,10 +33,14 @@ class FrameTable(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """One folder in the capture format, checked. Made by ``load_capture``; immutable."""
+    """One folder in the capture format, checked. Made by ``load_capture``; immutable.
+
+    full_well_dn : the count at which pixels saturate, if they do below full scale; see ``with_full_well``.
+    """
 
     folder: Path
     manifest: Manifest
+    full_well_dn: int | None = None
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -49,9 +53,14 @@ class Capture:
         return self.manifest.camera.height_px, self.manifest.camera.width_px
 
     @property
-    def saturation_dn(self) -> int:
-        """The largest count that can be stored, DN; a pixel with this count is saturated."""
+    def full_scale_dn(self) -> int:
+        """The largest count that can be stored, DN."""
         return 2**self.manifest.camera.bit_depth - 1
+
+    @property
+    def saturation_dn(self) -> int:
+        """The count from which a pixel is saturated, DN: full scale, or the full well below it."""
+        return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
 
     def band(self, identifier: str) -> BandTable:
         """The band of that identifier; KeyError with the known ones otherwise."""

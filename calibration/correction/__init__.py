@@ -5,6 +5,7 @@ from .corrected_bands import CorrectedBands, correct_bands
 from .correction import correct, evaluate_variance, uniform_flat
 from .dark import DarkLibrary, read_darks
 from .defects import hot_pixels
+from .full_well import with_full_well
 from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "measure_noise",
     "read_darks",
     "uniform_flat",
+    "with_full_well",
 ]

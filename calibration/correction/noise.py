@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, DarkTable, FlatTable
+from ..capture import Capture
 from .dark import DarkLibrary
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
@@ -28,8 +28,9 @@ ROUNDING_VARIANCE = 1.0 / 12.0
 _OUTLIER_SIGMAS = 5.5
 # Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
 _HARMONICS = 1000
-# Read noise (DN) below which rounding hides it: most counts are then equal.
-_HIDDEN_READ_NOISE_DN = 0.3
+# Variance of dark counts (DN^2) below which rounding rules it: half way between two counts it is 1/4 by rounding alone.
+# The true one then lies between that of rounding and this (compare 0.24 in EMVA 1288).
+_ROUNDED_VARIANCE = 0.3
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,8 @@ def _samples(
 ) -> _Samples:
     counts = stack.astype(float)
     good = (stack.max(axis=0) < saturation) & (stack.min(axis=0) > 0)
+    if not np.any(good):
+        return _Samples(np.zeros(0), np.zeros(0), stack.shape[0] - 1)
     # Subtract each repeat's mean deviation: the light may have changed between repeats.
     counts -= (counts - counts.mean(axis=0))[:, good].mean(axis=1)[:, None, None]
     charge = counts.mean(axis=0) - bias
@@ -100,12 +103,18 @@ def _samples(
     return _Samples(charge[good], counts.var(axis=0, ddof=1)[good], stack.shape[0] - 1)
 
 
-def _fit_line(samples: list[_Samples]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _fit_line(
+    samples: list[_Samples],
+    known: tuple[float, float] = (0.0, 0.0),
+    known_sigma: tuple[float, float] = (np.inf, np.inf),
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(floor, slope) of variance against charge and their covariance, by iteratively reweighted least squares.
 
-    Sample variances are chi-square distributed with a standard deviation proportional to their expectation. The
-    weights are computed from the fitted line; weights from the samples would bias the fit low.
+    known, known_sigma : (2,) what is known of floor and slope beforehand, and its standard deviations. Sample variances
+    are chi-square distributed with a standard deviation proportional to their expectation. The weights are computed
+    from the fitted line; weights from the samples would bias the fit low.
     """
+    prior = np.diag(np.asarray(known_sigma, float) ** -2.0)
     charge = np.concatenate([s.charge for s in samples])
     variance = np.concatenate([s.variance for s in samples])
     degrees = np.concatenate([np.full(s.charge.size, float(s.degrees)) for s in samples])
@@ -116,10 +125,22 @@ def _fit_line(samples: list[_Samples]) -> tuple[NDArray[np.float64], NDArray[np.
         model = np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
         weight = keep * degrees / (2 * model**2)
         cross = np.sum(weight * charge)
-        normal = np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
-        line = np.linalg.solve(normal, [np.sum(weight * variance), np.sum(weight * charge * variance)])
+        normal = prior + np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
+        seen = np.array([np.sum(weight * variance), np.sum(weight * charge * variance)])
+        line = np.linalg.solve(normal, seen + prior @ np.array(known))
         keep = variance < _OUTLIER_SIGMAS**2 * np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
     return line, np.asarray(np.linalg.inv(normal), np.float64)
+
+
+def _phase_sigma(variance_dn2: float) -> float:
+    """Standard deviation (DN^2) of the variance of rounded counts over the places of a level between two counts.
+
+    Noise of variance s about a level at x of the way to the next count has, once rounded, the variance
+    s + 1/12 - A cos(2 pi x), A = (1/pi^2 + 4 s) exp(-2 pi^2 s) (Widrow and Kollar, Quantization Noise, 2008). All
+    pixels of a dark may share x, which is not known.
+    """
+    amplitude = (1 / np.pi**2 + 4 * variance_dn2) * np.exp(-2 * np.pi**2 * variance_dn2)
+    return float(amplitude / np.sqrt(2))
 
 
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
@@ -138,34 +159,38 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         notes.append(
             "the dark frames are clipped at 0 DN: read noise and a negative offset cannot be measured from them"
         )
-    if not flats:
-        notes.append("gain not measured: no flat with repeats")
-    if not usable_darks:
+    bias, saturation = dark.bias, capture.saturation_dn
+    lit = [_samples(capture.frames(table), bias, saturation, is_dark=False) for table in flats]
+    unlit = [_samples(capture.frames(table), bias, saturation, is_dark=True) for table in usable_darks]
+    lit, unlit = [s for s in lit if s.charge.size], [s for s in unlit if s.charge.size]
+    quietest = min((float(s.variance.mean()) for s in unlit), default=np.inf)
+    rounded = quietest < _ROUNDED_VARIANCE
+    if not lit:
+        notes.append(f"gain not measured: {'the flats are saturated' if flats else 'no flat with repeats'}")
+    if not unlit:
         notes.append("read noise not measured: no usable dark frames with repeats")
-    tables: list[FlatTable | DarkTable] = [*flats, *usable_darks]
-    if tables and (flats or gain is not None):
-        samples = [
-            _samples(
-                capture.frames(table),
-                dark.bias,
-                capture.saturation_dn,
-                isinstance(table, DarkTable),
-            )
-            for table in tables
-        ]
-        (floor, slope), covariance = _fit_line(samples)
-        if flats:
-            gain, gain_sigma = float(1 / slope), float(np.sqrt(covariance[1, 1]) / slope**2)
-        if usable_darks:
-            read_variance = floor - ROUNDING_VARIANCE
-            if read_variance > _HIDDEN_READ_NOISE_DN**2 and gain is not None:
-                gradient = np.array([gain / (2 * np.sqrt(read_variance)), 0.0])
-                if flats:
-                    gradient[1] = -np.sqrt(read_variance) * gain**2
-                read = float(np.sqrt(read_variance) * gain)
-                read_sigma = float(np.sqrt(gradient @ covariance @ gradient))
-            else:
-                notes.append("read noise not measured: rounding to whole counts hides it")
+    low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE
+    if lit and rounded:
+        line, covariance = _fit_line(lit, ((low + high) / 2, 0.0), ((high - low) / np.sqrt(12), np.inf))
+    elif lit:
+        line, covariance = _fit_line([*lit, *unlit])
+    elif unlit and not rounded and gain is not None:
+        # no light shows the slope: the stated gain is taken as exact
+        line, covariance = _fit_line(unlit, (0.0, 1 / gain), (np.inf, 1e-6 / gain))
+    if lit:
+        gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
+    if unlit and not rounded and gain is not None:
+        read_dn = float(np.sqrt(line[0] - ROUNDING_VARIANCE))
+        gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if lit else 0.0])
+        by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
+        read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
+        read = read_dn * gain
+    if rounded:
+        largest = float(np.sqrt(high - low))
+        notes.append(f"rounding to whole counts hides the read noise: it lies between 0 and {largest:.1g} DN")
+        if read is None and gain is not None:
+            read = gain * float(np.sqrt(max(quietest - low, largest**2 / 4)))
+            read_sigma = gain * largest / float(np.sqrt(12))
     for name, stated, value, sigma in (
         ("gain", camera.gain_e_per_dn, gain, gain_sigma),
         ("read noise", camera.read_noise_e, read, read_sigma),

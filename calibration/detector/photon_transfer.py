@@ -54,7 +54,7 @@ class FrameStatistics:
 class PhotonTransfer:
     """gain : K in DN/e-. dark_noise_e : sigma_d in e-. dsnu_e in e-. prnu : relative. Each with one sigma.
 
-    saturation_e : electrons at the largest temporal variance; None if no level lies beyond it.
+    saturation_e : electrons of a full pixel, or at the largest temporal variance; None if no level lies beyond it.
     converter_limit_e : electrons at the largest count, above the dark level.
     NaN where a value cannot be determined (a spatial variance below 0, a read noise below rounding).
     """
@@ -190,4 +190,7 @@ def measure_photon_transfer(
         # The dark pattern grows with exposure time: subtract its growth since the shortest exposure.
         longer = patterns.get(table.exposure_s, first).spatial - first.spatial
         bright.append(replace(found, spatial=found.spatial - longer))
-    return transfer(first, bright, capture.saturation_dn)
+    sensor = transfer(first, bright, capture.full_scale_dn)
+    if sensor is None or capture.full_well_dn is None:
+        return sensor
+    return replace(sensor, saturation_e=(capture.full_well_dn - first.mean) / sensor.gain_dn_per_e)

@@ -55,6 +55,6 @@ def study_sensor(
         measure_photon_transfer(capture, dark, channels),
         measure_dark_fit(dark, noise),
         points,
-        measure_responses(points, float(capture.saturation_dn)),
+        measure_responses(points, float(capture.full_scale_dn)),
         curve,
     )

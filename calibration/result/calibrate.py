@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture, band_channels, brighter_channel_notes
 from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
-from ..correction import CorrectedBands, DarkLibrary, NoiseModel, correct_bands, measure_noise, read_darks
+from ..correction import (
+    CorrectedBands,
+    DarkLibrary,
+    NoiseModel,
+    correct_bands,
+    measure_noise,
+    read_darks,
+    with_full_well,
+)
 from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
 from ..radiometry import (
@@ -119,6 +127,15 @@ def _camera(
         return None, None, [f"no camera: {explained.what}"], (explained,)
 
 
+def _full_well_notes(capture: Capture) -> list[str]:
+    if capture.full_well_dn is None:
+        return []
+    return [
+        f"pixels saturate at {capture.full_well_dn} DN, below the full scale of {capture.full_scale_dn} DN: there they "
+        "have no more noise than in the dark; those are masked"
+    ]
+
+
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """The calibration of a capture, as far as its data allow.
 
@@ -127,6 +144,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     Missing data are not an error: the part is None and a note names what is missing. Raises InputError for faulty
     frames and for surveyed points that cannot determine a camera.
     """
+    capture = with_full_well(capture)
     dark = read_darks(capture)
     noise = measure_noise(capture, dark)
     channels = band_channels(capture)
@@ -134,6 +152,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     notes = [
+        *_full_well_notes(capture),
         *noise.notes,
         *bands.notes,
         *brighter_channel_notes(capture, channels),

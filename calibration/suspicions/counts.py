@@ -43,7 +43,7 @@ def _codes(histogram: NDArray[np.int64]) -> tuple[float, float]:
 
 
 def _scale(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    full = capture.saturation_dn
+    full = capture.full_scale_dn
     piled, stepped = [], []
     for stack in stacks:
         if stack.kind == "dark":
@@ -86,7 +86,7 @@ def _levels(
             yield Suspicion(
                 f"the {stack.kind} frames are overexposed",
                 f"{stack.key}.frames",
-                f"{saturated:.0%} of the pixels are at full scale.",
+                f"{saturated:.0%} of the pixels are saturated.",
             )
         level = stack.thinned(dark.at(stack.exposure_s))
         net = stack.mean - level

@@ -25,13 +25,17 @@ _BINS = 6
 #: Largest correlation of neighbouring pixels' noise in the median of a kind's pairs; chance reaches 0.05 in 4000 pixels
 #: once in a thousand pairs. Rows that share a noise of their own correlate along rows only.
 _CORRELATED = 0.1
+#: Variance of the means of rows or columns over that of independent pixels, in the median of all pairs. With 40 rows
+#: chance exceeds it in one pair of 30,000.
+_STRIPED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """A repeat compared with the others of its table. misfit : variance of the difference over that of noise.
     scale : factor of its signal relative to the others. bins : misfit by ascending signal. neighbours : correlation of
-    the difference between adjacent pixels, the smaller one of those along rows and along columns.
+    the difference between adjacent pixels, the smaller one of those along rows and along columns. lines : variance of
+    the means of rows and of columns over that of independent pixels.
     """
 
     stack: Stack
@@ -40,6 +44,7 @@ class _Pair:
     scale: float
     bins: NDArray[np.float64]
     neighbours: float
+    lines: tuple[float, float]
 
 
 def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, floor: float) -> _Pair | None:
@@ -57,14 +62,35 @@ def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, 
     residual -= np.median(residual)
     charge = np.maximum(scale * a, 0) + stack.thinned(dark.thermal(stack.exposure_s))[good]
     expected = (charge / gain + floor) * (1 + 1 / len(others))
-    squares = residual**2 / expected
+    image, weight = np.zeros(good.shape), np.zeros(good.shape)
+    image[good], weight[good] = residual, 1 / expected
     # limits the effect of hot pixels and cosmic rays
-    squares = np.minimum(squares, 400.0)
-    order = np.argsort(a)
-    bins = np.array([float(part.mean()) for part in np.array_split(squares[order], _BINS)])
-    noise = np.zeros(good.shape)
-    noise[good] = np.clip(residual / np.sqrt(expected), -20, 20)
-    return _Pair(stack, repeat, float(squares.mean()), scale, bins, _neighbours(noise, good))
+    own, (rows, columns) = _lines(image, weight)
+    squares = np.minimum(own[good] ** 2 / expected, 400.0)
+    misfit = max(float(squares.mean()), 1e-6)
+    bins = np.array([float(part.mean()) for part in np.array_split(squares[np.argsort(a)], _BINS)])
+    noise = np.clip(image * np.sqrt(weight), -20, 20)
+    return _Pair(
+        stack, repeat, misfit, scale, bins, _neighbours(noise, good), (rows / misfit, columns / misfit)
+    )
+
+
+def _without_means(
+    noise: NDArray[np.float64], weight: NDArray[np.float64], axis: int
+) -> tuple[NDArray[np.float64], float]:
+    """Noise (y, x) less its weighted means over an axis, and their variance over that of independent noise of 1."""
+    total = weight.sum(axis=axis, keepdims=True)
+    mean = (noise * weight).sum(axis=axis, keepdims=True) / np.maximum(total, 1e-12)
+    return noise - mean, float(np.mean(mean**2 * total))
+
+
+def _lines(
+    noise: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], tuple[float, float]]:
+    """Noise (y, x) less what rows and columns share, which readout may give them, and the variances of both."""
+    without_rows, rows = _without_means(noise, weight, 1)
+    without_both, columns = _without_means(without_rows, weight, 0)
+    return without_both, (rows, columns)
 
 
 def _neighbours(noise: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
@@ -108,6 +134,7 @@ def check_repeats(
     usual = float(np.median([pair.misfit for pair in pairs]))
     usual = max(usual, 1e-6) if len(pairs) > 2 else 1.0
     yield from _resampled(pairs)
+    yield from _striped(pairs)
     by_table: dict[str, list[_Pair]] = {}
     for pair in pairs:
         by_table.setdefault(pair.stack.key, []).append(pair)
@@ -147,6 +174,20 @@ def _resampled(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
                 f"The noise of neighbouring pixels has a correlation of {middle:.2f} (median of {len(own)} pairs of "
                 "repeats); a sensor's has none.",
             )
+
+
+def _striped(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
+    """Detects noise that the pixels of a row or of a column have in common."""
+    for kind in dict.fromkeys(pair.stack.kind for pair in pairs):
+        own = [pair.lines for pair in pairs if pair.stack.kind == kind]
+        for name, middle in zip(("row", "column"), np.median(own, axis=0), strict=True):
+            if middle > _STRIPED:
+                yield Suspicion(
+                    f"the pixels of a {name} share a noise of their own (readout or interference)",
+                    f"{kind}.frames",
+                    f"From repeat to repeat the means of {name}s differ {np.sqrt(middle):.2g} times as much as "
+                    f"independent pixels make them (median of {len(own)} pairs of repeats).",
+                )
 
 
 def check_noise(

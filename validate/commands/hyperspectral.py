@@ -50,7 +50,7 @@ def hyperspectral(
 ) -> None:
     """A spectral cube from a camera with many filters and one spectroradiometer reading."""
     from cboxlab.calibration.capture import band_channels, load_capture
-    from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
+    from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks, with_full_well
     from cboxlab.calibration.radiometry import as_scene, hyperspectral_cube, region_mask
     from cboxlab.render.files import WRITABLE, files_of, write_cube
     from cboxlab.scenes.files import origin
@@ -59,7 +59,7 @@ def hyperspectral(
 
     if out.suffix.lower() not in set(WRITABLE) - {".png"}:
         raise InputError("--out", f"'{out}'", "a cube's file name, ending in .nc, .exr or .hdr")
-    loaded, spectrum = load_capture(capture), _reading(reading)
+    loaded, spectrum = with_full_well(load_capture(capture)), _reading(reading)
     if loaded.manifest.mosaic is not None:
         raise InputError(capture / "capture.toml", "a sensor with a mosaic", "a monochrome sensor")
     inside = region_mask(loaded, region)

@@ -105,5 +105,5 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_flat=exposures["flat"],
         exposure_reference=exposures["reference"],
         minutes=minutes_of_bands(capture),
-        full_scale=float(capture.saturation_dn),
+        full_scale=float(capture.full_scale_dn),
     )

@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.correction.noise import NoiseModel
+from helpers.fakes.capture import BIAS, DEPTH, GAIN, READ_NOISE, FakeCapture
 from scipy.stats import norm
 
 #: Levels between two counts, whole counts.
@@ -16,3 +19,44 @@ def test_the_rounding_error_is_that_of_rounded_normal_noise(sigma):
     error = (norm.cdf(upper) - norm.cdf(lower)) @ COUNTS - LEVELS
     noise = NoiseModel(40.0, None, 40.0 * sigma, None)
     assert noise.rounding_error_dn == pytest.approx(np.sqrt(np.mean(error**2)), rel=2e-3, abs=1e-5)
+
+
+class _Coarse(FakeCapture):
+    """Counts of many electrons each, with a read noise of a part of a count."""
+
+    gain_e, read_dn = 60.0, 0.25
+
+    def counts(self, signal, exposure_s):
+        electrons = self.rng.poisson(self.gain_e * 0.1 * (signal + self.rate * exposure_s))
+        counted = electrons / self.gain_e + self.read_dn * self.rng.standard_normal(signal.shape)
+        return np.clip(np.rint(counted + self.bias), 0, 2**DEPTH - 1).astype(np.uint16)
+
+
+@pytest.mark.parametrize("level", [BIAS, BIAS + 0.3, BIAS + 0.5])
+@pytest.mark.parametrize("read_dn", [0.1, 0.25, 0.35, 0.5])
+def test_gain_and_read_noise_of_coarse_counts_are_as_uncertain_as_stated(tmp_path, read_dn, level):
+    """All pixels' dark level lies at one place between two counts: the variance of the darks is no measure of noise.
+
+    Limits at 3.5 standard deviations: one of the 24 values is beyond them in one of 90 seeds.
+    """
+    fake = _Coarse(tmp_path / "capture", seed=3, centres=(450, 550, 650))
+    fake.read_dn, fake.bias = read_dn, np.full_like(fake.bias, level)
+    folder = fake.write()
+    manifest = (folder / "capture.toml").read_text()
+    kept = [line for line in manifest.splitlines() if not line.startswith(("gain_e", "read_noise"))]
+    (folder / "capture.toml").write_text("\n".join(kept))
+    capture = load_capture(folder)
+    noise = measure_noise(capture, read_darks(capture))
+    assert noise.gain_e_per_dn == pytest.approx(fake.gain_e, abs=3.5 * noise.gain_sigma)
+    assert noise.gain_sigma < 0.04 * fake.gain_e
+    read_e = read_dn * fake.gain_e
+    assert noise.read_noise_e == pytest.approx(read_e, abs=3.5 * noise.read_noise_sigma)
+
+
+def test_a_capture_without_flats_and_one_dark_exposure_uses_the_stated_gain(tmp_path):
+    """The charge in its darks is everywhere the same: they show the read noise and not the gain."""
+    fake = FakeCapture(tmp_path / "capture", seed=5, centres=(550,))
+    capture = load_capture(fake.write(flats=False))
+    noise = measure_noise(capture, read_darks(capture))
+    assert (noise.gain_e_per_dn, noise.gain_sigma) == (GAIN, None)
+    assert noise.read_noise_e == pytest.approx(READ_NOISE, abs=4.5 * noise.read_noise_sigma)

@@ -48,7 +48,7 @@ CHOSEN = (
     ("all exposures in milliseconds", "photographs read from a region 4 px beside the flats'"),
     ("sphere a thousand times too bright", "a repeat shows another band"),
     ("two bands' frames exchanged", "points in inches"),
-    ("all frames mirrored left to right",),
+    ("all frames mirrored left to right", "rows with a noise of their own"),
     ("the photographs mirrored, not the flats",),
     ("lamp table in micrometres", "photographs already divided by the flat"),
     ("a dark repeat of another exposure", "sphere in quanta, not energy"),
