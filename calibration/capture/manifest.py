@@ -37,6 +37,10 @@ __all__ = [
 ]
 
 
+#: Sizes beyond these are mistakes in any of the units: 1e9 s are 30 years.
+_LEAST, _MOST = 1e-9, 1e9
+
+
 def _inside(path: str) -> str:
     parts = PurePosixPath(path).parts
     if not path or "\\" in path or path.startswith("/") or ".." in parts or PureWindowsPath(path).drive:
@@ -67,6 +71,12 @@ def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
+def _of_some_size(value: float) -> float:
+    if value != 0 and not _LEAST <= abs(value) <= _MOST:
+        raise ValueError(f"a size from {_LEAST:g} to {_MOST:g}, in the unit that the key ends with")
+    return value
+
+
 # Angle brackets distinguish these tags from keys in the location of a validation error.
 def _kind(value: Any) -> str:
     return "<text>" if isinstance(value, str) else "<list>"
@@ -77,8 +87,9 @@ ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[
     tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)
 ]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_of_some_size)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
+Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
 
@@ -147,7 +158,7 @@ class DarkTable(_Table):
 
     frames: Frames = _key(_FRAMES, '["frames/dark-4s-0.tif", "frames/dark-4s-1.tif"]')
     exposure_s: Positive = _key(_EXPOSURE, "4.0")
-    start_s: float | None = _key(_START, "120.0", None)
+    start_s: Moment | None = _key(_START, "120.0", None)
 
 
 class BandTable(_Table):
@@ -159,7 +170,7 @@ class BandTable(_Table):
     transmittance: ColumnReference | None = _key("of the filter, 0 to 1", '"spectra/filters.csv:f550"', None)
     f_number: Positive | None = _key(_F_NUMBER, "8.0", None)
     image_distance_mm: Positive | None = _key(_DISTANCE, "36.6", None)
-    start_s: float | None = _key(_START, "0.0", None)
+    start_s: Moment | None = _key(_START, "0.0", None)
 
 
 class BracketTable(_Table):
@@ -170,7 +181,7 @@ class BracketTable(_Table):
     exposure_s: Positive = _key(_EXPOSURE, "1.0")
     f_number: Positive | None = _key(f"{_F_NUMBER}; the band's where left out", "8.0", None)
     image_distance_mm: Positive | None = _key(f"{_DISTANCE}; the band's where left out", "36.6", None)
-    start_s: float | None = _key(_START, "60.0", None)
+    start_s: Moment | None = _key(_START, "60.0", None)
 
 
 class FlatTable(BracketTable):
@@ -224,7 +235,7 @@ class TargetTable(_Table):
     frames: Frames = _key(
         "one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]'
     )
-    start_s: float | None = _key(_START, "0.0", None)
+    start_s: Moment | None = _key(_START, "0.0", None)
 
 
 class MosaicTable(_Table):

@@ -88,7 +88,8 @@ def _samples(
 ) -> _Samples:
     counts = stack.astype(float)
     good = (stack.max(axis=0) < saturation) & (stack.min(axis=0) > 0)
-    if not np.any(good):
+    copied = not is_dark and bool((stack == stack[0]).all())
+    if copied or not np.any(good):
         return _Samples(np.zeros(0), np.zeros(0), stack.shape[0] - 1)
     # Subtract each repeat's mean deviation: the light may have changed between repeats.
     counts -= (counts - counts.mean(axis=0))[:, good].mean(axis=1)[:, None, None]
@@ -166,7 +167,9 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     quietest = min((float(s.variance.mean()) for s in unlit), default=np.inf)
     rounded = quietest < _ROUNDED_VARIANCE
     if not lit:
-        notes.append(f"gain not measured: {'the flats are saturated' if flats else 'no flat with repeats'}")
+        notes.append(
+            f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}"
+        )
     if not unlit:
         notes.append("read noise not measured: no usable dark frames with repeats")
     low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE

@@ -123,7 +123,8 @@ def transfer(
     dark: FrameStatistics, bright: Sequence[FrameStatistics], saturation_dn: int
 ) -> PhotonTransfer | None:
     """The parameters from one dark and some bright settings; None if no bright setting can be used."""
-    levels = sorted((b for b in bright if b.mean > dark.mean), key=lambda b: b.mean)
+    # repeats without any noise are copies of one frame, or clipped
+    levels = sorted((b for b in bright if b.mean > dark.mean and b.temporal > 0), key=lambda b: b.mean)
     if not levels:
         return None
     peak = max(levels, key=lambda b: b.temporal)

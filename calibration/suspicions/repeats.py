@@ -20,6 +20,8 @@ __all__ = ["check_noise", "check_repeats"]
 _MISFIT = 2.0
 #: Largest drift of the lamp between two repeats; different exposures differ by more.
 _DRIFT = 0.15
+#: Variance of the difference of repeats relative to noise below which they are copies, which say nothing of others.
+_COPIED = 1e-3
 _WRONG_NOISE = 2.0
 _BINS = 6
 #: Largest correlation of neighbouring pixels' noise in the median of a kind's pairs; chance reaches 0.05 in 4000 pixels
@@ -131,8 +133,8 @@ def check_repeats(
     pairs = _pairs(capture, stacks, dark, noise)
     if not pairs:
         return
-    usual = float(np.median([pair.misfit for pair in pairs]))
-    usual = max(usual, 1e-6) if len(pairs) > 2 else 1.0
+    differing = [pair.misfit for pair in pairs if pair.misfit > _COPIED]
+    usual = float(np.median(differing)) if len(differing) > 2 else 1.0
     yield from _resampled(pairs)
     yield from _striped(pairs)
     by_table: dict[str, list[_Pair]] = {}

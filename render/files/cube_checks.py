@@ -17,12 +17,16 @@ __all__ = [
     "negative_pixels",
     "require_cube",
     "require_kinds",
+    "require_light",
     "require_numbers",
     "require_stored",
     "with_units",
 ]
 
 RADIANCE_UNIT = "W m^-2 sr^-1 nm^-1"
+
+# Largest size of negative values relative to the positive ones.
+_MOST_BELOW = 0.1
 
 #: Attributes, text, by which a cube says where it comes from: the model file, the camera as JSON, and so on.
 PROVENANCE = ("model", "camera", "seed", "cboxlab_version", "command")
@@ -123,6 +127,20 @@ def negative_pixels(picture: xr.Dataset) -> int:
     values = picture["radiance" if "radiance" in picture else "xyz"]
     below = values < -1e-6 * float(np.abs(values).mean())
     return int(below.any(dim=[d for d in values.dims if d not in ("y", "x")]).sum())
+
+
+def require_light(picture: xr.Dataset, source: Path | str) -> None:
+    """Raises InputError where a tenth of the light is below 0, more than filters with negative lobes or noise leave."""
+    values = picture["radiance" if "radiance" in picture else "xyz"]
+    below, above = (
+        float(np.abs(values.where(side, 0.0)).sum(dtype=float)) for side in (values < 0, values > 0)
+    )
+    if below > _MOST_BELOW * above:
+        share = below / (below + above)
+        raise InputError(
+            source, f"values below 0, {share:.0%} of the sum of all sizes", "light, which is never below 0",
+            "A difference of two pictures is none; compare the two.",
+        )  # fmt: skip
 
 
 def as_cube(radiance: NDArray, wavelength_nm: ArrayLike, missing: bool = False) -> xr.Dataset:

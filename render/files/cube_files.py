@@ -21,7 +21,14 @@ from cboxlab.scenes.input_files import require_regular_file
 from PIL import Image
 
 from .colour_pictures import colour_channels, picture_of_colours
-from .cube_checks import negative_pixels, require_cube, require_numbers, require_stored, with_units
+from .cube_checks import (
+    negative_pixels,
+    require_cube,
+    require_light,
+    require_numbers,
+    require_stored,
+    with_units,
+)
 from .declared import AS_STATED, Declared, with_notes
 from .envi import data_file, is_envi, map_envi, read_envi, write_envi
 from .exr_channels import read_channels
@@ -116,6 +123,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     if "xyz" not in picture:
         require_cube(picture, path)
     require_numbers(picture, path)
+    require_light(picture, path)
     negative = negative_pixels(picture)
     return with_notes(picture, [f"{negative} pixels have negative radiance"] if negative else [])
 

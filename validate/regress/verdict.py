@@ -137,9 +137,10 @@ def _differing(found: Comparison) -> int:
     total = found.common.candidate.radiance.sum(axis=-1) - found.common.baseline.radiance.sum(axis=-1)
     sigma = np.sqrt(smooth_variance(found.trimmed.level.sum(axis=-1), found.noise.total, found.noise.degrees))
     sigma = sigma * np.sqrt(max(1.0, found.noise.ratio if np.isfinite(found.noise.ratio) else 1.0))
-    probability = np.sort(
-        2 * t.sf(np.abs(total[body]) / np.maximum(sigma[body], 1e-300), min(8.0, 2 * found.noise.degrees))
-    )
+    size, scatter = np.abs(total[body]), sigma[body]
+    # without scatter every difference is one
+    sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
+    probability = np.sort(2 * t.sf(sigmas, min(8.0, 2 * found.noise.degrees)))
     below = np.flatnonzero(
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )

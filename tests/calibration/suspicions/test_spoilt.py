@@ -113,3 +113,21 @@ def test_a_suspicion_says_what_where_and_why(tmp_path):
     assert found.where == "spectra/lamp.csv:radiance"
     assert "0.4 to 0.7" in found.why
     assert set(found.record) == {"what", "where", "why"}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("spoilt", ["one copied", "all copied", "all saturated"])
+def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
+    """Copied or saturated flats have no noise to measure the gain from."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    for table in draft.tables("flat")[: 1 if spoilt == "one copied" else None]:
+        first = draft.image(table["frames"][0])
+        for path in table["frames"][1:] if "copied" in spoilt else table["frames"]:
+            draft.put(path, first if "copied" in spoilt else np.full_like(first, 4095))
+    draft.save()
+    capture = load_capture(draft.folder)
+    noise = measure_noise(capture, read_darks(capture))
+    assert (noise.gain_sigma is None) == (spoilt != "one copied")
+    found = suspicions(draft.folder)
+    assert found
+    assert all("flat" in suspicion.where for suspicion in found), found

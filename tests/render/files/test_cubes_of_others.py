@@ -145,6 +145,13 @@ def test_negative_radiance_is_told(tmp_path):
     assert "1 pixels have negative radiance" in read_cube(tmp_path / "a.exr").attrs["reading_notes"]
 
 
+@pytest.mark.parametrize("values", [-GREY, GREY - GREY.mean()], ids=["opposite sign", "a difference"])
+def test_what_is_no_light_is_refused(tmp_path, values):
+    write_cube(tmp_path / "a.exr", as_cube(values, [400.0, 500.0, 600.0]))
+    with pytest.raises(InputError, match=r"a\.exr.*values below 0.*light"):
+        read_cube(tmp_path / "a.exr")
+
+
 def test_rgb_asks_for_its_colour_space_and_its_unit(tmp_path):
     path = exr(tmp_path / "a.exr", channels("RGB"))
     with pytest.raises(InputError, match=r"rec709.*declare colour-space"):
