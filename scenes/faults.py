@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
@@ -11,8 +11,31 @@ from pydantic import BaseModel, ValidationError
 
 from .errors import InputError
 
-__all__ = ["combined", "faults_of_validation", "path_inside", "referred", "suggestion"]
+__all__ = [
+    "combined",
+    "expectation",
+    "faults_of_validation",
+    "path_inside",
+    "referred",
+    "shown",
+    "suggestion",
+]
 
+
+#: Errors of pydantic whose own words speak of its types, and what they ask for. key : the faulty key.
+_LIST_TYPES = ("tuple_type", "list_type")
+_PLAIN = {
+    "tuple_type": "a list in brackets, {key} = [...]",
+    "list_type": "a list in brackets, {key} = [...]",
+    "too_short": "a list of at least {min_length}",
+    "model_type": "one table, [{key}]",
+    "dict_type": "one table, [{key}]",
+    "string_type": "text in quotes",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+}
 
 #: A part of a name that is shorter says nothing.
 _SHORTEST_PART = 4
@@ -76,13 +99,25 @@ def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> Input
         known = sorted(_keys_at(model, location[:-1]))
         hint = suggestion(str(location[-1]), known)
         return InputError(where, "an unknown key", f"one of {', '.join(known)}", hint)
-    message = str(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if kind == "missing":
         return InputError(where, "nothing", "a value: this key is required")
-    return InputError(where, _shown(value), message)
+    return InputError(where, shown(value), expectation(details))
 
 
-def _shown(value: object) -> str:
+def expectation(details: Mapping[str, Any]) -> str:
+    """What an error that pydantic found asks for, in words for the file's author."""
+    key = next(
+        (part for part in reversed(details["loc"]) if isinstance(part, str) and not part.startswith("<")), ""
+    )
+    if details["type"] in _LIST_TYPES and isinstance(details["input"], Mapping):
+        return f"tables in double brackets, [[{key}]]"
+    if (plain := _PLAIN.get(details["type"])) is not None:
+        return plain.format(key=key, **details.get("ctx", {}))
+    return str(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+
+
+def shown(value: object) -> str:
+    """A value of a file in at most 80 characters, of a table its keys."""
     keys = ", ".join(map(str, value)) if isinstance(value, dict) else ""
     text = f"a table with the keys {keys}" if keys else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

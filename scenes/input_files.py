@@ -17,7 +17,15 @@ from PIL import Image
 
 from .errors import InputError
 
-__all__ = ["read_channels", "read_json", "read_rows", "read_text", "read_toml", "require_regular_file"]
+__all__ = [
+    "kind_of",
+    "read_channels",
+    "read_json",
+    "read_rows",
+    "read_text",
+    "read_toml",
+    "require_regular_file",
+]
 
 #: Largest size of files that are read, bytes; a table of 64 bands in steps of 1 nm takes half a megabyte.
 _LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
@@ -29,6 +37,9 @@ _INT64 = 2**63
 
 #: The largest value of a PNG's mode.
 _FULL = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
+
+#: The marks with which UTF-16 begins, little and big end first; bytes in which a 0 shows that they are no UTF-8 text.
+_UTF16, _SNIFFED = (b"\xff\xfe", b"\xfe\xff"), 1024
 
 _LINE = re.compile(r"at line (\d+)")
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
@@ -45,6 +56,12 @@ _FREQUENT = {
 }
 
 
+_REPEATED = (
+    "This name stands in the file before, and may only once; tables that occur several times have double brackets, "
+    "[[flat]], each of them."
+)
+
+
 def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
     """Raise InputError if ``path`` is not a regular file (reading a pipe or a device might never end)."""
     try:
@@ -52,7 +69,12 @@ def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
     except (OSError, ValueError) as error:
         raise InputError(repr(str(path)), str(error), expected, hint) from None
     if not regular:
-        raise InputError(path, "something that is not a file" if there else "no such file", expected, hint)
+        raise InputError(path, kind_of(path) if there else "no such file", expected, hint)
+
+
+def kind_of(path: Path) -> str:
+    """What there is in place of a regular file, with its article."""
+    return "a folder" if path.is_dir() else "a pipe" if path.is_fifo() else "something that is not a file"
 
 
 def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST_TEXT) -> str:
@@ -65,9 +87,14 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST
         size = path.stat().st_size
         if size > largest:
             raise InputError(path, f"{size} bytes", f"{expected} of at most {largest} bytes")
-        return path.read_text(encoding="utf-8-sig")
+        content = path.read_bytes()
+        if content.startswith(_UTF16) or b"\0" in content[:_SNIFFED]:
+            found = "UTF-16 text" if b"\0" in content[1:4:2] else "bytes that are not text"
+            raise InputError(path, found, f"{expected} in UTF-8", "Save it as text in UTF-8.")
+        return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except UnicodeDecodeError:
-        raise InputError(path, "bytes that are not UTF-8 text", f"{expected} in UTF-8") from None
+        hint = "Save it as text in UTF-8."
+        raise InputError(path, "bytes that are not UTF-8 text", f"{expected} in UTF-8", hint) from None
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
 
@@ -106,6 +133,8 @@ def _toml_hint(text: str, message: str) -> str:
     if number is None:
         return ""
     line = text.splitlines()[int(number[1]) - 1].strip() if text else ""
+    if "overwrite" in message or "twice" in message:
+        return f"Line {number[1]} is: {line[:80]}. {_REPEATED}"
     rule = next((hint for pattern, hint in _FREQUENT.items() if re.search(pattern, line)), "")
     return f"Line {number[1]} is: {line[:80]}" + (f". {rule}" if rule else "")
 

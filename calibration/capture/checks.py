@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.input_files import kind_of
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from PIL import Image, UnidentifiedImageError
 
@@ -110,7 +111,8 @@ def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
             "Copy the file into the folder instead of linking to it.",
         )
     if not (folder / name).is_file():
-        raise InputError(f"{path}: {key}", f"'{name}', which does not exist", "a file of the capture")
+        found = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
+        raise InputError(f"{path}: {key}", f"'{name}', {found}", "a file of the capture")
 
 
 def _there(path: Path) -> bool:

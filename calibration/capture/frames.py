@@ -15,6 +15,11 @@ __all__ = ["check_frame", "read_frame"]
 
 #: TIFF 6.0's numbers of compressions that need no further library (5: LZW), and of those by zlib.
 _COMPRESSIONS, _DEFLATED = (1, 5, 8, 32773, 32946), (8, 32946)
+#: The first bytes of files that are taken for frames.
+_OTHERS = {
+    b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"SIMPLE  ": "FITS", b"\x93NUMPY": "NumPy", b"\x89HDF": "HDF5",
+    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"P5": "PGM", b"v/1\x01": "OpenEXR",
+}  # fmt: skip
 _HINT = "Export it again as a one-channel 16-bit unsigned TIFF."
 
 
@@ -63,6 +68,17 @@ def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffil
             )
 
 
+def _other_kind(path: Path) -> str | None:
+    """What a file that is no TIFF is by its first bytes; None for a TIFF and for what is not known."""
+    with path.open("rb") as file:
+        begin = file.read(8)
+    if not begin:
+        return "an empty file"
+    return next(
+        (f"a file of the kind {kind}" for mark, kind in _OTHERS.items() if begin.startswith(mark)), None
+    )
+
+
 def check_frame(path: Path, height: int, width: int) -> None:
     """Check that a frame exists, has one uint16 channel of that size and is complete, from its header only.
 
@@ -70,6 +86,8 @@ def check_frame(path: Path, height: int, width: int) -> None:
     """
     require_regular_file(path, "a frame that capture.toml names")
     try:
+        if (kind := _other_kind(path)) is not None:
+            raise InputError(path, kind, "a TIFF frame", _HINT)
         with tifffile.TiffFile(path) as file:
             _check_page(path, file, height, width)
     except InputError:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import expectation, shown
 from cboxlab.scenes.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
@@ -83,9 +84,7 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
         return InputError(
             where, "an unknown key", f"one of {', '.join(known)}", nearest(str(location[-1]), known)
         )
-    expected = error["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    found = repr(error["input"])
-    return InputError(where, found if len(found) < 80 else found[:77] + "...", expected)
+    return InputError(where, shown(error["input"]), expectation(error))
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:

@@ -98,7 +98,7 @@ MISTAKES = [
     ("exposure_s", "expsure_s", ["band[0] (f450).expsure_s", "unknown key", "Did you mean 'exposure_s'?"]),
     ("bit_depth = 12\n", "", ["camera.bit_depth", "nothing"]),
     ("bit_depth = 12", "bit_depth = 17", ["camera.bit_depth", "17", "16"]),
-    ("bit_depth = 12", "bit_depth = 12.5", ["camera.bit_depth", "12.5", "integer"]),
+    ("bit_depth = 12", "bit_depth = 12.5", ["camera.bit_depth", "12.5", "a whole number"]),
     ("width_px = 56", 'width_px = "56"', ["camera.width_px", "'56'"]),
     ('[[flat]]\nband = "f550"', '[[flat]]\nband = "f555"', ["flat[1].band", "f555", "Did you mean 'f550'"]),
     ('[[reference]]\nband = "f650"', '[[reference]]\nband = "x"', ["reference[2].band", "'x'"]),
@@ -186,6 +186,39 @@ def test_all_faulty_files_are_named_in_one_pass(folder):
     (folder / "frames" / "f550-0.tif").write_bytes(b"no TIFF at all")
     message = fault(folder)
     assert "f450-0.tif" in message and "f550-0.tif" in message and message.count("\n") == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "expected"),
+    [
+        ("bit_depth = 12", "bit_depth = true", "camera.bit_depth", "a whole number"),
+        ("[camera]", "[[camera]]", "camera", "one table, [camera]"),
+        ("bit_depth = 12", "bit_depth = 12\nbit_depth = 12", "line", "This name stands in the file before"),
+        ('frames = ["frames/f450-0.tif"', 'frames = [3, "frames/f450-0.tif"', "frames[0]", "text in quotes"),
+        ("exposure_s = ", "frames = []\nexposure_s = ", "line", "This name stands in the file before"),
+    ],
+)
+def test_faults_are_told_in_the_authors_words(folder, old, new, key, expected):
+    edit(folder, old, new)
+    message = fault(folder)
+    assert key in message and expected in message and "tuple" not in message and "dictionary" not in message
+
+
+@pytest.mark.parametrize(
+    ("begin", "kind"),
+    [(b"", "empty"), (b"\x89PNG\r\n\x1a\n", "PNG"), (b"SIMPLE  =  T", "FITS"), (b"\x1f\x8b\x08", "gzip")],
+)
+def test_frames_of_another_kind_are_called_that(folder, begin, kind):
+    (folder / "frames" / "f550-0.tif").write_bytes(begin)
+    message = fault(folder)
+    assert "f550-0.tif" in message and kind in message and "damaged" not in message
+
+
+@pytest.mark.parametrize(("make", "kind"), [(os.mkdir, "a folder"), (os.mkfifo, "a pipe")])
+def test_what_stands_in_place_of_a_frame_is_named(folder, make, kind):
+    (folder / "frames" / "f550-0.tif").unlink()
+    make(folder / "frames" / "f550-0.tif")
+    assert f"'frames/f550-0.tif', which is {kind}" in fault(folder)
 
 
 def test_truncated_frame(folder):
