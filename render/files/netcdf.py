@@ -95,8 +95,15 @@ def _require_own_arrays(path: Path) -> None:
     others, or states more values than its bytes can hold."""
     require_regular_file(path, "a NetCDF-4 file")
     try:
-        with h5py.File(path, "r") as file:
-            _require_group(path, file, set())
+        if not h5py.is_hdf5(path):
+            with path.open("rb") as file:
+                old = file.read(3) == b"CDF"
+            found = "a NetCDF file of an older kind" if old else "a file that is not HDF5"
+            raise InputError(
+                path, found, "a NetCDF-4 file", "Convert it: nccopy -k nc4 OLD NEW." if old else ""
+            )
+        with h5py.File(path, "r") as arrays:
+            _require_group(path, arrays, set())
     except InputError:
         raise
     except Exception as error:  # the HDF5 library raises exceptions of any type on damaged files

@@ -29,6 +29,9 @@ __all__ = ["simulate"]
 #: Placeholder in --out and --preview for the name of each cube's file.
 NAME = "{name}"
 
+# Share of saturated pixels that is told.
+_MUCH_SATURATED = 0.5
+
 
 def simulate(
     cubes: Annotated[
@@ -85,10 +88,14 @@ def simulate(
         for index, (path, target, picture) in enumerate(zip(cubes, targets, pictures, strict=True)):
             with open_cube(path, declared) as cube:
                 require_used(declared, declared_for(cube))
-                told, record = _one(
-                    cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,
-                    inputs=[*files_of(path), Path(camera)],
-                )  # fmt: skip
+                try:
+                    told, record = _one(
+                        cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,
+                        inputs=[*files_of(path), Path(camera)],
+                    )  # fmt: skip
+                except InputError as fault:
+                    where = str(fault.where).replace("cube:", f"{path}:", 1)
+                    raise InputError(where, fault.found, fault.expected, fault.hint) from None
             lines += told
             frames.append({"cube": path, **record})
             report.part((index + 1) / len(cubes))
@@ -140,6 +147,9 @@ def _one(
     frame.write_counts(target)
     counts = f"{frame.counts.min()} to {frame.counts.max()} DN"
     told = [f"Raw frame: {target} ({camera.name}, {frame.exposure_s:.4g} s, {counts})"]
+    saturated = float((frame.counts >= camera.detector.full_scale_dn).mean())
+    if saturated > _MUCH_SATURATED:
+        told.append(f"• {saturated:.0%} of the pixels are saturated")
     if picture is not None:
         frame.write_preview(picture)
         told.append(f"Preview: {picture}")

@@ -137,6 +137,9 @@ def test_faulty_files_are_told(cube, tmp_path):
         path.write_bytes(b"nothing of the kind")
         with pytest.raises(InputError, match="bad"):
             read_cube(path)
+    (tmp_path / "old.nc").write_bytes(b"CDF\x01" + bytes(100))
+    with pytest.raises(InputError, match=r"older kind.*nccopy"):
+        read_cube(tmp_path / "old.nc")
     write_cube(tmp_path / "short.hdr", cube)
     data = (tmp_path / "short.img").read_bytes()
     (tmp_path / "short.img").write_bytes(data[:-4])

@@ -57,6 +57,17 @@ def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
         assert load_model(tmp_path / "model.toml").scene == "cornell-box"
 
 
+def test_a_simulation_names_the_faulty_cube_and_tells_saturation(cubes, tmp_path, cbox):
+    cube = read_cube(cubes / "1.nc")
+    cube["radiance"].values[3, 4, 2] = np.nan
+    cube.to_netcdf(tmp_path / "gap.nc", engine="h5netcdf")
+    code, _, said = cbox("simulate", cubes / "1.nc", tmp_path / "gap.nc", "--out", tmp_path / "{name}.tif")
+    assert code == 2 and f"{tmp_path / 'gap.nc'}: radiance[3, 4, 2]" in said
+    for seconds, told in (("auto", False), ("1e6", True)):
+        code, out, _ = cbox("simulate", cubes / "1.nc", "--out", tmp_path / "a.tif", "--exposure", seconds)
+        assert code == 0 and ("of the pixels are saturated" in out) == told
+
+
 def test_cubes_frames_and_verdicts_are_verified(cubes, tmp_path, cbox):
     """Each has a manifest beside it, or, being a folder, in it; a result or an input that changed is named."""
     one, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
