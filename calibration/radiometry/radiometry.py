@@ -185,10 +185,12 @@ def join_constants(
     mean = float(np.average(values, weights=weights))
     misfit, degrees = float(np.sum(weights * (values - mean) ** 2)), values.size - 1
     if degrees and chi2.sf(misfit, degrees) < _IMPROBABLE:
-        worst = by_band[int(np.argmax(weights * (values - mean) ** 2))]
+        # from the median: one that is far off takes the mean with it
+        middle = float(np.median(values))
+        worst = by_band[int(np.argmax(weights * (values - middle) ** 2))]
         notes.append(
             f"C differs between bands by more than noise (chi2 {misfit:.1f}, {degrees} degrees of freedom), most in "
-            f"{worst.band}: {worst.constant / mean - 1:+.2%}"
+            f"{worst.band}: {worst.constant / middle - 1:+.2%}"
         )
     scatter = band_scatter(by_band)
     shares = 1 / (noise**2 + (scatter * mean) ** 2)

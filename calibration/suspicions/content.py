@@ -22,6 +22,8 @@ _KINDS = {
     "dark": "dark", "bias": "dark", "flat": "flat", "sphere": "reference", "reference": "reference", "ref": "reference",
 }  # fmt: skip
 _EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
+#: Largest factor between an exposure and its file's name, and frames of one factor that make it that of all.
+_AS_NAMED, _SEVERAL = 1.25, 4
 
 
 def _telling(frame: np.ndarray) -> bool:
@@ -95,17 +97,31 @@ def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion
                     f"a {' or '.join(sorted(kinds))} frame is listed among the {own} frames", f"{stack.key}.frames",
                     f"The file is called {path}.",
                 )  # fmt: skip
-            yield from _exposure_named(stack, path, tokens)
+    yield from _exposures_named(stacks)
     yield from _peaks(capture)
 
 
-def _exposure_named(stack: Stack, path: str, tokens: set[str]) -> Iterator[Suspicion]:
-    for token in tokens:
-        found = _EXPOSURE.fullmatch(token)
-        if not found:
-            continue
-        seconds = float(found[1]) * (1e-3 if found[2] == "ms" else 1.0)
-        if seconds > 0 and not 0.8 < stack.exposure_s / seconds < 1.25:
+def _exposures_named(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Detects exposures other than file names say: all by one factor, or single ones."""
+    named = [
+        (stack, path, float(found[1]) * (1e-3 if found[2] == "ms" else 1.0))
+        for stack in stacks
+        for path in stack.paths
+        for token in _tokens(path)
+        if (found := _EXPOSURE.fullmatch(token))
+    ]
+    named = [row for row in named if row[2] > 0]
+    factors = np.array([stack.exposure_s / seconds for stack, _, seconds in named])
+    alike = factors.size >= _SEVERAL and np.ptp(np.log(factors)) < np.log(_AS_NAMED)
+    if alike and not 1 / _AS_NAMED < (factor := float(np.median(factors))) < _AS_NAMED:
+        stack, path, seconds = named[0]
+        yield Suspicion(
+            f"all exposures are {factor:.4g} times those in the names of the frames (another unit)", "exposure_s",
+            f"{path} is listed under {stack.exposure_s:g} s, and {len(named) - 1} others likewise.",
+        )  # fmt: skip
+        return
+    for (stack, path, seconds), factor in zip(named, factors, strict=True):
+        if not 1 / _AS_NAMED < factor < _AS_NAMED:
             yield Suspicion(
                 f"a frame of {seconds:g} s is listed under {stack.exposure_s:g} s", f"{stack.key}.exposure_s",
                 f"The file is called {path}.",

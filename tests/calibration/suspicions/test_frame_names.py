@@ -23,3 +23,23 @@ def test_an_exposure_in_a_name_is_read_with_its_power_of_ten(name, exposure_s, c
         paths=(f"frames/{name}",), band=None, kind="dark", key="dark[0]", exposure_s=exposure_s
     )
     assert len(list(check_names(capture, [stack]))) == count
+
+
+@pytest.mark.parametrize(
+    ("factors", "count"), [([1000.0] * 4, 1), ([1.0] * 3 + [1000.0], 1), ([0.5, 3.0, 1.0, 2.0], 3)]
+)
+def test_exposures_off_by_one_factor_are_one_mistake(factors, count):
+    capture = SimpleNamespace(band_ids=("f550",), manifest=SimpleNamespace(band=()))
+    stacks = [
+        SimpleNamespace(
+            paths=(f"frames/dark-{seconds}s.tif",),
+            band=None,
+            kind="dark",
+            key="dark",
+            exposure_s=factor * seconds,
+        )
+        for factor, seconds in zip(factors, (0.5, 1.0, 2.0, 4.0), strict=True)
+    ]
+    found = list(check_names(capture, stacks))
+    assert len(found) == count
+    assert ("all exposures are 1000 times" in found[0].what) == (factors == [1000.0] * 4)
