@@ -131,10 +131,8 @@ def negative_pixels(picture: xr.Dataset) -> int:
 
 def require_light(picture: xr.Dataset, source: Path | str) -> None:
     """Raises InputError where a tenth of the light is below 0, more than filters with negative lobes or noise leave."""
-    values = picture["radiance" if "radiance" in picture else "xyz"]
-    below, above = (
-        float(np.abs(values.where(side, 0.0)).sum(dtype=float)) for side in (values < 0, values > 0)
-    )
+    values = picture["radiance" if "radiance" in picture else "xyz"].values
+    below, above = (float(np.abs(values.sum(where=side, dtype=float))) for side in (values < 0, values > 0))
     if below > _MOST_BELOW * above:
         share = below / (below + above)
         raise InputError(
