@@ -141,11 +141,9 @@ def move(
     image: NDArray[np.float64], registration: Registration, *, smooth: bool = True
 ) -> NDArray[np.float64]:
     """The band's image (y, x) resampled to the reference's pixels, NaN outside; cubic or (not smooth) linear."""
-    how = (cv2.INTER_CUBIC if smooth else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
+    # ndimage's order is (v, u)
+    turned, shift = registration.matrix[::-1, 1::-1], registration.matrix[::-1, 2]
+    order = 3 if smooth else 1
     return np.asarray(
-        cv2.warpAffine(
-            image, registration.matrix, image.shape[::-1], flags=how, borderMode=cv2.BORDER_CONSTANT,
-            borderValue=np.nan,
-        ),
-        np.float64,
-    )  # fmt: skip
+        affine_transform(image, turned, shift, order=order, mode="constant", cval=np.nan), np.float64
+    )

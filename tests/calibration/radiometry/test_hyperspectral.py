@@ -7,7 +7,7 @@ from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
 from cboxlab.calibration.radiometry.hyperspectral import _filter_mean, hyperspectral_cube
-from cboxlab.calibration.radiometry.registration import move, register
+from cboxlab.calibration.radiometry.registration import Registration, move, register
 from cboxlab.render.files.cube_files import read_cube, write_cube
 from cboxlab.scenes import InputError, Spectrum
 from cboxlab.validate.commands.cli import main
@@ -74,6 +74,28 @@ def test_moved_back_the_band_lies_on_the_reference():
     before = np.abs(band - reference)[8:-8, 8:-8]
     after = np.abs(move(band, register(reference, band)) - reference)[8:-8, 8:-8]
     assert after.max() < 0.15 * before.max() and after.mean() < 0.15 * before.mean()
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_what_the_band_does_not_show_is_nan_and_nothing_else(smooth):
+    matrix = np.array([[1.0, 0.0, 3.5], [0.0, 1.0, -2.0]])
+    moved = move(chart(), Registration(matrix, 1.0, matrix[:, 2], 1.0, True), smooth=smooth)
+    outside = np.zeros((SIZE, SIZE), bool)
+    outside[:, -4:] = outside[:2] = True
+    np.testing.assert_array_equal(np.isnan(moved), outside)
+    assert 0 < np.nanmin(moved) and np.nanmax(moved) < 1
+
+
+def test_the_cube_holds_no_value_but_light_and_nan(measured):
+    """Along the border, where other bands are not seen, too: -2^31 counts had been there with OpenCV 5."""
+    capture, bands, reading, region, _ = measured
+    cube = hyperspectral_cube(capture, bands, region, reading).cube
+    sigma = cube["standard_error"].values
+    known = np.isfinite(cube["radiance"].values)
+    assert 0.95 < known.mean() < 1
+    np.testing.assert_array_equal(known, np.isfinite(sigma))
+    assert (cube["radiance"].values[known] > -6 * sigma[known]).all()
+    assert (cube["radiance"].values[known] < 20 * np.median(cube["radiance"].values[known])).all()
 
 
 def test_without_edges_nothing_is_moved():
