@@ -73,8 +73,9 @@ def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
 
 
 def kind_of(path: Path) -> str:
-    """What there is in place of a regular file, with its article."""
-    return "a folder" if path.is_dir() else "a pipe" if path.is_fifo() else "something that is not a file"
+    """What there is in place of a regular file."""
+    kind = "a folder" if path.is_dir() else "a pipe" if path.is_fifo() else "something"
+    return f"{kind}, not a file"
 
 
 def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST_TEXT) -> str:

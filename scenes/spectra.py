@@ -96,15 +96,10 @@ def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")
     names = [name.strip() for name in lines[0][1]]
     if names[0] != "wavelength_nm":
-        separator = next((name for mark, name in _SEPARATORS.items() if mark in names[0]), None)
-        hint = (
-            f"Its columns are separated by {separator}: write commas, and decimal points."
-            if separator
-            else ""
-        )
-        raise InputError(
-            f"{path}: header", f"first column '{names[0]}'", "first column 'wavelength_nm'", hint
-        )
+        used = next((name for mark, name in _SEPARATORS.items() if mark in names[0]), None)
+        hint = f"Its columns are separated by {used}: write commas, and decimal points." if used else ""
+        where, found = f"{path}: header", f"first column '{names[0]}'"
+        raise InputError(where, found, "first column 'wavelength_nm'", hint)
     if len(set(names)) < len(names) or "" in names:
         raise InputError(f"{path}: header", ", ".join(names), "a unique name for every column")
     table = np.empty((len(lines) - 1, len(names)))

@@ -37,8 +37,8 @@ __all__ = [
 ]
 
 
-#: Sizes beyond these are mistakes in any of the units: 1e9 s are 30 years.
-_LEAST, _MOST = 1e-9, 1e9
+#: Sizes beyond these are mistakes in any of the units; seconds since 1970 are 2e9.
+_LEAST, _MOST = 1e-9, 1e15
 
 
 def _inside(path: str) -> str:

@@ -67,7 +67,7 @@ def correct_bands(
 ) -> CorrectedBands:
     """Every band's frames corrected by equation 1 of Pattanaik et al. 1997, with their variance and mask.
 
-    SATURATED: a repeat or the flat reaches the largest count; with a mosaic also the eight neighbours, to which
+    SATURATED: a repeat or the flat reaches the saturation; with a mosaic also the eight neighbours, to which
     charge and interpolation spread. HOT and DEAD: see ``defects``. VIGNETTED: the flat is below a tenth of its
     maximum. The dataset's ``variance`` is computed from the measured signal; for a chi-square use
     ``predicted_variance``. channels : with a mosaic, the channel of each band (coordinate ``channel``); the
@@ -77,6 +77,11 @@ def correct_bands(
     """
     manifest = capture.manifest
     corrected, masks, flats, notes = [], [], {}, []
+    if capture.full_well_dn is not None:
+        notes.append(
+            f"pixels saturate at {capture.full_well_dn} DN, below the full scale of {capture.full_scale_dn} DN: there "
+            "they have no more noise than in the dark; those are masked"
+        )
     if not manifest.darks and manifest.dark != "subtracted":
         notes.append("no dark frames: a dark level of 0 was assumed")
     if manifest.dark == "subtracted":

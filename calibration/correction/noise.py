@@ -183,7 +183,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     if lit:
         gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
     if unlit and not rounded and gain is not None:
-        read_dn = float(np.sqrt(line[0] - ROUNDING_VARIANCE))
+        read_dn = float(np.sqrt(max(line[0], high) - low))
         gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if lit else 0.0])
         by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
         read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))

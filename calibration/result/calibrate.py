@@ -127,15 +127,6 @@ def _camera(
         return None, None, [f"no camera: {explained.what}"], (explained,)
 
 
-def _full_well_notes(capture: Capture) -> list[str]:
-    if capture.full_well_dn is None:
-        return []
-    return [
-        f"pixels saturate at {capture.full_well_dn} DN, below the full scale of {capture.full_scale_dn} DN: there they "
-        "have no more noise than in the dark; those are masked"
-    ]
-
-
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """The calibration of a capture, as far as its data allow.
 
@@ -152,7 +143,6 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     notes = [
-        *_full_well_notes(capture),
         *noise.notes,
         *bands.notes,
         *brighter_channel_notes(capture, channels),

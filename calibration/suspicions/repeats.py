@@ -28,7 +28,7 @@ _BINS = 6
 #: once in a thousand pairs. Rows that share a noise of their own correlate along rows only.
 _CORRELATED = 0.1
 #: Variance of the means of rows or columns over that of independent pixels, in the median of all pairs. With 40 rows
-#: chance exceeds it in one pair of 30,000.
+#: chance exceeds it in one pair of 5700.
 _STRIPED = 2.0
 
 

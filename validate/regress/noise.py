@@ -106,7 +106,9 @@ def _correlation(
     columns = []
     for band in range(count):
         sigma = np.sqrt(smooth_variance(level[..., band], variance[..., band], 3.0))
-        columns.append(np.clip(high_pass(difference[..., band]) / np.maximum(sigma, 1e-300), -5, 5)[inner])
+        fine = high_pass(difference[..., band])
+        least = max(1e-200 * float(np.abs(fine).max()), 1e-300)
+        columns.append(np.clip(fine / np.maximum(sigma, least), -5, 5)[inner])
     with np.errstate(divide="ignore", invalid="ignore"):  # a band without light
         matrix = np.corrcoef(np.array(columns))
     return np.where(np.isfinite(matrix), matrix, np.eye(count))

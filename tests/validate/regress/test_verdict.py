@@ -43,6 +43,15 @@ def test_a_noisy_picture_beside_a_quiet_one_is_the_same(noises):
     assert all(outcome.same for outcome in outcomes)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("scale", [1e30, 1e-30])
+def test_a_side_of_another_scale_is_different_without_a_warning(scale):
+    """As of a cube in other units, which no number of the comparison may overflow."""
+    second = noisy(1)
+    second = replace(second, radiance=scale * second.radiance, variance=scale**2 * second.variance)
+    assert not verdict(noisy(0), second).same
+
+
 def test_statistics_of_equal_pictures_have_unit_variance():
     """z of 20 pairs x 7 surfaces: its mean square is 1 within four standard deviations, 4 sqrt(2/140)."""
     rows = [row for s in range(20) for row in verdict(noisy(2 * s), noisy(2 * s + 1)).of_kind("surface")]
