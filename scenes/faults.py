@@ -23,7 +23,7 @@ __all__ = [
 
 
 #: Errors of pydantic whose own words speak of its types, and what they ask for. key : the faulty key.
-_LIST_TYPES = ("tuple_type", "list_type")
+_LIST_TYPES, _TABLE_TYPES = ("tuple_type", "list_type"), ("model_type", "dict_type")
 _PLAIN = {
     "tuple_type": "a list in brackets, {key} = [...]",
     "list_type": "a list in brackets, {key} = [...]",
@@ -109,7 +109,9 @@ def expectation(details: Mapping[str, Any]) -> str:
     key = next(
         (part for part in reversed(details["loc"]) if isinstance(part, str) and not part.startswith("<")), ""
     )
-    if details["type"] in _LIST_TYPES and isinstance(details["input"], Mapping):
+    in_list = bool(details["loc"]) and isinstance(details["loc"][-1], int)
+    one_for_many = details["type"] in _LIST_TYPES and isinstance(details["input"], Mapping)
+    if one_for_many or (in_list and details["type"] in _TABLE_TYPES):
         return f"tables in double brackets, [[{key}]]"
     if (plain := _PLAIN.get(details["type"])) is not None:
         return plain.format(key=key, **details.get("ctx", {}))

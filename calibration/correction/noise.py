@@ -31,6 +31,8 @@ _HARMONICS = 1000
 # Variance of dark counts (DN^2) below which rounding rules it: half way between two counts it is 1/4 by rounding alone.
 # The true one then lies between that of rounding and this (compare 0.24 in EMVA 1288).
 _ROUNDED_VARIANCE = 0.3
+# A value of which nothing is known, and its standard deviation.
+_UNKNOWN = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -105,17 +107,16 @@ def _samples(
 
 
 def _fit_line(
-    samples: list[_Samples],
-    known: tuple[float, float] = (0.0, 0.0),
-    known_sigma: tuple[float, float] = (np.inf, np.inf),
+    samples: list[_Samples], floor: tuple[float, float] = _UNKNOWN, slope: tuple[float, float] = _UNKNOWN
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(floor, slope) of variance against charge and their covariance, by iteratively reweighted least squares.
 
-    known, known_sigma : (2,) what is known of floor and slope beforehand, and its standard deviations. Sample variances
-    are chi-square distributed with a standard deviation proportional to their expectation. The weights are computed
-    from the fitted line; weights from the samples would bias the fit low.
+    floor, slope : what is known of each beforehand, and its standard deviation. Sample variances are chi-square
+    distributed with a standard deviation proportional to their expectation. The weights are computed from the fitted
+    line; weights from the samples would bias the fit low.
     """
-    prior = np.diag(np.asarray(known_sigma, float) ** -2.0)
+    known, sigmas = np.transpose([floor, slope])
+    prior = np.diag(sigmas**-2.0)
     charge = np.concatenate([s.charge for s in samples])
     variance = np.concatenate([s.variance for s in samples])
     degrees = np.concatenate([np.full(s.charge.size, float(s.degrees)) for s in samples])
@@ -128,7 +129,7 @@ def _fit_line(
         cross = np.sum(weight * charge)
         normal = prior + np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
         seen = np.array([np.sum(weight * variance), np.sum(weight * charge * variance)])
-        line = np.linalg.solve(normal, seen + prior @ np.array(known))
+        line = np.linalg.solve(normal, seen + prior @ known)
         keep = variance < _OUTLIER_SIGMAS**2 * np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
     return line, np.asarray(np.linalg.inv(normal), np.float64)
 
@@ -172,27 +173,27 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         )
     if not unlit:
         notes.append("read noise not measured: no usable dark frames with repeats")
-    low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE
-    if lit and rounded:
-        line, covariance = _fit_line(lit, ((low + high) / 2, 0.0), ((high - low) / np.sqrt(12), np.inf))
-    elif lit:
-        line, covariance = _fit_line([*lit, *unlit])
-    elif unlit and not rounded and gain is not None:
-        # no light shows the slope: the stated gain is taken as exact
-        line, covariance = _fit_line(unlit, (0.0, 1 / gain), (np.inf, 1e-6 / gain))
-    if lit:
-        gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
-    if unlit and not rounded and gain is not None:
-        read_dn = float(np.sqrt(max(line[0], high) - low))
-        gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if lit else 0.0])
-        by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
-        read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
-        read = read_dn * gain
+    shown, floor, slope = [*lit, *unlit], _UNKNOWN, _UNKNOWN
     if rounded:
-        largest = float(np.sqrt(high - low))
+        low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE
+        shown, floor = lit, ((low + high) / 2, (high - low) / float(np.sqrt(12)))
+    if not lit and gain is not None:
+        slope = 1 / gain, 1e-6 / gain
+    if lit or (shown and gain is not None):
+        line, covariance = _fit_line(shown, floor, slope)
+        if lit:
+            gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
+        if unlit and not rounded and gain is not None:
+            read_dn = float(np.sqrt(max(line[0], _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
+            gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if lit else 0.0])
+            by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
+            read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
+            read = read_dn * gain
+    if rounded:
+        largest = float(np.sqrt(_ROUNDED_VARIANCE - ROUNDING_VARIANCE))
         notes.append(f"rounding to whole counts hides the read noise: it lies between 0 and {largest:.1g} DN")
         if read is None and gain is not None:
-            read = gain * float(np.sqrt(max(quietest - low, largest**2 / 4)))
+            read = gain * float(np.sqrt(max(quietest - ROUNDING_VARIANCE, largest**2 / 4)))
             read_sigma = gain * largest / float(np.sqrt(12))
     for name, stated, value, sigma in (
         ("gain", camera.gain_e_per_dn, gain, gain_sigma),

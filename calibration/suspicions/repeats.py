@@ -66,8 +66,8 @@ def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, 
     expected = (charge / gain + floor) * (1 + 1 / len(others))
     image, weight = np.zeros(good.shape), np.zeros(good.shape)
     image[good], weight[good] = residual, 1 / expected
-    # limits the effect of hot pixels and cosmic rays
     own, (rows, columns) = _lines(image, weight)
+    # limits the effect of hot pixels and cosmic rays
     squares = np.minimum(own[good] ** 2 / expected, 400.0)
     misfit = max(float(squares.mean()), 1e-6)
     bins = np.array([float(part.mean()) for part in np.array_split(squares[np.argsort(a)], _BINS)])

@@ -193,6 +193,7 @@ def test_all_faulty_files_are_named_in_one_pass(folder):
     [
         ("bit_depth = 12", "bit_depth = true", "camera.bit_depth", "a whole number"),
         ("[camera]", "[[camera]]", "camera", "one table, [camera]"),
+        ("[camera]", "bracket = [3]\n[camera]", "bracket[0]", "tables in double brackets, [[bracket]]"),
         ("bit_depth = 12", "bit_depth = 12\nbit_depth = 12", "line", "This name stands in the file before"),
         ('frames = ["frames/f450-0.tif"', 'frames = [3, "frames/f450-0.tif"', "frames[0]", "text in quotes"),
         ("exposure_s = ", "frames = []\nexposure_s = ", "line", "This name stands in the file before"),
