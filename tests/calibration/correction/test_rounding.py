@@ -60,3 +60,13 @@ def test_a_capture_without_flats_and_one_dark_exposure_uses_the_stated_gain(tmp_
     noise = measure_noise(capture, read_darks(capture))
     assert (noise.gain_e_per_dn, noise.gain_sigma) == (GAIN, None)
     assert noise.read_noise_e == pytest.approx(READ_NOISE, abs=4.5 * noise.read_noise_sigma)
+
+
+def test_without_flats_thermal_noise_of_the_darks_is_taken_off_by_the_stated_gain(tmp_path):
+    """A warm sensor: the longest dark holds 600 DN, whose noise is seven times that of reading."""
+    fake = FakeCapture(tmp_path / "capture", seed=5, centres=(450, 550, 650))
+    fake.rate = fake.rate * 600.0 / 1.5 / max(fake.exposure.values())
+    capture = load_capture(fake.write(flats=False))
+    noise = measure_noise(capture, read_darks(capture))
+    assert noise.read_noise_e == pytest.approx(READ_NOISE, abs=4.5 * noise.read_noise_sigma)
+    assert noise.read_noise_sigma < 0.5 * READ_NOISE

@@ -131,3 +131,19 @@ def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
     found = suspicions(draft.folder)
     assert found
     assert all("flat" in suspicion.where for suspicion in found), found
+
+
+def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
+    """Rows with a noise of 8 DN in all frames: larger than shot noise in the dark, smaller in the light."""
+    draft, rng = (
+        Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture"),
+        np.random.default_rng(5),
+    )
+    for kind in ("band", "flat", "dark", "reference"):
+        for path in (path for table in draft.tables(kind) for path in table["frames"]):
+            own = draft.image(path).astype(float)
+            draft.put(path, own + rng.normal(0, 8, (own.shape[0], 1)))
+    draft.save()
+    told = [suspicion.what for suspicion in suspicions(draft.folder)]
+    assert any("of a row share" in what for what in told)
+    assert not [what for what in told if "gamma" in what or "a repeat of" in what], told
