@@ -15,6 +15,7 @@ from .registration import register
 from .sensor_equation import (
     band_responses,
     capture_factors,
+    counts_over_constant,
     lens_constant,
     missing_keys,
     optical_factor,
@@ -31,6 +32,7 @@ __all__ = [
     "as_scene",
     "band_responses",
     "capture_factors",
+    "counts_over_constant",
     "hyperspectral_cube",
     "lens_constant",
     "measure_constant",

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -20,7 +19,7 @@ from ..correction import (
     evaluate_variance,
     uniform_flat,
 )
-from .sensor_equation import nominal_constant, optical_factor, response_curve
+from .sensor_equation import counts_over_constant, nominal_constant
 
 __all__ = ["BandConstant", "Radiometry", "band_scatter", "join_constants", "measure_constant"]
 
@@ -79,22 +78,19 @@ def _reference_constant(
     channel: str | None,
 ) -> tuple[BandConstant, float] | None:
     """C from one table and the chi-square per pixel of its uniformity; None if it cannot be computed."""
-    band = capture.band(table.band)
-    curve, factor = response_curve(capture, band, channel), optical_factor(capture, table)
-    if curve is None or factor is None:
+    unit = counts_over_constant(capture, table, table.radiance, channel)
+    if unit is None:
         return None
-    flat = bands.flats[band.id]
+    flat = bands.flats[table.band]
     net = correct(capture, table, uniform_flat(capture.shape, dark), dark, noise)
     unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
     good = (
-        ~net.saturated & ~flat.saturated & ((bands.images["mask"].sel(band=band.id).values & unusable) == 0)
+        ~net.saturated
+        & ~flat.saturated
+        & ((bands.images["mask"].sel(band=table.band).values & unusable) == 0)
     )
     if channel is not None and capture.manifest.mosaic is not None:
         good &= channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
-    radiance = capture.light(table.radiance).at(WAVELENGTH_NM)
-    unit = factor * float(np.sum(INTEGRAL_GRID.weights * curve * radiance))
-    if not unit > 0:
-        return None
     variance = evaluate_variance(net.coefficients, net.signal)
     for _ in range(2):
         if not np.any(good):
@@ -106,7 +102,7 @@ def _reference_constant(
         good &= residual < _OUTLIER_SIGMAS**2 * max(spread, 1.0)
     # The mean of the flat over the field is 1 by definition, so its noise is not included.
     sigma = float(np.sqrt(variance[good].sum())) / flat.response[good].sum()
-    return BandConstant(band.id, level / unit, sigma / unit, int(good.sum())), spread
+    return BandConstant(table.band, level / unit, sigma / unit, int(good.sum())), spread
 
 
 def measure_constant(

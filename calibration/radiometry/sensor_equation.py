@@ -23,6 +23,7 @@ from .band_response import BandResponse, ResponseFactors, response_factors, rest
 __all__ = [
     "band_responses",
     "capture_factors",
+    "counts_over_constant",
     "lens_constant",
     "missing_keys",
     "nominal_constant",
@@ -71,6 +72,18 @@ def response_curve(
     if rest is None or band.transmittance is None:
         return None
     return rest * capture.light(band.transmittance).at(WAVELENGTH_NM)
+
+
+def counts_over_constant(
+    capture: Capture, table: BracketTable, radiance: str, channel: str | None = None
+) -> float | None:
+    """t f^-2 d^-2 Int F Q T L dl, net counts of the light ``radiance`` over C; None if a table lacks or they are 0."""
+    curve, factor = response_curve(capture, capture.band(table.band), channel), optical_factor(capture, table)
+    if curve is None or factor is None:
+        return None
+    light = capture.light(radiance).at(WAVELENGTH_NM)
+    unit = factor * float(np.sum(INTEGRAL_GRID.weights * curve * light))
+    return unit if unit > 0 else None
 
 
 def missing_keys(capture: Capture) -> tuple[str, ...]:

@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
 from ..capture import BandTable, Capture, FlatTable
 from ..correction import CorrectedBands, NoiseModel
 from ..geometry import CameraFit
-from ..radiometry import (
-    Radiometry,
-    optical_factor,
-    response_curve,
-)
+from ..radiometry import Radiometry, counts_over_constant
 from .suspicion import Suspicion
 
 __all__ = [
@@ -86,7 +82,11 @@ def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) 
 
 
 def check_constant(
-    capture: Capture, radiometry: Radiometry, noise: NoiseModel, fit: CameraFit | None
+    capture: Capture,
+    radiometry: Radiometry,
+    noise: NoiseModel,
+    fit: CameraFit | None,
+    channels: Mapping[str, str] | None,
 ) -> Iterator[Suspicion]:
     """Checks C of the references against that of the nominal lens, and each band's C against their median."""
     constants = [c.constant for c in radiometry.by_band]
@@ -122,7 +122,7 @@ def check_constant(
     if len(constants) < 3 or median <= 0:
         return
     ratios = {c.band: c.constant / median for c in radiometry.by_band}
-    exchanged = _exchanged(ratios)
+    exchanged = _exchanged(capture, ratios, channels)
     for band, ratio in ratios.items():
         if band in exchanged or not _LOWEST_BAND < ratio < _HIGHEST_BAND or _stands_alone(ratios, band):
             yield Suspicion(
@@ -135,14 +135,25 @@ def check_constant(
             )
 
 
-def _exchanged(ratios: Mapping[str, float]) -> tuple[str, ...]:
-    """Two bands whose C are off by reciprocal factors, as those of exchanged frames are, while all others agree."""
+def _exchanged(
+    capture: Capture, ratios: Mapping[str, float], channels: Mapping[str, str] | None
+) -> tuple[str, ...]:
+    """Two bands whose C are off as their exchanged frames, with or without exposures, make them; all others agree."""
     off = {band: float(np.log(ratio)) for band, ratio in ratios.items() if ratio > 0}
     apart = [band for band in off if abs(off[band]) > 2 * _AGREE]
     if len(off) < 5 or len(apart) != 2:
         return ()
-    total = sum(off[band] for band in apart)
-    return tuple(apart) if abs(total) < max(_AGREE, 0.1 * abs(off[apart[0]])) else ()
+    tables = [capture.references(band)[0] for band in apart]
+    units = np.array([
+        counts_over_constant(capture, table, table.radiance, channels and channels[table.band]) or np.nan
+        for table in tables
+    ])  # fmt: skip
+    first, second = (off[band] for band in apart)
+    for counts in (units, units / [table.exposure_s for table in tables]):
+        expected = np.log(counts[1] / counts[0])
+        if max(abs(first - expected), abs(second + expected)) < max(_AGREE, 0.1 * abs(expected)):
+            return tuple(apart)
+    return ()
 
 
 def _stands_alone(ratios: Mapping[str, float], band: str) -> bool:
@@ -156,12 +167,8 @@ def _flat_constant(capture: Capture, table: FlatTable, mean_dn: float, channel: 
     """C from a flat, assuming that its field is the reference source; None if tables are incomplete."""
     references = capture.references(table.band)
     source = table.radiance or (references[0].radiance if references else None)
-    curve, factor = response_curve(capture, capture.band(table.band), channel), optical_factor(capture, table)
-    if source is None or curve is None or factor is None or not np.isfinite(mean_dn):
-        return None
-    light = capture.light(source).at(WAVELENGTH_NM)
-    unit = factor * float(np.sum(INTEGRAL_GRID.weights * curve * light))
-    return mean_dn / unit if unit > 0 else None
+    unit = None if source is None else counts_over_constant(capture, table, source, channel)
+    return mean_dn / unit if unit is not None and np.isfinite(mean_dn) else None
 
 
 def check_flats_and_references(

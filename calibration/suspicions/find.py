@@ -59,7 +59,7 @@ def find_suspicions(
         *check_darks(stacks, noise, capture.saturation_dn),
         *check_flat_shapes(stacks, dark),
         *check_fingerprint(stacks, dark),
-        *check_constant(capture, radiometry, noise, fit),
+        *check_constant(capture, radiometry, noise, fit, channels),
         *check_flats_and_references(capture, bands, radiometry, channels),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),

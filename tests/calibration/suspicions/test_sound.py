@@ -7,7 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
 from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.result import calibrate
-from cboxlab.calibration.suspicions.constants import check_flats_and_references
+from cboxlab.calibration.suspicions.constants import check_constant, check_flats_and_references
 from helpers.fakes.capture import FakeCapture
 from helpers.places import ROOT
 
@@ -46,3 +46,17 @@ def test_only_where_most_flats_agree_one_that_does_not_is_suspected(name):
     }
     found = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
     assert {s.where for s in found} == {f"flat ({[*flats][index]})" for index in wrong}
+
+
+def test_constants_off_by_reciprocal_factors_are_no_exchange():
+    """Pass bands of narrow filters move towards the edge of the field: a few per cent, up in one, down in another."""
+    capture = load_capture(ROOT / "validate" / "data" / "demo-capture")
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    radiometry = measure_constant(capture, correct_bands(capture, dark, noise), dark, noise)
+    levels = [0.95, *[1.0] * (len(radiometry.by_band) - 2), 1 / 0.95]
+    by_band = tuple(
+        replace(c, constant=level * radiometry.constant)
+        for c, level in zip(radiometry.by_band, levels, strict=True)
+    )
+    assert not [*check_constant(capture, replace(radiometry, by_band=by_band), noise, None, None)]

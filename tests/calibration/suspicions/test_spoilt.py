@@ -133,6 +133,19 @@ def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
     assert all("flat" in suspicion.where for suspicion in found), found
 
 
+@pytest.mark.parametrize("with_exposures", [False, True])
+def test_exchanged_references_are_told_with_both_bands(tmp_path, with_exposures):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    one, other = draft.tables("reference")[1], draft.tables("reference")[4]
+    for key in ("frames", "exposure_s") if with_exposures else ("frames",):
+        one[key], other[key] = other[key], one[key]
+    draft.save()
+    told = [(s.what, s.where) for s in suspicions(draft.folder)]
+    for table in (one, other):
+        what = f"the references of {one['band']} and {other['band']} are exchanged"
+        assert (what, f"reference ({table['band']})") in told
+
+
 def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
     """Rows with a noise of 8 DN in all frames: larger than shot noise in the dark, smaller in the light."""
     draft, rng = (
