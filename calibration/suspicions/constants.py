@@ -145,7 +145,7 @@ def _exchanged(
         return ()
     tables = [capture.references(band)[0] for band in apart]
     units = np.array([
-        counts_over_constant(capture, table, table.radiance, channels and channels[table.band]) or np.nan
+        counts_over_constant(capture, table, table.radiance, channels[table.band] if channels else None) or np.nan
         for table in tables
     ])  # fmt: skip
     first, second = (off[band] for band in apart)
