@@ -121,7 +121,7 @@ class Effect:
     laboratory confirms it or rules it out. sources : where the formula is from.
     acts_on_charge : of the counts stage: whether it changes charge, before shot noise arises, or else counts as they
     are read out. spectral_step_nm : of the transport stage: steps of the wavelengths, dividing 300 nm, at which a
-    synthetic capture computes its change; the change is linear in between.
+    synthetic capture or cube computes its change; the change is linear in between.
     imitates_lamp_power : whether the fit of the lamp's power can do all that the effect does to the picture. Then only
     the lamp's stated uncertainty speaks against the effect. own_to_capture : whether it belongs to one capture and not
     to box or camera, so that another capture of the same box has numbers of its own. file : of which it was read; None

@@ -1,4 +1,4 @@
-"""A rendered image under effects of light transport, at many wavelengths, for synthetic captures.
+"""A rendered image under effects of light transport, for spectral cubes and synthetic captures.
 
 The diagnosis computes an effect's change with patches of a twelfth of the scene's diagonal at one wavelength per band.
 Here patches are a twentieth of it, with more rays, other random numbers, and wavelengths in steps of each effect.
@@ -16,7 +16,6 @@ from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch
 from cboxlab.render.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import AppliedEffect
@@ -31,47 +30,59 @@ _PATCHES_PER_DIAGONAL, _PATCH_SAMPLES, _SAMPLES, _PICTURE_SAMPLES = 20, 1024, 51
 
 
 def transported(
-    image: RenderedImage, scene: Scene, camera: Camera, effects: Sequence[AppliedEffect], seed: int
+    image: RenderedImage,
+    scene: Scene,
+    camera: Camera,
+    effects: Sequence[AppliedEffect],
+    seed: int,
+    max_bounces: int | None = None,
 ) -> RenderedImage:
-    """The image, on WAVELENGTH_NM, as the effects of the stage "transport" change it, in their order.
+    """The image as the effects of the stage "transport" change it, in their order; the image itself without any.
 
-    scene, camera : those of the image.
+    scene, camera, max_bounces : those of the image.
     """
     steps = [effect.effect.spectral_step_nm for effect in effects if effect.stage == "transport"]
     if not steps:
         return image
-    step = min(steps)
-    every = np.eye(INTEGRAL_GRID.count)[::step]
-    coarse = WAVELENGTH_NM[::step]
+    grid = np.arange(min(400.0, np.floor(image.wavelength_nm[0])), max(700.0, image.wavelength_nm[-1]) + 1.0)
+    every = _thinned(image.wavelength_nm, min(steps))
+    coarse = image.wavelength_nm[every]
+    at_coarse = np.array([np.interp(coarse, grid, row) for row in np.eye(grid.size)]).T
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
     other = seed ^ 0x2B7E
     patched = build_patched_scene(scene, edge, _PATCH_SAMPLES, other)
     transport = build_patch_transport(patched, camera, _SAMPLES, other)
-    lamp = scene.lamp_radiance(WAVELENGTH_NM)
-    lamp = np.maximum(
-        lamp, _DARK * lamp.max()
-    )  # all is told over the lamp's radiance, which a line lamp lacks
+    lamp, own_lamp = (scene.lamp_radiance(nm) for nm in (grid, image.wavelength_nm))
+    dark = _DARK * lamp.max()  # all is told over the lamp's radiance, which a line lamp lacks
+    lamp, own_lamp = np.maximum(lamp, dark), np.maximum(own_lamp, dark)
     ratios, additions = [], []
     parts = -(-coarse.size // _AT_ONCE)
-    for some, at_each in zip(np.array_split(coarse, parts), np.array_split(every, parts), strict=True):
+    for some, at_each in zip(np.array_split(coarse, parts), np.array_split(at_coarse, parts), strict=True):
         light: PatchLight = patch_light(
-            transport, scene, some, WAVELENGTH_NM, at_each, lamp, samples=_PICTURE_SAMPLES
+            transport, scene, some, grid, at_each, lamp, max_bounces=max_bounces, samples=_PICTURE_SAMPLES
         )
         before, after = light.picture(), after_stage(light, effects, "transport").picture()
         ratio, addition = _ratio_and_addition(before, after)
         ratios.append(ratio)
         additions.append(addition)
     ratio, addition = (np.moveaxis(np.concatenate(parts), 0, -1) for parts in (ratios, additions))
-    between = np.array([np.interp(WAVELENGTH_NM, coarse, row) for row in np.eye(coarse.size)])
-    mean = image.project(every.T)[0] / lamp[::step]
+    between = np.array([np.interp(image.wavelength_nm, coarse, row) for row in np.eye(coarse.size)])
+    mean = image.project(np.eye(image.wavelength_nm.size)[:, every])[0] / own_lamp[every]
     change = (mean * (ratio - 1) + addition).astype(np.float32)
     return replace(
         image,
         coefficients=np.concatenate(
             [image.coefficients, np.broadcast_to(change, (len(image.coefficients), *change.shape))], axis=-1
         ),
-        spectra=np.concatenate([image.spectra, between * lamp]),
+        spectra=np.concatenate([image.spectra, between * own_lamp]),
     )
+
+
+def _thinned(wavelength_nm: NDArray[np.float64], step_nm: float) -> NDArray[np.int64]:
+    """Indices of wavelengths ``step_nm`` apart, or of all where they are further apart; first and last among them."""
+    wanted = np.arange(wavelength_nm[0], wavelength_nm[-1] + step_nm, step_nm)
+    nearest = np.abs(wavelength_nm[:, None] - np.minimum(wanted, wavelength_nm[-1])).argmin(axis=0)
+    return np.unique(nearest)
 
 
 def _ratio_and_addition(before: NDArray, after: NDArray) -> tuple[NDArray, NDArray]:

@@ -21,6 +21,7 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum
 
 from ..model import labelled_cube, load_model, model_cube_inputs, view_of
+from ..predict import transported
 from .naming import named_changes
 from .outcome import NamedChange, Outcome
 from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
@@ -196,9 +197,9 @@ def _rendered(
 ) -> Side:
     chosen = load_model(text)
     scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
-    image = render(
-        scene, view, grid, _SAMPLES, BATCHES, seed=chosen.render.seed + 7 * seed, max_bounces=bounces
-    )
+    own = chosen.render.seed + 7 * seed
+    image = render(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces)
+    image = transported(image, scene, view, chosen.effects, own, bounces)
     return side_of([labelled_cube(image)], [text])
 
 

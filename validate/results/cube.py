@@ -32,6 +32,7 @@ from cboxlab.scenes.scene import Scene
 from numpy.typing import ArrayLike, NDArray
 
 from ..model import Model, labelled_cube, model_cube_inputs, view_of
+from ..predict import transported
 from .inputs import ModelLike, as_model
 from .kept_strips import keep_strip, kept_strip
 from .provenance import provenance
@@ -148,6 +149,7 @@ class _Job:
             )  # fmt: skip
         else:
             image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
+        image = transported(image, self.scene, first.camera, self.model.effects, first.seed, self.max_bounces)
         own = provenance(self.model, self.camera, first.seed, s.command)
         told = relative_error(image), relative_error(image, 99.0), int(fireflies(image).sum())
         return self.result(labelled_cube(image).assign_attrs(own), *told)
@@ -155,7 +157,8 @@ class _Job:
     def strip(self, camera: Camera, index: int, progress: Progress, folder: Path) -> CubeResult:
         """Strip number ``index``, from ``folder`` if it was finished there before, else rendered and kept there."""
         first, s = self.first_pass(camera, index), self.settings
-        key = hashlib.sha256(pickle.dumps((first, s.samples, s.noise, s.percentile))).hexdigest()
+        effects = [(e.id, e.values, e.effect.file and e.effect.file.read_bytes()) for e in self.model.effects]
+        key = hashlib.sha256(pickle.dumps((first, s.samples, s.noise, s.percentile, effects))).hexdigest()
         place = folder / f"{index}"
         cube = kept_strip(place, key)
         if cube is not None:

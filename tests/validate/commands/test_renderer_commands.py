@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.files import read_cube
+from cboxlab.validate.effects import apply_checked
+from cboxlab.validate.model.model_file import Model, write_model
 from helpers.command_line import assert_one_line_of_help
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -92,6 +94,10 @@ def test_mistakes_end_in_one_line(tmp_path, cbox):
     camera = camera_file(tmp_path / "camera.json", focal_length_px=0)
     assert_one_line_of_help(
         cbox("export", "cornell-box", "--to", tmp_path / "x", "--camera", camera), ["focal"]
+    )
+    write_model(tmp_path / "hazy.toml", Model().with_effect(apply_checked("haze", {}, "test")))
+    assert_one_line_of_help(
+        cbox("export", tmp_path / "hazy.toml", "--to", tmp_path / "x"), ["haze", "cbox render"]
     )
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()

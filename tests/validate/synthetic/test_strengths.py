@@ -1,18 +1,14 @@
 """Hidden effects: as strong as asked for, in laboratories that vary, effects of light transport included."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.laboratory import CaptureSettings, band_filters
-from cboxlab.render.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.model.model_file import Model, load_model, write_model
-from cboxlab.validate.predict.transported import transported
 from cboxlab.validate.synthetic.blind import draw_effect
 from cboxlab.validate.synthetic.strengths import at_strength, scale_of
 from cboxlab.validate.synthetic.varied import settled, varied_settings
@@ -84,21 +80,3 @@ def test_a_models_uncertainties_survive_its_file(tmp_path):
     write_model(tmp_path / "m.toml", Model().with_effect(effect))
     back = load_model(tmp_path / "m.toml").effects[0]
     assert back.values == effect.values and back.sigma == {"fraction": 1e-4}
-
-
-@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
-def test_transport_reaches_a_picture_of_all_wavelengths(monkeypatch):
-    """Fluorescence at 600 nm adds light there, none at 420 nm, and leaves what the picture's error is as it was."""
-    for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_AT_ONCE", 61)):
-        monkeypatch.setattr(sys.modules["cboxlab.validate.predict.transported"], name, value)
-    scene, camera = cornell_box(), cornell_camera(12)
-    image = render_final_gather(scene, camera, WAVELENGTH_NM, 32, 2)
-    assert transported(image, scene, camera, (), 1) is image
-    effect = apply_checked("fluorescence", {"material": "white", "yield": 0.3, "peak_nm": 600.0}, "test")
-    after = transported(image, scene, camera, (effect,), 1)
-    weights = np.eye(WAVELENGTH_NM.size)[:, [20, 200]]
-    (before_mean, before_variance), (mean, variance) = image.project(weights), after.project(weights)
-    white = image.surface == image.surface_names.index("back")
-    assert np.all(mean[white, 1] > 1.001 * before_mean[white, 1])
-    np.testing.assert_allclose(mean[..., 0], before_mean[..., 0], rtol=1e-5)
-    np.testing.assert_allclose(variance, before_variance, rtol=1e-3, atol=1e-20)
