@@ -1,6 +1,6 @@
 """Spectral cubes and raw frames on disk."""
 
-from .colour_pictures import COLOUR_SPACES
+from .colour_pictures import COLOUR_SPACES, primaries_matrix
 from .cube_camera import camera_attribute, camera_of_attribute
 from .cube_checks import RADIANCE_UNIT
 from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
@@ -25,6 +25,7 @@ __all__ = [
     "declared_for",
     "files_of",
     "open_cube",
+    "primaries_matrix",
     "raw_to_srgb",
     "read_cube",
     "read_picture",

@@ -2,9 +2,8 @@
 
 from .grids import Common
 from .inputs import View, assert_same_light, input_files, regress_inputs, regress_pictures
-from .outcome import NamedChange, Outcome
+from .outcome import NamedChange, Outcome, github_lines, summary, write_junit
 from .pooled import SYSTEMATIC, PooledMean
-from .reports import github_lines, summary, write_junit
 from .sides import Side, SurfaceMap, cube_paths, in_common_quantity, read_side, side_of
 from .strata import strata_of
 from .verdict import FALSE_ALARMS, regress_sides

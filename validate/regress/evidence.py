@@ -7,7 +7,7 @@ numbers over their standard deviations, in which a right explanation leaves squa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,12 @@ class Evidence:
     def groups(self) -> int:
         """Groups of bands."""
         return int(self.group.max()) + 1
+
+    def grouped(self) -> Evidence:
+        """The same with the bands of a group added up, for changes that act on all bands alike."""
+        starts = np.searchsorted(self.group, np.arange(self.groups))
+        baseline, candidate = (np.add.reduceat(p, starts, axis=-1) for p in (self.baseline, self.candidate))
+        return replace(self, baseline=baseline, candidate=candidate, group=np.arange(self.groups))
 
     def features(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of a change of the picture (y, x, w)."""

@@ -1,22 +1,24 @@
-"""Explanations that need nothing but the two pictures: lamp, shift, mirror, filter, border, wavelengths."""
+"""Explanations that need nothing but the two pictures: lamp, wavelengths, exchanged bands, values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
+from cboxlab.render.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d
+from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from .evidence import Evidence, Fit
 from .sides import Side
 
-__all__ = ["Explanation", "from_pictures", "group_name"]
+__all__ = ["Explanation", "exact", "from_pictures", "group_name"]
 
 #: Factors by which renderers differ that take a quantity or a unit for another.
 #: Each with its name and what it may mean. Candidate over baseline, or the other way round.
@@ -31,14 +33,14 @@ _FACTORS = (
 )  # fmt: skip
 #: A factor is taken for a known one within this part of it.
 _NEAR = 3e-3
-#: Largest shift looked for, px.
-_REACH_PX = 4
 #: A factor further from 1 is a ratio of sums.
 _LARGE = 0.3
 #: Steps of Gauss and Newton.
 _STEPS = 5
-#: Neighbours that differ by this part of their sum have an edge between them. Step of finite differences, px.
-_EDGE, _SLOPE_PX = 0.05, 0.1
+#: Exponents of values encoded for a screen, and decoded, and how near one is taken for it, relative.
+_SCREEN, _NEAR_SCREEN = (1 / 2.2, 2.2), 0.05
+#: An exponent nearer to 1 is none.
+_NEAR_ONE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,8 @@ class Explanation(OwnMappings):
 def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     """All of them, fitted. side : either of those compared, for what its planes are called."""
     yield from _lamp(evidence, side)
-    yield from _mirrored(evidence)
-    yield _shift(evidence)
-    yield _filter(evidence)
-    yield from _border(evidence)
+    yield from _values(evidence)
+    yield from _exchanged(evidence, side)
     if not side.in_colour:
         yield from _wavelengths(evidence, side.wavelength_nm)
 
@@ -100,108 +100,76 @@ def _meaning(factor: float) -> str | None:
     return None
 
 
-def _exact(evidence: Evidence, picture: NDArray) -> Fit:
+def exact(evidence: Evidence, picture: NDArray) -> Fit:
+    """What is left where the candidate is said to be a picture, without a free number."""
     return evidence.fit([], picture - evidence.baseline)
 
 
-def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
-    base = evidence.baseline
-    for axis, picture in {
-        "horizontal": base[:, ::-1], "vertical": base[::-1], "both": base[::-1, ::-1],
-    }.items():  # fmt: skip
-        yield Explanation("mirrored", {"axis": axis}, _exact(evidence, picture).chi2, 1)
+def _values(evidence: Evidence) -> Iterator[Explanation]:
+    """A constant added; values cut off above a largest one; values taken to a power."""
+    base, mean = evidence.baseline, float(evidence.baseline.mean())
+    fit = evidence.fit([np.full_like(base, mean)])
+    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit.chi2, 1)
+    most = float(evidence.candidate.max())
+    if 0 < most < float(base.max()):
+
+        def cut(level: float) -> float:
+            return exact(evidence, np.minimum(base, level)).chi2
+
+        found = minimize_scalar(
+            cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12}
+        )
+        yield Explanation("clipped", {"largest": float(found.x)}, float(found.fun), 1)
+    yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
 
 
-def moved(picture: NDArray[np.float64], dx: float, dy: float) -> NDArray[np.float64]:
-    """The picture (y, x, w) moved by parts of a pixel, edges kept sharp; first along x, then along y.
-
-    A pixel whose value lies between those of its two neighbours, and whose neighbours differ much, holds an edge at the
-    place that its value tells (volume of fluid, Hirt and Nichols 1981); all others are uniform.
-    """
-    return np.swapaxes(_moved_along_x(np.swapaxes(_moved_along_x(picture, dx), 0, 1), dy), 0, 1)
-
-
-def _moved_along_x(picture: NDArray[np.float64], by: float) -> NDArray[np.float64]:
-    if by < 0:
-        return _moved_along_x(picture[:, ::-1], -by)[:, ::-1]
-    whole, part = int(by), by - int(by)
-    count = picture.shape[1]
-    picture = picture[:, np.clip(np.arange(count) - whole, 0, count - 1)]
-    if part < 1e-6:
-        return picture
-    before, after = (picture[:, np.clip(np.arange(count) + step, 0, count - 1)] for step in (-1, 1))
-    step = before - after
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = np.where(
-            step != 0, (picture - after) / step, -1.0
-        )  # part of the pixel that is like the one before
-    edge = (np.abs(step) > _EDGE * (before + after)) & (place >= 0) & (place <= 1)
-    # means over the pixel's last ``part`` and over the rest of it
-    left = np.clip(place - (1 - part), 0, part) / part
-    right = np.clip(place, 0, 1 - part) / (1 - part)
-    last = np.where(edge, left * before + (1 - left) * after, picture)
-    rest = np.where(edge, right * before + (1 - right) * after, picture)
-    coming = last[:, np.clip(np.arange(count) - 1, 0, count - 1)]
-    return part * coming + (1 - part) * rest
-
-
-def _shift(evidence: Evidence) -> Explanation:
-    """The best whole shift first, from there by the slopes of the moved picture."""
-    total = evidence.baseline.sum(axis=-1, keepdims=True)
-    goal = evidence.candidate.sum(axis=-1, keepdims=True)
-    size = np.maximum(total, 1e-3 * total.mean())
-    reach = range(-_REACH_PX, _REACH_PX + 1)
-    costs = {
-        (dx, dy): float(np.minimum(np.abs((goal - np.roll(total, (dy, dx), (0, 1))) / size), 0.5).sum())
-        for dx in reach
-        for dy in reach
-    }
-    place = np.array(min(costs, key=lambda d: costs[d]), float)
-    # what a shift brings into the picture at its border cannot be known
-    unseen = [evidence.baseline * (distance < 1)[..., None] for distance in _distances(evidence).values()]
-    best, chi2 = place, np.inf
+def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[Explanation]:
+    """base : radiances over their mean."""
+    seen = (evidence.cell >= 0)[..., None] & (evidence.candidate > 0) & (base > 1e-3)
+    if np.count_nonzero(seen) < 3:
+        return
+    exponent, level = np.polyfit(np.log(base[seen]), np.log(evidence.candidate[seen] / mean), 1)
+    factor, best = float(np.exp(level)), None
     for _ in range(_STEPS):
-        picture = moved(evidence.baseline, *place)
-        own = evidence.fit(unseen, picture - evidence.baseline).chi2
-        if own >= chi2:
-            break
-        best, chi2 = place, own
-        slopes = [
-            (moved(evidence.baseline, *(place + step)) - moved(evidence.baseline, *(place - step)))
-            / (2 * _SLOPE_PX)
-            for step in _SLOPE_PX * np.eye(2)
-        ]
-        step = evidence.fit([*slopes, *unseen], picture - evidence.baseline).amplitudes[:2]
-        place = place + np.clip(step, -1, 1)
-    return Explanation("shift", {"dx_px": float(best[0]), "dy_px": float(best[1])}, chi2, 6)
+        picture = factor * mean * base**exponent
+        chi2 = exact(evidence, picture).chi2
+        if best is None or chi2 < best.chi2:
+            screen = [known for known in _SCREEN if abs(exponent / known - 1) < _NEAR_SCREEN]
+            told = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
+            parameters = {"exponent": float(exponent), "factor_at_mean": factor, **told}
+            best = Explanation("power", parameters, chi2, 2)
+        step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
+        factor *= float(np.clip(1 + step[0], 0.5, 2.0))
+        exponent = float(np.clip(exponent + step[1], 0.05, 20.0))
+    if best is not None and abs(best.parameters["exponent"] - 1) > _NEAR_ONE:
+        yield best
 
 
-def _curvature(picture: NDArray) -> NDArray[np.float64]:
-    kernel = np.array([1.0, -2.0, 1.0])
-    return convolve1d(picture, kernel, 0, mode="nearest") + convolve1d(picture, kernel, 1, mode="nearest")
-
-
-def _filter(evidence: Evidence) -> Explanation:
-    once = _curvature(evidence.baseline)
-    fit = evidence.fit([once, _curvature(once)])
-    blur = 2 * float(fit.amplitudes[0])
-    return Explanation("pixel-filter", {"added_variance_px2": blur}, fit.chi2, 2)
-
-
-def _border(evidence: Evidence) -> Iterator[Explanation]:
-    distances = _distances(evidence)
-    for ring in (1, 2, 3):
-        templates = [evidence.baseline * (distance < ring)[..., None] for distance in distances.values()]
-        fit = evidence.fit(templates)
-        factors = {f"{name}_factor": 1 + float(a) for name, a in zip(distances, fit.amplitudes, strict=True)}
-        yield Explanation("border", {"width_px": ring, **factors}, fit.chi2, 5)
-
-
-def _distances(evidence: Evidence) -> dict[str, NDArray[np.int64]]:
-    """(y, x) px from each side of the picture."""
-    height, width = evidence.baseline.shape[:2]
-    rows, columns = np.indices((height, width))
-    return {"left": columns, "right": width - 1 - columns, "top": rows, "bottom": height - 1 - rows}
+def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
+    """Bands in another order; of pictures in colour red, green and blue, whose primaries are not known here."""
+    base = evidence.baseline
+    if side.in_colour:
+        for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):
+            matrix = primaries_matrix(corners)
+            chi2 = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T).chi2
+            names = "".join("RGB"[i] for i in order)
+            if names != "RGB":
+                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, chi2, 1)
+        return
+    inside = evidence.cell >= 0
+    if not inside.any():
+        return
+    cell, cells = evidence.cell[inside], evidence.level.shape[0]
+    before, after = (
+        np.log(np.maximum([np.bincount(cell, band, cells) for band in picture[inside].T], 1e-300))
+        for picture in (base, evidence.candidate)
+    )
+    cost = np.abs(after[:, None] - before[None]).mean(axis=-1)
+    shown, order = linear_sum_assignment(cost)
+    others = int(np.count_nonzero(shown != order))
+    if others:
+        named = [side.bands[i] for i in order]
+        yield Explanation("bands-exchanged", {"order": named}, exact(evidence, base[..., order]).chi2, others)
 
 
 def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
@@ -209,7 +177,7 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
     base = evidence.baseline
     if wavelength_nm.size < 4:
         return
-    yield Explanation("wavelengths", {"order": "reversed"}, _exact(evidence, base[..., ::-1]).chi2, 1)
+    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]).chi2, 1)
     step = float(np.median(np.diff(wavelength_nm)))
     spectrum = CubicSpline(wavelength_nm, base, axis=-1)
     slope = spectrum.derivative()
@@ -226,7 +194,7 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
             )
             picture, rise = spectrum(at), slope(at)
             fit = evidence.fit([rise * shape for shape in shapes[:count]], picture - base)
-            own = _exact(evidence, picture).chi2
+            own = exact(evidence, picture).chi2
             if own < best[0]:
                 best = own, off
             off = np.clip(off + fit.amplitudes, -1.5 * step, 1.5 * step)

@@ -16,6 +16,7 @@ from .outcome import NamedChange
 from .transport_explanations import coats, from_scene
 from .variants import Variants
 from .verdict import Comparison
+from .view_explanations import from_view
 
 __all__ = ["named_changes"]
 
@@ -32,7 +33,7 @@ def named_changes(
 ) -> tuple[NamedChange, ...]:
     """Best first; at least one, `unknown` where nothing fits. variants : of the scene, None where it is not known."""
     evidence = build_evidence(found)
-    tried = list(from_pictures(evidence, found.common.baseline))
+    tried = [*from_pictures(evidence, found.common.baseline), *from_view(evidence)]
     if variants is not None:
         tried += from_scene(evidence, variants)
         progress.part(0.6)

@@ -257,7 +257,8 @@ def _row(
 
 
 def _patterns(pooling: Pooling) -> list[PooledMean]:
-    """How far edges moved along x and y, px, and by how much variance they are blurred, px^2.
+    """How far edges moved along x and y, outwards and clockwise (at half a width from the centre), px, and by how much
+    variance they are blurred, px^2.
 
     Each edge pixel tells with its own sign; the sum over its own root sum of squares is the statistic, which
     needs no variance to be known and which heavy tails make smaller, not larger.
@@ -276,10 +277,15 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     weight = np.where(places, 1 / np.maximum(span**2 + _CLEAR_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     left = total - scale * level
+    y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
+    x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
+    patterns = (
+        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0),
+        ("magnification", -(right * x + down * y), "px", 0.0), ("turn", right * y - down * x, "px", 0.0),
+        ("blur", -curved / 2, "px^2", _SHARP),
+    )  # fmt: skip
     found = []
-    for name, slope, unit, clear in (
-        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0), ("blur", -curved / 2, "px^2", _SHARP),
-    ):  # fmt: skip
+    for name, slope, unit, clear in patterns:
         where = places & (np.abs(slope) > clear * span)
         terms = (weight * slope * left)[where]
         norms = (weight * slope**2)[where]
@@ -296,7 +302,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
                 difference=size,
                 sigma=sigma_of,
                 degrees=where.sum() - 1.0,
-                count=3,
+                count=len(patterns),
                 unit=unit,
             )
         )

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from cboxlab.render.device import variant
+from cboxlab.render.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.render.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validate.effects import apply_checked, names_in
@@ -52,6 +53,15 @@ def tent(clean):
         ("border", "left_factor", 0.7, bordered),
         ("pixel-filter", "added_variance_px2", 0.25, tent),
         ("wavelengths", "order", "reversed", lambda p: p[..., ::-1]),
+        (
+            "bands-exchanged",
+            "order",
+            ["420", "500", "460", "540", "580", "620", "660", "700"],
+            lambda p: p[..., [0, 2, 1, 3, 4, 5, 6, 7]],
+        ),
+        ("offset", "added_over_mean", 0.2, lambda p: p + 0.2 * p.mean()),
+        ("clipped", None, None, lambda p: np.minimum(p, np.percentile(p, 90))),
+        ("power", "exponent", 1 / 2.2, lambda p: (p / p.max()) ** (1 / 2.2)),
     ],
 )
 def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
@@ -171,6 +181,55 @@ def test_half_a_pixel_is_named_shift():
     first = named(image.project(np.eye(WAVELENGTHS.size))[0])
     assert first.change == "shift"
     assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
+
+
+def through(camera, seed):
+    """One side, rendered through a camera of 96 x 96 pixels."""
+    return side_of(
+        [labelled_cube(render(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed))], [f"seed {seed}"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "expected", "altered"),
+    [
+        ("view", {"magnification": 1.03, "turned_deg": 0.0}, {"focal_length_px": 1.03 * 134.4}),
+        ("view", {"magnification": 1.0, "turned_deg": 0.5}, {"rotation": np.radians(0.5)}),
+        ("distortion", {"outwards_px_at_half_width": -0.05 * (47.5 / 134.4) ** 2 * 47.5}, {"k1": -0.05}),
+    ],
+    ids=["magnification", "turn", "distortion"],
+)
+def test_another_camera_is_named(change, expected, altered):
+    """Rendered anew through it: no pixel is interpolated."""
+    camera = cornell_camera(96)
+    assert camera.focal_length_px == pytest.approx(134.4)
+    if "rotation" in altered:
+        cosine, sine = np.cos(altered["rotation"]), np.sin(altered["rotation"])
+        turn = np.array(
+            [[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]
+        )  # of what it sees: x to y is clockwise
+        altered = {"rotation": turn @ camera.rotation}
+    outcome, found = regress_sides(through(camera, 1), through(replace(camera, **altered), 2))
+    assert any(row.different for row in outcome.of_kind("pattern"))
+    first = named_changes(found, None)[0]
+    assert first.change == change and first.probability > 0.9
+    tolerance = {"magnification": 2e-3, "turned_deg": 0.05, "outwards_px_at_half_width": 0.03}
+    for key, value in expected.items():
+        assert first.parameters[key] == pytest.approx(value, abs=tolerance[key])
+
+
+def test_red_and_blue_exchanged_are_named():
+    """In pictures of X, Y, Z whose red and blue (ITU-R BT.709) were exchanged before."""
+    matrix = primaries_matrix(COLOUR_SPACES["rec709"])
+    rgb = rendered()[0] @ np.linspace(0.2, 1.0, 3 * WAVELENGTHS.size).reshape(-1, 3)
+    rgb *= [1.0, 0.7, 0.4]
+    sides = []
+    for seed, order in enumerate(([0, 1, 2], [2, 1, 0])):
+        side = noisy(seed, rgb[..., order] @ matrix.T, noise=0.02)
+        sides.append(replace(side, wavelength_nm=np.full(3, np.nan), in_colour=True))
+    outcome = regress_pictures(*sides)
+    assert outcome.named[0].change == "bands-exchanged"
+    assert outcome.named[0].parameters["order"] == "BGR"
 
 
 def test_what_no_explanation_fits_is_unknown():
