@@ -276,7 +276,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     places = strata.used & own & (strata.edges | strata.lamp)
     weight = np.where(places, 1 / np.maximum(span**2 + _CLEAR_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
-    left = total - scale * level
+    left = total - scale * half
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
     patterns = (
@@ -287,8 +287,10 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     found = []
     for name, slope, unit, clear in patterns:
         where = places & (np.abs(slope) > clear * span)
-        terms = (weight * slope * left)[where]
-        norms = (weight * slope**2)[where]
+        # what brightens all pixels alike is no pattern, nor is the error of ``scale``, which they share
+        w, s, lit = weight[where], slope[where], half[where]
+        s = s - lit * (w * s * lit).sum() / max(float((w * lit**2).sum()), 1e-300)
+        terms, norms = w * s * left[where], w * s**2
         root = float(np.sqrt((terms**2).sum() * pooling.noise.clustering))
         if where.sum() < 2 * _FEWEST or root == 0 or (terms**2).sum() ** 2 < 10 * (terms**4).sum():
             continue
