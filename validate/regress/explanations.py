@@ -108,6 +108,8 @@ def exact(evidence: Evidence, picture: NDArray) -> Fit:
 def _values(evidence: Evidence) -> Iterator[Explanation]:
     """A constant added; values cut off above a largest one; values taken to a power."""
     base, mean = evidence.baseline, float(evidence.baseline.mean())
+    if not mean > 0:
+        return
     fit = evidence.fit([np.full_like(base, mean)])
     yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit.chi2, 1)
     most = float(evidence.candidate.max())

@@ -16,6 +16,8 @@ __all__ = ["from_view"]
 #: Largest shift looked for, px. Magnifications less 1, angles (radians) and distortions at half a width (part of it).
 _REACH_PX = 4
 _PARTS = np.linspace(-0.1, 0.1, 41)
+#: Pixels a side of the pictures by which starts are judged, at least.
+_START_PX = 96
 #: Steps of Gauss and Newton.
 _STEPS = 6
 #: Neighbours that differ by this part of their sum have an edge between them. Step of finite differences, px.
@@ -82,7 +84,7 @@ def _edge_place(before: NDArray, own: NDArray, after: NDArray) -> NDArray[np.flo
 def _displaced(evidence: Evidence) -> Iterator[Explanation]:
     """By fields of displacement, px at half a width from the picture's centre; clockwise turns are positive."""
     height, width = evidence.baseline.shape[:2]
-    half = (width - 1) / 2
+    half = max(width - 1, 1) / 2
     y, x = np.meshgrid(np.arange(height) - (height - 1) / 2, np.arange(width) - half, indexing="ij")
     one, none, r2 = np.ones_like(x), np.zeros_like(x), (x**2 + y**2) / half**2
     shift = [np.array([one, none]), np.array([none, one])]
@@ -113,15 +115,17 @@ def _fitted(
     """Amplitudes of fields of displacement (2, y, x) px, and chi-square; from the best start by the slopes of the moved
     picture."""
     base, fields_px = evidence.baseline, np.array(fields)
-    total = base.sum(axis=-1, keepdims=True)
-    goal = evidence.candidate.sum(axis=-1, keepdims=True)
+    every = max(1, min(base.shape[:2]) // _START_PX)  # starts are judged on coarse pixels
+    total, goal = (_coarse(p.sum(axis=-1), every)[..., None] for p in (base, evidence.candidate))
+    coarse_px = np.array([[_coarse(part, every) / every for part in field] for field in fields])
     size = np.maximum(total, 1e-3 * total.mean())
 
     def by(place: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.tensordot(place, fields_px, 1)
 
     def cost(start: NDArray[np.float64]) -> float:
-        return float(np.minimum(np.abs((goal - moved(total, by(start))) / size), 0.5).sum())
+        there = moved(total, np.tensordot(start, coarse_px, 1))
+        return float(np.minimum(np.abs((goal - there) / size), 0.5).sum())
 
     place = min((np.array(start, float) for start in starts), key=cost)
     # what comes into the picture at its border cannot be known
@@ -141,6 +145,12 @@ def _fitted(
         step = evidence.fit([*slopes, *unseen], picture - base).amplitudes[: len(place)]
         place = place + np.clip(step, -1, 1)
     return best, chi2
+
+
+def _coarse(picture: NDArray[np.float64], every: int) -> NDArray[np.float64]:
+    """(y, x) means of ``every`` x ``every`` pixels."""
+    height, width = (size // every for size in picture.shape)
+    return picture[: height * every, : width * every].reshape(height, every, width, every).mean(axis=(1, 3))
 
 
 def _curvature(picture: NDArray) -> NDArray[np.float64]:

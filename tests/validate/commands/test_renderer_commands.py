@@ -97,7 +97,7 @@ def test_mistakes_end_in_one_line(tmp_path, cbox):
     )
     write_model(tmp_path / "hazy.toml", Model().with_effect(apply_checked("haze", {}, "test")))
     assert_one_line_of_help(
-        cbox("export", tmp_path / "hazy.toml", "--to", tmp_path / "x"), ["haze", "cbox render"]
+        cbox("export", tmp_path / "hazy.toml", "--to", tmp_path / "x"), ["haze", "Leave it out"]
     )
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
