@@ -143,6 +143,8 @@ def _fitted(
             for step in _SLOPE_PX * np.eye(len(place))
         ]
         step = evidence.fit([*slopes, *unseen], picture - base).amplitudes[: len(place)]
+        if np.abs(step).max() < _EXACT_PX / 10:
+            break
         place = place + np.clip(step, -1, 1)
     return best, chi2
 
