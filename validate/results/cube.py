@@ -149,6 +149,8 @@ class _Job:
             )  # fmt: skip
         else:
             image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
+        if any(effect.stage == "transport" for effect in self.model.effects):
+            progress.stage("effects of light transport")
         image = transported(image, self.scene, first.camera, self.model.effects, first.seed, self.max_bounces)
         own = provenance(self.model, self.camera, first.seed, s.command)
         told = relative_error(image), relative_error(image, 99.0), int(fireflies(image).sum())
