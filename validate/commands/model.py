@@ -51,10 +51,13 @@ def add(
         Path | None,
         typer.Option(help="Fit the omitted parameters to this capture, together with camera and lamp."),
     ] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="The box of a model that is created: a scene file, or a packaged one.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Add an effect to a model; omitted parameters get their default or null value, or are fitted."""
-    from cboxlab.scenes.scene_file import load_scene
+    from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 
     from ..effects import apply_checked, names_in
     from ..model import Model, load_model, named_effect, write_model
@@ -63,10 +66,13 @@ def add(
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
     given = dict(_pair(text) for text in values or ())
     found = _content(model)
+    if scene is not None and model.exists():
+        raise InputError("--scene", f"'{scene}', and {model} exists", "no scene: the model has one")
     current = load_model(model) if model.exists() else Model(name=model.stem)
     if current.scene == str(model.resolve()):
-        hint = f'write a model file with format = "model/1" and scene = "{model.name}", and add to that'
-        raise InputError(model, "a scene file", "a model file", hint)
+        raise InputError(model, "a scene file", "a model file", f"Name a new one, with --scene {model}.")
+    if scene is not None:
+        current = replace(current, scene=scene if scene in packaged_scenes() else str(Path(scene).resolve()))
     known = named_effect(effect, Path())
     applied = apply_checked(known, given, "cbox add", names_in(load_scene(current.scene)))
     before_after: dict[str, float] = {}

@@ -270,6 +270,13 @@ def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):
     before = scene.read_bytes()
     assert_one_line_of_help(cbox("add", scene, "ghost", "fraction=0.01"), "a scene file")
     assert scene.read_bytes() == before
+    assert cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)[0] == 0
+    grown = load_model(tmp_path / "m.toml")
+    assert grown.scene == str(scene) and [e.id for e in grown.effects] == ["ghost"]
+    text = (tmp_path / "m.toml").read_text()
+    again = cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)
+    assert_one_line_of_help(again, "--scene")
+    assert (tmp_path / "m.toml").read_text() == text
 
 
 def test_a_models_scene_stays_where_it_was(tmp_path, cbox):
