@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from cboxlab.scenes import Scene, load_scene
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.faults import path_inside
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from numpy.typing import NDArray
 from PIL import Image
@@ -118,12 +119,21 @@ class Capture:
             stated = stated["RGB".index(channel)]
         return None if stated is None else self.light(stated)
 
+    @property
+    def scene(self) -> str | None:
+        """The packaged scene's name or the scene file's path that the manifest states; another name as it stands.
+
+        Raises InputError for a scene file outside the capture's folder.
+        """
+        stated = self.manifest.scene
+        if stated is None or not stated.endswith(".toml"):
+            return stated
+        return str(path_inside(self.folder, stated, self.folder / "capture.toml: scene"))
+
     def known_scene(self) -> Scene | None:
-        """The scene that the manifest names, or None if it names none or it cannot be loaded."""
-        if self.manifest.scene is None:
-            return None
+        """The scene that the manifest states, or None if it states none or it cannot be loaded."""
         try:
-            return load_scene(self.manifest.scene)
+            return None if self.scene is None else load_scene(self.scene)
         except (InputError, OSError):
             return None
 

@@ -360,8 +360,14 @@ def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError
     """
     scene, camera = calibration.capture.known_scene(), calibration.camera
     where = calibration.capture.folder / "capture.toml"
-    if scene is None or camera is None:
-        raise InputError(where, "no scene or no [geometry]", "both, to predict the edges of the box")
+    if camera is None:
+        raise InputError(
+            where, "no camera: no [geometry]", "surveyed points, to predict the edges of the box"
+        )
+    if scene is None:
+        stated = calibration.capture.manifest.scene
+        found = "no scene" if stated is None else f"scene {stated!r}, which cannot be read"
+        raise InputError(where, found, "the scene, to predict the edges of the box")
     out = np.any(calibration.images["mask"].values != 0, axis=0)
     try:
         return align_photograph(np.where(out, np.nan, calibration.photograph), camera, scene)

@@ -20,7 +20,7 @@ from .repeats import check_noise, check_repeats
 from .schedule import check_exposures, check_schedule
 from .stacks import read_stacks
 from .suspicion import Suspicion
-from .tables import check_numbers, check_tables
+from .tables import check_numbers, check_scene, check_tables
 
 __all__ = ["find_suspicions"]
 
@@ -48,6 +48,7 @@ def find_suspicions(
         *already,
         *check_numbers(capture),
         *check_tables(capture),
+        *check_scene(capture),
         *check_frame_content(stacks),
         *check_spectra_content(capture),
         *check_names(capture, stacks),

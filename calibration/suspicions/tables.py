@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from cboxlab.scenes import load_scene
+from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from ..capture import BandTable, BracketTable, Capture
 from .suspicion import Suspicion
 
-__all__ = ["Column", "check_numbers", "check_tables", "stated_columns"]
+__all__ = ["Column", "check_numbers", "check_scene", "check_tables", "stated_columns"]
 
 #: Largest excess over 1 of a measured transmittance.
 _ABOVE_ONE = 0.02
@@ -46,6 +48,19 @@ def stated_columns(capture: Capture) -> list[Column]:
     for index, flat in enumerate(manifest.flats):
         stated.append(("flat radiance", f"flat[{index}] ({flat.band}).radiance", flat.radiance))
     return [(kind, key, column, capture.light(column)) for kind, key, column in stated if column is not None]
+
+
+def check_scene(capture: Capture) -> Iterator[Suspicion]:
+    """Whether a scene file that the manifest names can be read."""
+    stated = capture.manifest.scene
+    if stated is None or not stated.endswith(".toml"):
+        return
+    try:
+        load_scene(str(capture.scene))
+    except (InputError, OSError) as error:
+        yield Suspicion(
+            "the scene file cannot be read", "scene", f"{error}. Checks against the box were left out."
+        )
 
 
 def _once(columns: list[Column]) -> list[Column]:

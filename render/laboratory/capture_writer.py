@@ -146,7 +146,9 @@ def toml_table(header: str, **entries: object) -> str:
 
 def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequence[Shot]) -> str:
     parts = [
-        toml_table("", format="capture/1", name=settings.name, scene=scene),
+        toml_table(
+            "", format="capture/1", name=settings.name or scene.replace("-", " "), scene=settings.scene or scene
+        ),
         toml_table(
             "[camera]", model=settings.model, width_px=camera.width_px, height_px=camera.height_px,
             pixel_pitch_um=settings.film_width_mm * 1e3 / camera.width_px, bit_depth=settings.bit_depth,

@@ -41,6 +41,7 @@ def band_filters() -> dict[str, Spectrum]:
 class CaptureSettings(OwnMappings):
     """Settings of the laboratory. Units are in the names; defaults: a cooled 12-bit camera, a 35 mm lens at f/8.
 
+    name, scene : of the capture, as its manifest states them; those of the scene where empty.
     film_width_mm : width of the sensor; pixel pitch = film_width_mm / width in px.
     level : largest fraction of full scale for the 99.5th percentile outside the lamp.
     bias_pattern_dn, dark_current_spread, prnu : standard deviations over pixels of the bias (DN), of the logarithm
@@ -52,7 +53,8 @@ class CaptureSettings(OwnMappings):
     filters : transmittances by band, all at the same wavelengths.
     """
 
-    name: str = "cornell box"
+    name: str = ""
+    scene: str = ""
     model: str = "PXL 1300L class"
     film_width_mm: float = 25.0
     bit_depth: int = 12

@@ -71,7 +71,7 @@ def batch(
     out: Annotated[Path, typer.Option(help="Folder for the results, one folder for each capture, and for summary.csv.",
                                       show_default=False)],
     what: Annotated[What, typer.Option(help="The command that each capture is given to.")] = What.DIAGNOSE,
-    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
     jobs: Annotated[int, typer.Option(help="Captures at the same time.", min=1, max=64)] = 1,
     json: JsonOption = None,
 ) -> None:  # fmt: skip

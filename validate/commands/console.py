@@ -143,16 +143,17 @@ def choose_device(name: str | None) -> None:
 
 
 def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
-    """The model of --model; without it the published box, and a warning for captures that state to show another."""
+    """The model of --model; without it the box that the captures state, or the published one and a warning."""
     from cboxlab.calibration.capture import load_capture
 
     from ..results import as_model
 
-    found = as_model(model)
-    for capture in captures if model is None else ():
-        stated = load_capture(capture).manifest.scene
+    checked = [load_capture(capture) for capture in captures] if model is None else []
+    found = as_model(model, checked)
+    for capture in checked:
+        stated = capture.scene
         if stated not in (None, found.scene):
-            manifest = capture / "capture.toml"
+            manifest = capture.folder / "capture.toml"
             errors.print(
                 Text(
                     f'{manifest}: scene is "{stated}", the model "{found.scene}". Give the box with --model.'

@@ -37,7 +37,8 @@ def diagnose(
     ],
     *,
     model: Annotated[
-        Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")
+        Path | None,
+        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
     ] = None,
     json: JsonOption = None,
     out: Annotated[
@@ -79,7 +80,7 @@ def studio(
                        show_default=False),
     ] = None,
     *,
-    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
     folder: Annotated[
         Path, typer.Option(help="Captures and models below it can be opened from the page, results saved.")
     ] = Path(),

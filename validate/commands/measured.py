@@ -61,7 +61,8 @@ def validate(
     capture: CaptureFolder,
     *,
     model: Annotated[
-        Path | None, typer.Option(help="Model or scene file (TOML); default the published box.")
+        Path | None,
+        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
         "validation"

@@ -52,7 +52,10 @@ def add(
         typer.Option(help="Fit the omitted parameters to this capture, together with camera and lamp."),
     ] = None,
     scene: Annotated[
-        str | None, typer.Option(help="The box of a model that is created: a scene file, or a packaged one.")
+        str | None,
+        typer.Option(
+            help="Scene file or packaged scene of a model that is created; with --fit default the capture's."
+        ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
@@ -61,6 +64,7 @@ def add(
 
     from ..effects import apply_checked, names_in
     from ..model import Model, load_model, named_effect, write_model
+    from ..results import as_model
 
     if model.suffix != ".toml":
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
@@ -71,6 +75,8 @@ def add(
     current = load_model(model) if model.exists() else Model(name=model.stem)
     if current.scene == str(model.resolve()):
         raise InputError(model, "a scene file", "a model file", f"Name a new one, with --scene {model}.")
+    if scene is None and fit is not None and not model.exists():
+        current = replace(current, scene=as_model(None, [fit]).scene)
     if scene is not None:
         current = replace(current, scene=scene if scene in packaged_scenes() else str(Path(scene).resolve()))
     known = named_effect(effect, Path())

@@ -236,7 +236,9 @@ def compare(
     coloured = whole & on_surface
     xyz_seen = np.einsum("cb,byx->yxc", weights, seen)
     xyz_model = np.einsum("cb,byx->yxc", weights, model)
-    white = white_of(lamp_xyz, xyz_model[on_surface, 1])
+    # pixels at the lamp's edge would make it as bright as the picture is coarse
+    bright = next(one for one in (coloured & inner, coloured, on_surface) if one.any())
+    white = white_of(lamp_xyz, xyz_model[bright, 1])
     lab_seen, lab_model = lab(xyz_seen, white), lab(xyz_model, white)
     blank = np.where(coloured, 0.0, np.nan)
     e_ab, e_2000 = (blank + f(lab_seen, lab_model) for f in (delta_e_ab, delta_e_2000))

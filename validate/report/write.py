@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.scenes.files import origin
+from cboxlab.scenes.scene_file import packaged_scenes
 
 from ..compare import Failure, Validation, failures, write_maps
 from ..diagnose import Diagnosis
@@ -85,6 +86,14 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
     )
 
 
+def _another_box(result: Validation) -> list[str]:
+    """A warning where a capture is compared with a packaged scene and states another one."""
+    stated, model = result.prepared.calibration.capture.manifest.scene, result.model.scene
+    if stated in (None, model) or model not in packaged_scenes():
+        return []
+    return [f"The capture states the scene '{stated}', and is compared with '{model}'."]
+
+
 def validation_record(result: Validation) -> dict[str, Any]:
     """The content of metrics.json."""
     return metrics(result.comparison, _run(result, failures(result)[1], ()))
@@ -115,7 +124,8 @@ def write_validation(
             story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
             viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
             sections=(parts_section(c, known), *sections),
-            further_warnings=calibration.notes, suspicions=calibration.suspicions, provenance=provenance(result),
+            further_warnings=[*_another_box(result), *calibration.notes], suspicions=calibration.suspicions,
+            provenance=provenance(result),
         ),
     )  # fmt: skip
     return report, figures, maps

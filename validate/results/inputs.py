@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from cboxlab.calibration.capture import Capture, load_capture
+from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 
 from ..model import Model, load_model
 
@@ -24,12 +27,43 @@ def capture_folder(capture: Capture | str | Path) -> Path:
     return capture.folder if isinstance(capture, Capture) else Path(capture)
 
 
-def as_model(model: ModelLike, *, noise: float | None = None, seed: int | None = None) -> Model:
-    """A model, that of a file or of a packaged scene, the published box where None.
+def as_model(
+    model: ModelLike,
+    captures: Sequence[Capture | str | Path] = (),
+    *,
+    noise: float | None = None,
+    seed: int | None = None,
+) -> Model:
+    """A model, that of a file or of a packaged scene; where None the box that the captures state, or the published
+    one where they state none that is a packaged scene or a file.
 
-    noise, seed : in place of the model's own settings. Raises InputError.
+    noise, seed : in place of the model's own settings. Raises InputError, also for captures that state several boxes.
     """
-    found = Model() if model is None else model if isinstance(model, Model) else load_model(model)
+    if model is None:
+        found = _stated(captures)
+    else:
+        found = model if isinstance(model, Model) else load_model(model)
     if noise is not None:
         found = replace(found, render=replace(found.render, noise=noise))
     return found if seed is None else replace(found, render=replace(found.render, seed=seed))
+
+
+def _stated(captures: Sequence[Capture | str | Path]) -> Model:
+    stated = {}
+    for capture in map(as_capture, captures):
+        scene = capture.scene
+        place = f"{capture.folder / 'capture.toml'}: scene"
+        if scene is None or not (scene in packaged_scenes() or scene.endswith(".toml")):
+            continue
+        if scene.endswith(".toml") and not Path(scene).is_file():
+            raise InputError(
+                place, f"'{capture.manifest.scene}', which does not exist", "a file of the capture"
+            )
+        stated.setdefault(scene, place)
+    if len(stated) > 1:
+        (first, place), (other, where) = list(stated.items())[:2]
+        raise InputError(where, f"'{other}'", f"'{first}', which {place} states: captures of one box")
+    for scene in stated:
+        if scene != Model().scene:
+            return Model(scene, name=load_scene(scene).name)
+    return Model()

@@ -107,7 +107,7 @@ class Study(Result):
         """
         if not captures:
             raise InputError("study", "no capture", "one capture or several of the same box")
-        chosen = as_model(model, noise=noise, seed=seed)
+        chosen = as_model(model, captures, noise=noise, seed=seed)
         progress.stage("calibrating")
         kept = None if cache is None else Path(cache)
         prepared = tuple(replace(prepare(capture_folder(each), chosen), cache=kept) for each in captures)
@@ -148,7 +148,7 @@ class Study(Result):
 
     def with_model(self, model: ModelLike, progress: Progress = QUIET) -> Study:
         """A new study of the same captures, which are not calibrated again, and another model."""
-        chosen = as_model(model)
+        chosen = as_model(model, self.captures)
         prepared = tuple(under_model(each, chosen) for each in self._pictures.prepared)
         study = Study(History((State(chosen.effects, chosen.effects),)), _Pictures(prepared, chosen))
         study._bases(progress)

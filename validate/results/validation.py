@@ -71,13 +71,14 @@ def validate(
     """Calibrate a capture, render a model through its camera, compare.
 
     capture : its folder, or what ``load_capture`` returned. model : a Model, a model file or a packaged scene's name;
-    the published box where None. render : another renderer's spectral cube (.nc, .exr, .hdr) in place of our picture.
+    where None the box that the capture states, or the published one. render : another renderer's spectral cube (.nc,
+    .exr, .hdr) in place of our picture.
     noise, seed : of the render, in place of the model's; noise is the median over the pixels of the render's standard
     deviation over the sensor's. cache : a folder that keeps rendered pictures from run to run, None for nowhere.
     declared : units and wavelengths of ``render`` where the file does not state them.
 
     Raises InputError for faulty input, and for a capture that lacks what a comparison with a render takes.
     """
-    chosen = as_model(model, noise=noise, seed=seed)
+    chosen = as_model(model, [capture], noise=noise, seed=seed)
     other, kept = (None if path is None else Path(path) for path in (render, cache))
     return ValidationResult(validated(capture_folder(capture), chosen, progress, other, kept, declared))

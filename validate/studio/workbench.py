@@ -88,7 +88,7 @@ class Workbench:
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
             self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
             return
-        chosen = as_model(self._model(model), noise=self._noise, seed=self._seed)
+        chosen = as_model(self._model(model), [folder], noise=self._noise, seed=self._seed)
         if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [
             folder.resolve()
         ]:
@@ -98,7 +98,7 @@ class Workbench:
 
     def open_model(self, model: str | Path, progress: Progress) -> None:
         """Take another model for the captures that are open."""
-        chosen = as_model(self._model(model), noise=self._noise, seed=self._seed)
+        chosen = as_model(self._model(model), self.study.captures, noise=self._noise, seed=self._seed)
         self._begin(self.study.with_model(chosen, progress))
 
     def _model(self, name: str | Path | None) -> Any:

@@ -6,8 +6,9 @@ shot noise, those that act on readout after it.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from numpy.typing import NDArray
 
@@ -58,6 +59,9 @@ __all__ = [
     "write_model_capture",
 ]
 
+
+#: Where a capture keeps the files of its scene.
+_SCENE = "scene"
 
 # Standard deviations of a camera set up by hand: position (mm), rotation (deg), focal length (relative), principal
 # point (relative to the width). k1 is uniform within +-0.02.
@@ -191,7 +195,14 @@ def write_model_capture(
     )
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
+    files = () if model.scene in packaged_scenes() else scene_files(Path(model.scene))
+    if files:
+        settings = replace(settings, scene=f"{_SCENE}/{files[0].name}")
     photograph_image(folder, image, model.effects, altered, scene, camera, settings=settings, seed=seed)
+    for file in files:
+        copy = folder / _SCENE / file.relative_to(files[0].parent)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
     return excess_of_render(image, settings)
 
 

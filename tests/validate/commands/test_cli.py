@@ -130,6 +130,42 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
     assert told == ("" if given else expected)
 
 
+@pytest.fixture
+def own_capture(tmp_path):
+    """The bundled capture with a scene file of its own: the published box, its short block 3 mm higher."""
+    capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "own")
+    data = Path(scenes.__file__).parent / "data"
+    for table in data.glob("*.csv"):
+        shutil.copy(table, capture)
+    (capture / "box.toml").write_text((data / "cornell-box.toml").read_text().replace("165.0", "168.0"))
+    manifest = capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "box.toml"'))
+    return capture
+
+
+def test_a_captures_own_scene_is_its_model(own_capture, tmp_path, monkeypatch, capsys, cbox):
+    """Whatever folder the program runs in; a misspelt file is no published box."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "box.toml").write_text("another file")
+    assert load_capture(own_capture).known_scene() is not None
+    found = console.model_for(None, [own_capture])
+    assert (found.scene, capsys.readouterr().err) == (str(own_capture / "box.toml"), "")
+    with pytest.raises(InputError, match="captures of one box"):
+        console.model_for(None, [DEMO_CAPTURE, own_capture])
+    (own_capture / "box.toml").rename(own_capture / "bxo.toml")
+    with pytest.raises(InputError, match=r"scene: found 'box.toml', which does not exist"):
+        console.model_for(None, [own_capture])
+    code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")
+    assert code == 0 and "the scene file cannot be read" in " ".join((out + err).split())
+
+
+def test_a_scene_that_nobody_knows_is_told(own_capture, tmp_path, cbox):
+    manifest = own_capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "box.toml"', 'scene = "lab-box"'))
+    code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")
+    assert code == 0 and "checks against the box were left out" in " ".join((out + err).split())
+
+
 @pytest.mark.parametrize("command", ["validate", "calibrate", "diagnose"])
 def test_a_missing_folder(command, tmp_path, cbox):
     outcome = cbox(command, tmp_path / "nowhere", "--out", tmp_path / "out")

@@ -73,6 +73,14 @@ def test_scale_error_is_reported_as_such():
     assert verdict(comparison).level == "unexplained"
 
 
+def test_white_is_no_pixel_at_the_lamps_edge():
+    """Pixels that see a part of the lamp are as bright as the picture is coarse."""
+    near, bright = gaussian_filter(BOX.lamp.astype(float), 0.7) > 0.02, FakeBox()
+    object.__setattr__(bright, "truth", np.where(near, 10 * BOX.truth.max(), BOX.truth))
+    white = BOX.compare(seed=4).white
+    assert bright.compare(seed=4).white.luminance == pytest.approx(white.luminance, rel=0.02)
+
+
 def test_standard_errors_of_surface_means_cover():
     """68% and 95% of the differences of means lie within one and two sigma (binomial, to 4 sigma)."""
     small = FakeBox(size=48)
