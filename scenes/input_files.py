@@ -25,7 +25,11 @@ __all__ = [
     "read_text",
     "read_toml",
     "require_regular_file",
+    "separator_hint",
 ]
+
+#: Characters that other programs write between columns.
+_SEPARATORS = {";": "semicolons", "\t": "tabs"}
 
 #: Largest size of files that are read, bytes; a table of 64 bands in steps of 1 nm takes half a megabyte.
 _LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
@@ -173,6 +177,12 @@ def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise InputError(path, str(error), expected) from None
+
+
+def separator_hint(header: str) -> str:
+    """How to mend a table whose header's first cell holds another separator than the comma; empty if it holds none."""
+    used = next((name for mark, name in _SEPARATORS.items() if mark in header), None)
+    return f"Its columns are separated by {used}: write commas, and decimal points." if used else ""
 
 
 def read_channels(path: Path) -> NDArray[np.float64]:

@@ -12,12 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 from .faults import path_inside, suggestion
-from .input_files import read_rows
+from .input_files import read_rows, separator_hint
 
 __all__ = ["Spectrum", "planck", "read_spectra", "read_spectrum"]
-
-#: Characters that other programs write between columns.
-_SEPARATORS = {";": "semicolons", "\t": "tabs"}
 
 Outside = Literal["hold", "zero"]
 
@@ -96,8 +93,7 @@ def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")
     names = [name.strip() for name in lines[0][1]]
     if names[0] != "wavelength_nm":
-        used = next((name for mark, name in _SEPARATORS.items() if mark in names[0]), None)
-        hint = f"Its columns are separated by {used}: write commas, and decimal points." if used else ""
+        hint = separator_hint(names[0]) or "Rename it if it holds wavelengths in nm."
         where, found = f"{path}: header", f"first column '{names[0]}'"
         raise InputError(where, found, "first column 'wavelength_nm'", hint)
     if len(set(names)) < len(names) or "" in names:

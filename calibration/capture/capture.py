@@ -168,7 +168,8 @@ def load_capture(folder: Path) -> Capture:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "the folder of a capture, with a capture.toml in it")
+        found = "a file" if folder.is_file() else "no such folder"
+        raise InputError(folder, found, "the folder of a capture, with a capture.toml in it")
     path = folder / "capture.toml"
     manifest = read_manifest(path)
     raise_faults(path, capture_faults(folder, manifest))

@@ -286,7 +286,7 @@ class Manifest(_Table):
     camera: CameraTable
     band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
     name: str = _key("a title, for reports", '"white box, second lamp"', "")
-    scene: str | None = _key("scene file or packaged scene that is photographed", '"cornell-box"', None)
+    scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
     lens: LensTable = LensTable()
     dark: DarkState = ()
     flat: FlatState = ()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import read_rows
+from cboxlab.scenes.input_files import read_rows, separator_hint
 from numpy.typing import NDArray
 
 __all__ = ["FEWEST_POINTS", "SURVEY_HINT", "SurveyedPoints", "read_points", "require_determined"]
@@ -51,7 +51,8 @@ def read_points(path: Path) -> SurveyedPoints:
     if sorted(header) != sorted(COLUMNS):
         missing = [name for name in COLUMNS if name not in header]
         found = f"no column {', '.join(missing)}" if missing else f"the columns {', '.join(header)}"
-        raise InputError(path, found, f"the columns {','.join(COLUMNS)}, each once")
+        hint = separator_hint(header[0]) if header else ""
+        raise InputError(path, found, f"the columns {','.join(COLUMNS)}, each once", hint)
     ids: dict[str, None] = {}
     table = np.empty((len(lines) - 1, 5))
     for index, (number, row) in enumerate(lines[1:]):

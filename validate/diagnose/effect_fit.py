@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import after_stage
+from cboxlab.render.chain import after_stage, stages_between
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 
@@ -22,6 +22,9 @@ __all__ = ["fit_effect", "fit_effects"]
 
 #: So many combinations of choices and starting values, the best to first order, are fitted in full.
 _FITTED = 3
+
+#: Error of predicted light transport, part of the change (1 to 7 % by effect, see docs/measurements.md).
+_PREDICTED = 0.03
 
 #: So often each of several effects is fitted with the others in place.
 _ROUNDS = 2
@@ -55,7 +58,7 @@ def fit_effect(
     progress.stage("fitting the effect")
     best = _best(problem, known, residual)
     progress.part(1.0)
-    applied = AppliedEffect(effect, best.applied.values, best.sigma)
+    applied = AppliedEffect(effect, best.applied.values, _with_shape_error(best, model.effects))
     return applied, linearised.model.chi2 / linearised.model.count, best.chi2 / linearised.model.count
 
 
@@ -102,10 +105,27 @@ def fit_effects(
     if not all(np.isfinite(one.chi2) for one in candidates.values()):
         raise InputError("fit", "an effect that cannot act on this capture", "effects that can")
     fitted = {
-        index: AppliedEffect(one.hypothesis.effect, one.applied.values, one.sigma)
+        index: AppliedEffect(
+            one.hypothesis.effect, one.applied.values, _with_shape_error(one, validations[0].model.effects)
+        )
         for index, one in candidates.items()
     }
     return tuple(fitted.get(index, effect) for index, effect in enumerate(effects))
+
+
+def _with_shape_error(found: Candidate, rendered: Sequence[AppliedEffect]) -> dict[str, float]:
+    """Standard deviations of a fit with the error of light transport that is predicted and not rendered, a part of the
+    distance from what the picture was rendered with."""
+    applied, sigma = found.applied, dict(found.sigma)
+    if applied.stage not in stages_between("scene", "transport"):
+        return sigma
+    before = next((effect.values for effect in rendered if effect.id == applied.id), {})
+    for one in applied.effect.parameters:
+        start = before.get(one.name, one.null)
+        if one.name in sigma and start is not None:
+            moved = float(applied.values[one.name]) - float(start)
+            sigma[one.name] = float(np.hypot(sigma[one.name], _PREDICTED * moved))
+    return sigma
 
 
 def _nothing_to_fit(identifier: str) -> InputError:

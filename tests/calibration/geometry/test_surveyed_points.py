@@ -6,6 +6,7 @@ from cboxlab.calibration.geometry.surveyed_points import (
     FLATTEST,
     SMALLEST_EXTENT,
     SurveyedPoints,
+    read_points,
     require_determined,
 )
 from cboxlab.scenes import InputError, cornell_camera
@@ -41,6 +42,12 @@ def test_points_of_one_wall_are_refused_wherever_it_stands(axis, place):
                 check(survey(world))
         else:
             check(survey(world))
+
+
+def test_semicolons_are_told(tmp_path):
+    (tmp_path / "p.csv").write_text("id;x_mm;y_mm;z_mm;u_px;v_px\np;1;2;3;4;5\n")
+    with pytest.raises(InputError, match="separated by semicolons"):
+        read_points(tmp_path / "p.csv")
 
 
 def test_points_close_together_in_the_picture_are_refused():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.scenes import InputError, cornell_box
 from cboxlab.validate.diagnose import effect_fit
-from cboxlab.validate.effects import AppliedEffect
+from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model
 from helpers.patterns import COUNT, laboratory, waves
 
@@ -47,6 +47,16 @@ def test_one_effect_has_the_amount_of_least_squares_and_its_error(fitted, start)
     found = fit({"one": start}, ["one"])["one"]
     assert found.values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
     assert found.sigma["amount"] == pytest.approx(COUNT**-0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize(("stage", "error"), [("transport", 0.03), ("optics", 0.0)])
+def test_predicted_transport_has_an_error_of_its_own(stage, error):
+    """Three in a hundred of what differs from the rendered picture: 4 - 1 = 3."""
+    effect = replace(catalogue()["veiling-glare"], stage=stage)
+    found = SimpleNamespace(applied=AppliedEffect(effect, {"fraction": 4.0}), sigma={"fraction": 0.04})
+    sigma = effect_fit._with_shape_error(found, [AppliedEffect(effect, {"fraction": 1.0})])
+    assert sigma["fraction"] == pytest.approx(np.hypot(0.04, error * 3))
+    assert effect_fit._with_shape_error(found, [])["fraction"] == pytest.approx(np.hypot(0.04, error * 4))
 
 
 def test_two_effects_are_fitted_with_each_other_in_place(fitted):
