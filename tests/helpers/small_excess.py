@@ -12,6 +12,8 @@ FLOOR = ROWS >= 30
 DIAMOND = abs(COLUMNS - 18) + abs(ROWS - 20) < 11
 PICTURE = (1000.0 + 4 * COLUMNS) * np.where(FLOOR, 0.8, 1.3) * np.where(DIAMOND, 0.7, 1.0)
 SIGNAL = np.array([1.0, 0.8, 1.2, 0.6])[:, None, None] * PICTURE
+#: What a coat would mirror, relative to the lamp's radiance: reddish towards the right, bluish towards the left.
+COAT = 0.4 * (0.5 + np.array([-0.3, -0.1, 0.1, 0.3])[:, None, None] * (COLUMNS - 24) / 24)
 SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
@@ -34,7 +36,8 @@ def small_excess(change, repeats=None, seed=3):
         gather=csr_array(np.full((SIZE * SIZE, 4), 0.05, np.float32)), patch_surface=np.array([0, 0, 1, 1]),
         patch_material=np.array([0, 0, 1, 1]), patch_position=patches,
         form_factors=np.full((4, 4), 0.05, np.float32), reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
-        arriving=ones, patch_arriving=np.ones((4, BANDS)), picture=SIGNAL / 1000,
+        arriving=ones, patch_arriving=np.ones((4, BANDS)), picture=SIGNAL / 1000, roughness=(0.1,),
+        coats=COAT[None].astype(np.float32),
     )  # fmt: skip
     return Excess(
         residual=residual.astype(np.float32), weighed=residual,

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.render.chain import after_stage
+from cboxlab.render.device import mi
+from cboxlab.render.perturbation import Coat, PatchTransport, Reflection, changed_reflection
 from cboxlab.render.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
@@ -29,6 +31,9 @@ _FALSE_ALARM = 0.005
 #: Part of its gain in the pixels of a trial fit that a family must have in those held out from it. Pixels that scatter
 #: in deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
 _LEAST_HELDOUT = 0.3
+
+#: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky. Rays of a pixel for each.
+_COATS, _COAT_SAMPLES = (0.03, 0.12, 0.35), 64
 
 #: A sharp form is reported in place of another one of its family that explains more, if it explains this part of that.
 _NEARLY_ALL = 0.75
@@ -205,5 +210,26 @@ def _transport(linearised: LinearisedFit) -> Transport:
         position=traced.position, gather=traced.gather, patch_surface=patches.surface,
         patch_material=patches.material, patch_position=patches.centre, form_factors=exchange.form_factors,
         reflectance=reflectance, arriving=arriving, patch_arriving=first + exchange.form_factors @ radiance,
-        picture=traced.pixels(reflectance[traced.material] * arriving),
+        picture=traced.pixels(reflectance[traced.material] * arriving), roughness=_COATS,
+        coats=np.array([_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COATS], np.float32),
     )  # fmt: skip
+
+
+def _coated(
+    traced: PatchTransport,
+    radiance: NDArray[Any],
+    reflectance: NDArray[Any],
+    shares: NDArray[Any],
+    alpha: float,
+) -> NDArray[np.float64]:
+    """(band, y, x) radiance relative to the lamps' that a coat on all surfaces mirrors to the camera at once."""
+    coat = Reflection(lambda incoming, outgoing: mi.Float(1), Coat(1.0, alpha))
+    materials = np.unique(traced.material)
+    each = [
+        changed_reflection(
+            traced.light, traced.camera, radiance, reflectance, shares, coat,
+            material=int(one), seen_in=traced.pixels_of(one), samples=(_COAT_SAMPLES, 0),
+        )
+        for one in materials
+    ]  # fmt: skip
+    return np.sum(each, axis=0)

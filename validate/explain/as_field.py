@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..fields import FittedField, ImageMaps, PointMap, SurfaceMap, WaveMap
 from .excess import Excess
-from .form import Form
+from .form import Form, changed
 from .surface_bases import lamp_dn
 
 __all__ = ["fitted_field"]
@@ -30,6 +30,10 @@ def fitted_field(excess: Excess, form: Form) -> FittedField:
     coefficients = form.fit.coefficients
     if form.acts == "lamp":
         return FittedField(**common, spectrum=coefficients[:, 0])
+    if form.mirrored is not None:
+        dn = [lamp_dn(excess, band) for band in range(len(excess.bands))]
+        spectrum, image = _rank_one(changed(excess, form) / np.reshape(dn, (-1, 1, 1)))
+        return FittedField(**common, surfaces=_points(excess, image, form.surface), spectrum=spectrum)
     if not isinstance(form.maps, ImageMaps):
         spectrum, values = _separated(coefficients)
         return FittedField(**common, surfaces=_waves(form.maps, values), spectrum=spectrum)
@@ -49,6 +53,14 @@ def _separated(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     values = coefficients[strongest]
     power = float(values @ values)
     return (coefficients @ values / power if power > 0 else np.zeros(len(coefficients))), values
+
+
+def _rank_one(pictures: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(band,) and (y, x) whose product is nearest to pictures (band, y, x); the largest number of the spectrum is 1."""
+    flat = pictures.reshape(len(pictures), -1)
+    spectrum = np.linalg.eigh(flat @ flat.T)[1][:, -1]
+    spectrum = spectrum / spectrum[np.argmax(np.abs(spectrum))]
+    return spectrum, (spectrum @ flat / (spectrum @ spectrum)).reshape(pictures.shape[1:])
 
 
 def _waves(waves: tuple[WaveMap, ...], values: NDArray[np.float64]) -> tuple[SurfaceMap, ...]:

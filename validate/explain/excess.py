@@ -19,7 +19,8 @@ class Transport:
     pixel, coverage, surface, material, position : (f,) flat pixel index, share of the pixel, indices, (f, 3) mm of
     each fragment. gather : (f, p). patch_surface, patch_material, patch_position : of the patches. form_factors :
     (p, p). reflectance : (material, band). arriving, patch_arriving : (f, band), (p, band) irradiance over pi.
-    picture : (band, y, x).
+    picture : (band, y, x). coats : (roughness, band, y, x) what a specular coat of index 1.5 on all surfaces would add,
+    for each of several roughnesses (GGX alpha).
     """
 
     pixel: NDArray[np.int64]
@@ -36,6 +37,8 @@ class Transport:
     arriving: NDArray[np.float64]
     patch_arriving: NDArray[np.float64]
     picture: NDArray[np.float64]
+    coats: NDArray[np.float32]
+    roughness: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -35,6 +35,9 @@ _BROAD = 0.05
 #: the squares of what they change over sigma no more than this part is darker, by noise and what the lamp takes up.
 _SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
 
+#: A film has two faces, each of which mirrors at most what a coat does; its fitted map rings below 0 by this part at most.
+_MOST_MIRRORED, _LEAST_MIRRORED = 2.0, 0.5
+
 #: Where there is less light than this part of a band's mean, changes are compared with that part.
 _DARK = 0.05
 
@@ -64,6 +67,8 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     """
     if not form.local:
         return 0.0
+    if form.mirrored is not None:
+        return 0.0 if _as_a_film(excess, form) else -_TOO_DEEP
     change = changed(excess, form)
     weight = np.sum((change * excess.weight) ** 2, axis=0)
     if not weight.any():
@@ -95,6 +100,13 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         if not rounder_in_the_picture(excess, weight):
             found -= _ODD
     return found
+
+
+def _as_a_film(excess: Excess, form: Form) -> bool:
+    """Whether a place mirrors what a film of plastic on it could: nowhere less than nothing, with or without an
+    outline."""
+    mirrors = form.fit.coefficients[0] @ cast("ImageMaps", form.maps).matrix(excess.shape)
+    return bool(-_LEAST_MIRRORED * mirrors.max() < mirrors.min() and mirrors.max() < _MOST_MIRRORED)
 
 
 def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -15,9 +15,10 @@ from ..fields import ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
 from .form import Columns, Form, changed, equations, scaled
+from .lobes import glossy_places, sheens
 from .spot_cells import cells
 from .spots import darker_part
-from .surface_bases import Maps, lamp_dn, surface_maps
+from .surface_bases import Maps, surface_maps
 
 __all__ = ["surface_forms"]
 
@@ -43,10 +44,7 @@ def surface_forms(excess: Excess, spot: NDArray[np.bool_] | None) -> Iterator[Fo
         yield Form(
             "reflectance-map", "a smooth map", fit, changed, "reflectance", waves, name, choices=several
         )
-        made = _alike(maps.seen(own), maps.dn)
-        n = equations(excess, made)
-        fit = fixed_spectrum(n, np.ones(len(excess.bands)))
-        yield Form("reflection-lobe", "a sheen", fit, made, "radiance", waves, name, choices=several)
+        yield from sheens(excess, maps, own, name, several)
     lit: Columns = partial(maps.light, some=range(len(maps.waves)))
     fit = free_spectrum(equations(excess, lit))
     words = "light that falls on several surfaces"
@@ -57,10 +55,6 @@ def surface_forms(excess: Excess, spot: NDArray[np.bool_] | None) -> Iterator[Fo
 
 def _together(maps: Maps, some: Sequence[int]) -> Columns:
     return lambda band: maps.reflectance(band, some).sum(axis=0, keepdims=True)
-
-
-def _alike(columns: NDArray[Any], factors: NDArray[Any]) -> Columns:
-    return lambda band: columns * np.float32(factors[band])
 
 
 def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[np.int64]) -> Iterator[Form]:
@@ -88,7 +82,6 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
     basis = csr_matrix(bells.matrix(excess.shape))
     seen = excess.surface[spot]
     seen = seen[seen >= 0]
-    bands = len(excess.bands)
     if len(seen):
         owner = int(np.argmax(np.bincount(seen)))
         inside = scaled(basis, excess.surface == owner)
@@ -100,18 +93,13 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
         def stained(band: int) -> csr_matrix:
             return scaled(inside, excess.signal[band])
 
-        def shining(band: int) -> csr_matrix:
-            return inside * float(lamp_dn(excess, band))
-
         n = equations(excess, stained)
         fit = free_spectrum(n)
         stain = Form("reflectance-map", "a stain", fit, stained, "reflectance", own, name, local=True)
         if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
             stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
         yield stain
-        n = equations(excess, shining)
-        fit = fixed_spectrum(n, np.ones(bands))
-        yield Form("reflection-lobe", "a glossy spot", fit, shining, "radiance", own, name, local=True)
+        yield from glossy_places(excess, inside, own, name)
 
     def lit(band: int) -> csr_matrix:
         return scaled(basis, excess.signal[band])

@@ -8,7 +8,7 @@ import pytest
 from cboxlab.validate.explain import NONE, explain
 from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
-from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.small_excess import BANDS, COAT, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import gaussian_filter, shift
 
 NOISE = np.random.default_rng(11)
@@ -43,6 +43,14 @@ def test_a_cause_is_given_its_family(family):
     assert found.share > 0.7
     assert found.rivals[0].family == family
     assert found.runner_up != family
+
+
+@pytest.mark.parametrize("where", [abs(COLUMNS - 36) + abs(ROWS - 36) < 7, FLOOR], ids=["film", "sheen"])
+def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
+    found = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
+    assert found.family == "reflection-lobe" and "roughness 0.1" in found.words
+    assert found.surface == "floor" and found.share > 0.7
+    assert found.field.surfaces[0].surface == "floor"
 
 
 def test_an_explanation_is_told_in_words_and_in_json():
