@@ -35,7 +35,7 @@ _BROAD = 0.05
 #: the squares of what they change over sigma no more than this part is darker, by noise and what the lamp takes up.
 _SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
 
-#: A film has two faces, each of which mirrors at most what a coat does; its fitted map rings below 0 by this part at most.
+#: A film has two faces, each of which mirrors at most what a coat does; its fitted map rings below 0 by this part.
 _MOST_MIRRORED, _LEAST_MIRRORED = 2.0, 0.5
 
 #: Where there is less light than this part of a band's mean, changes are compared with that part.

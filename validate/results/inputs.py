@@ -49,7 +49,7 @@ def as_model(
 
 
 def _stated(captures: Sequence[Capture | str | Path]) -> Model:
-    stated = {}
+    stated: dict[str, str] = {}
     for capture in map(as_capture, captures):
         scene = capture.scene
         place = f"{capture.folder / 'capture.toml'}: scene"
