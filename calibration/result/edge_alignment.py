@@ -68,7 +68,7 @@ class EdgeOffsets:
 
 @dataclass(frozen=True, eq=False)
 class ObjectError:
-    """name : of the object. shift_mm : (3,) measured minus modelled position; zero for the room.
+    """name : of the object. shift_mm : (3,) measured minus modelled position; zero for the room, NaN if not known.
 
     covariance : (3, 3) mm^2, including EDGE_BIAS_PX for every edge and the camera's covariance. samples : number
     used. rms_before_px, rms_after_px : of the offsets across the edges, before and after the correction of camera
@@ -81,6 +81,11 @@ class ObjectError:
     samples: int
     rms_before_px: float
     rms_after_px: float
+
+    @property
+    def known(self) -> bool:
+        """Whether enough samples tell where the object stands."""
+        return bool(np.isfinite(self.shift_mm).all())
 
 
 def _objects(scene: Scene) -> list[tuple[str, list[int]]]:
@@ -263,7 +268,7 @@ def align_edges(
 
     camera : as calibrated. seen_from : the camera that the offsets were measured with, if different. The covariances
     include that of the calibrated camera, the scatter of the samples along an edge, and EDGE_BIAS_PX for every edge.
-    Objects with too few samples are left out.
+    The shift of an object with too few samples is NaN.
 
     Raises ValueError for a camera without covariance, and for too few samples on the room.
     """
@@ -316,6 +321,11 @@ def align_edges(
                 float(np.sqrt(np.mean(residual[own] ** 2))),
             )
         )
+    nan = np.full((3, 3), np.nan)
+    for block in range(1, len(offsets.objects)):
+        if block not in blocks:
+            count = int(counts[block])
+            errors.append(ObjectError(offsets.objects[block], nan[0], nan, count, np.nan, np.nan))
     return refined, tuple(errors)
 
 

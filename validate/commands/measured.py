@@ -149,10 +149,17 @@ def _refine_geometry(calibration: Calibration, out: Path) -> Path:
         sigma = error.covariance.diagonal() ** 0.5
         pairs = zip(error.shift_mm, sigma, strict=True)
         shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "fixed" for shift, one in pairs]
-        table.add_row(
-            error.name, *shifts, str(error.samples), f"{error.rms_before_px:.3f}", f"{error.rms_after_px:.3f}"
+        rms = [f"{value:.3f}" for value in (error.rms_before_px, error.rms_after_px)]
+        cells = (
+            [*shifts, str(error.samples), *rms] if error.known else ["–"] * 3 + [str(error.samples), "–", "–"]
         )
+        table.add_row(error.name, *cells)
     print_table(table)
+    for error in errors:
+        if not error.known:
+            say(
+                f"• {error.name}: {error.samples} samples along its edges are too few to tell where it stands"
+            )
     say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
     return out / "geometry.json"
 

@@ -92,6 +92,20 @@ def test_without_edges_nothing_is_claimed():
         align_edges(flat, cornell_camera(64))
 
 
+def test_an_object_of_few_samples_is_told(places):
+    """Three samples of the short block are left."""
+    camera = replace(cornell_camera(SIZE), covariance=SURVEY)
+    block = places.objects.index("short-block")
+    own = np.flatnonzero(places.owner == block)[3:]
+    left = np.delete(np.arange(places.owner.size), own)
+    per_sample = ("place_mm", "normal", "offset_px", "owner", "edge")
+    few = replace(places, **{name: getattr(places, name)[left] for name in per_sample})
+    _, errors = align_edges(few, camera)
+    (short,) = (error for error in errors if error.name == "short-block")
+    assert not short.known and short.samples == 3 and np.isnan(short.covariance).all()
+    assert all(error.known for error in errors if error.name != "short-block")
+
+
 @pytest.fixture(scope="module")
 def places():
     """Where the picture of the box as modelled shows its edges."""
