@@ -70,7 +70,7 @@ class Jobs:
         """
         if self.busy:
             raise InputError(
-                "the workbench", "a computation that runs", "its end", "Wait for it, or cancel it"
+                "the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it"
             )
         await self.cancel()
         return await asyncio.get_running_loop().run_in_executor(self._pool, function)
@@ -89,7 +89,7 @@ class Jobs:
         """Begin a long computation. done : awaited when it has succeeded. Raises InputError as ``quick`` does."""
         if self.busy:
             raise InputError(
-                "the workbench", "a computation that runs", "its end", "Wait for it, or cancel it"
+                "the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it"
             )
         await self.cancel()
         loop = asyncio.get_running_loop()

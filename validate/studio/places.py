@@ -27,6 +27,8 @@ def chosen_place(root: Path, name: str | Path, what: str, *, new: bool = False) 
     inside = text
     if text and Path(text).is_absolute():
         inside = os.path.relpath(text, root)
+        if inside.startswith(".."):
+            raise InputError(what, repr(text), f"a {what} below {root}")
     path = path_inside(root, Path(inside).as_posix() if inside else "", what)
     if not new and not path.exists():
         raise InputError(what, repr(text), f"a {what} below {root}")

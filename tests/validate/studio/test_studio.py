@@ -158,6 +158,7 @@ def test_a_fit_is_saved_and_opened_again(client, bench):
     assert "cornell-box" in places["models"] and "out/model.toml" in places["models"]
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
+    assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
 
 
 @contextmanager

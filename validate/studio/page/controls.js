@@ -67,7 +67,8 @@ function parameterControls(parameter, id, moved, begun) {
   const step = 10;
   const slider = make("input", { type: "range", id, min: least, max: most, step: "any" });
   const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
-  const label = make("label", { for: id }, parameter.name.replaceAll("_", " ") + (parameter.unit ? ", " + parameter.unit : ""));
+  const name = parameter.unit ? parameter.name.replace("_" + parameter.unit, "") : parameter.name;
+  const label = make("label", { for: id }, name.replaceAll("_", " ") + (parameter.unit ? ", " + parameter.unit : ""));
   const bounds = make("div", { class: "bounds" });
   const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
   if (parameter.null !== null) known.push(`does nothing at ${numberText(parameter.null)}`);
