@@ -130,8 +130,8 @@ def measure_constant(
         constants.append(found[0])
         if found[1] > _NOT_UNIFORM:
             notes.append(
-                f"{table.band}: the reference is not uniform: its variance over the flat is {found[1]:.2f} times "
-                "that of noise"
+                f"{table.band}: reference and flat have different shapes: the variance of their ratio is "
+                f"{found[1]:.2f} times that of noise (an uneven reference, or a flat of another aperture or position)"
             )
     nominal = nominal_constant(capture)
     if not constants:
