@@ -1,6 +1,8 @@
 """Pictures in X, Y, Z: from OpenEXR files with channels X, Y, Z or R, G, B of a stated colour space.
 
-A picture is a Dataset with ``xyz`` (y, x, component), CIE 1931, in cd m^-2.
+A picture is a Dataset with ``xyz`` (y, x, component), CIE 1931, in cd m^-2. Where its file stores it in coarse steps
+it also has ``rounding`` and ``rounding_shared`` of the same shape: the standard deviation that comes from them, and its
+part that neighbouring pixels share.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ __all__ = [
     "picture_of_colours",
     "primaries_matrix",
     "space_matrix",
+    "with_rounding",
 ]
 
 #: By the name that ``Declared`` takes: (x, y) of red, green, blue and white. ITU-R BT.709 and BT.2020, SMPTE
@@ -76,6 +79,12 @@ def as_xyz_picture(xyz: NDArray) -> xr.Dataset:
     """The dataset of X, Y, Z (y, x, 3) in cd m^-2."""
     values = (("y", "x", "component"), xyz, {"units": PHOTOMETRIC_UNIT})
     return xr.Dataset({"xyz": values}, coords={"component": list(_XYZ)})
+
+
+def with_rounding(picture: xr.Dataset, sigma: NDArray, shared: NDArray) -> xr.Dataset:
+    """The picture with standard deviations (y, x, 3) from the steps of its file. shared : by neighbouring pixels."""
+    dims, units = ("y", "x", "component"), {"units": PHOTOMETRIC_UNIT}
+    return picture.assign(rounding=(dims, sigma, units), rounding_shared=(dims, shared, units))
 
 
 def picture_of_colours(path: Path, channels: ExrChannels, declared: Declared) -> xr.Dataset:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.colour import colour_matching_functions
+from cboxlab.calibration.colour import OBSERVER_RANGE_NM, colour_matching_functions
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -19,6 +19,8 @@ __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white", 
 _WHITE_WEIGHT = 1e3
 # Reflectance for which the noise in the colour fit is computed.
 _GREY = 0.2
+#: Range of previews: what is in photographs, see WAVELENGTH_NM.
+_PREVIEW_NM = (float(WAVELENGTH_NM[0]), float(WAVELENGTH_NM[-1]))
 #: Fraction of full scale that is shown as white; auto_exposure puts the brightest surfaces there.
 _WHITE_LEVEL = 0.8
 
@@ -44,18 +46,21 @@ def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArra
     return np.asarray(XYZ_to_sRGB(xyz, XYZ_to_xy(white_xyz), "Bradford", apply_cctf_encoding=False))
 
 
-def xyz_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(w, 3) weights of radiance samples to X, Y, Z (no luminous efficacy), over 400 to 700 nm.
+def xyz_weights(
+    wavelength_nm: NDArray[np.float64], within_nm: tuple[float, float] = OBSERVER_RANGE_NM
+) -> NDArray[np.float64]:
+    """(w, 3) weights of radiance samples to X, Y, Z (no luminous efficacy), over the samples' own range.
 
-    Cubes over a shorter range give the contribution of that range.
+    within_nm : beyond it nothing is added. Samples over a shorter range than visible light give the contribution of
+    that range. Raises InputError for samples outside it.
     """
-    inside = (WAVELENGTH_NM >= wavelength_nm[0]) & (WAVELENGTH_NM <= wavelength_nm[-1])
-    if inside.sum() < 2:
+    low, high = max(wavelength_nm[0], within_nm[0]), min(wavelength_nm[-1], within_nm[1])
+    if not high > low:
         raise InputError(
             "cube: wavelength", f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm", "visible light"
         )
-    rows = colour_matching_functions()[:, inside]
-    grid = WAVELENGTH_NM[inside]
+    grid = np.union1d(np.arange(np.ceil(low), np.floor(high) + 1), [low, high])
+    rows = colour_matching_functions(grid)
     return np.stack([integration_weights(Spectrum(grid, row, "zero"), wavelength_nm) for row in rows], -1)
 
 
@@ -71,7 +76,7 @@ def cube_to_linear_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDAr
     luminance outside the lamp is 1. All 0 for a cube without light.
     """
     wavelength = cube["wavelength"].values.astype(float)
-    weights = xyz_weights(wavelength)
+    weights = xyz_weights(wavelength, _PREVIEW_NM)
     xyz = cube["radiance"].transpose("y", "x", "wavelength").values @ weights
     luminance = xyz[..., 1]
     if "surface" in cube and np.any(cube["surface"].values != LAMP):

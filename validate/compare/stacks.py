@@ -195,6 +195,7 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     Raises InputError if units or sizes differ, if their cameras saw the same points more than a pixel apart, or if
     there is no common plane.
     """
+    sides: tuple[Side, ...] = ()
     if first.side is not None and second.side is not None:
         sides = in_common_quantity(first.side, second.side)
         first, second = (
@@ -219,6 +220,7 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
         )
     notes = (
         seen
+        + [note for side in sides for note in side.notes if "standard error" not in note]
         + list(told.notes if told else ())
         + [
             f"only in {stack.source}: {_listed(left)}"
@@ -232,10 +234,10 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(used & (b.values > 0), difference / b.values, np.nan)
     residual = None
-    if a.variance is not None or b.variance is not None:
+    coarse = noise is not None and any(side.rounding is not None for side in sides)
+    if a.variance is not None or b.variance is not None or coarse:
         variance = sum((v for v in (a.variance, b.variance) if v is not None), np.zeros(difference.shape))
-        if a.variance is None or b.variance is None:
-            silent = first if a.variance is None else second
+        for silent in (stack for stack in (first, second) if stack.variance is None):
             if noise is None:
                 notes.append(f"{silent.source} states no standard error; it is assumed to be exact")
             else:

@@ -119,7 +119,9 @@ def build_evidence(found: Comparison) -> Evidence:
         [np.bincount(cell[inside], variances[..., g][inside], cells) for g in range(groups)], axis=-1
     )
     safe = np.maximum(sums, 1e-6 * max(float(sums.max(initial=0.0)), 1e-300))
-    deviation = np.sqrt(variance * inflation) / safe
+    shared = found.pooling.shared
+    common = 0.0 if shared is None else _sums(shared, cell, group, cells)
+    deviation = np.sqrt(variance * inflation + common**2) / safe
     correlation = _grouped(noise.correlation, noise.variance, rows)
     covariance = deviation[:, :, None] * deviation[:, None, :] * correlation
     covariance += np.eye(groups) * _CELL_FLOOR**2

@@ -72,15 +72,17 @@ def noise_of(
     smooth: NDArray[np.bool_],
     stated: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
+    rounding: NDArray[np.float64] | float = 0.0,
 ) -> Noise:
     """Of ``difference`` (y, x, w) between pictures of about ``level`` (y, x, w).
 
     smooth : (y, x) pixels away from edges. stated : each side's variance. degrees : of freedom of each.
+    rounding : (y, x, w) variance from the steps of files.
     """
     known = [v for v in stated if v is not None]
     estimated = len(known) < 2
     floor = (1e-6 * level) ** 2
-    variance = sum(known, start=np.zeros_like(difference)) + floor
+    variance = sum(known, start=np.zeros_like(difference)) + rounding + floor
     if estimated:
         variance = np.maximum(variance, variance_of_neighbours(difference, level, smooth))
     own = [n for v, n in zip(stated, degrees, strict=True) if v is not None]

@@ -85,6 +85,7 @@ class Pooling:
 
     quieter : candidate's part in the mean of both pictures whose noise is independent of their difference's, 0 to 1.
     roughness : (y, x) how much variance each pixel has beside others, for weights; None for that of ``noise``.
+    shared : (y, x, w) standard deviation that pixels have in common, from the steps of files; None for 0.
     """
 
     trimmed: Trimmed
@@ -94,6 +95,7 @@ class Pooling:
     interpolation: NDArray[np.float64]
     quieter: float = 0.5
     roughness: NDArray[np.float64] | None = None
+    shared: NDArray[np.float64] | None = None
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
@@ -167,6 +169,8 @@ def pool_of(
         float(np.mean(pooling.interpolation)) if weights.all() else float(pooling.interpolation @ weights)
     )
     variance += aside**2 + (SYSTEMATIC * level) ** 2 + (allowed * level) ** 2
+    if pooling.shared is not None:
+        variance += float((pooling.shared[mask] @ weights).sum()) ** 2
     degrees = max(2.0, min(stated**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
     if kind in ("block", "stratum"):
         degrees = min(degrees, _BLOCK_DEGREES)
@@ -204,9 +208,12 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     rough = np.where(outlier, np.median(rough), rough)
     own = trimmed.difference[body].sum(axis=-1)
     about = (own - bound * (own.sum() / max(float(bound.sum()), 1e-300))) ** 2
-    sums = (bound, own, quiet, about, aside, rough)
+    shared = 0 * own if pooling.shared is None else pooling.shared[body].sum(axis=-1)
+    sums = (bound, own, quiet, about, aside, rough, shared)
     told = (pixels >= _FEWEST) & (np.bincount(cell, bound) > 0)
-    level, difference, stated, seen, excess, unrest = (np.bincount(cell, values)[told] for values in sums)
+    level, difference, stated, seen, excess, unrest, common = (
+        np.bincount(cell, values)[told] for values in sums
+    )
     if level.size < _FEWEST:
         return []
     more = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
@@ -218,7 +225,10 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     weight = np.minimum(weight, _HEAVIEST * np.median(weight)) / level
     total = float(weight @ level)
     allowed = float(np.hypot(SYSTEMATIC, np.mean(pooling.interpolation)))
-    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2) / total
+    sigma = (
+        np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2)
+        / total
+    )
     return [
         _row(pooling, "even", "weighted by precision", int(pixels[told].sum()),
              difference=float(weight @ difference) / total, sigma=float(np.hypot(sigma, allowed)),
@@ -277,6 +287,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     weight = np.where(places, 1 / np.maximum(span**2 + _CLEAR_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     left = total - scale * half
+    common = 0 * total if pooling.shared is None else pooling.shared.sum(axis=-1)
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
     patterns = (
@@ -291,7 +302,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
         w, s, lit = weight[where], slope[where], half[where]
         s = s - lit * (w * s * lit).sum() / max(float((w * lit**2).sum()), 1e-300)
         terms, norms = w * s * left[where], w * s**2
-        root = float(np.sqrt((terms**2).sum() * pooling.noise.clustering))
+        root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[where]))
         if where.sum() < 2 * _FEWEST or root == 0 or (terms**2).sum() ** 2 < 10 * (terms**4).sum():
             continue
         size, sigma_of = float(terms.sum() / norms.sum()), root / float(norms.sum())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.colour import LUMINOUS_EFFICACY
+from cboxlab.calibration.colour import LUMINOUS_EFFICACY, OBSERVER_RANGE_NM
 from cboxlab.render.files import (
     AS_STATED,
     NOTES,
@@ -46,7 +46,8 @@ class Side:
     degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
     verdict has to know about this input. in_colour : the three planes are X, Y, Z in cd m^-2, without wavelengths
     (NaN). declared : what the user declared in place of the file, names of fields of ``Declared``. camera : as the file
-    states it, None where it does not.
+    states it, None where it does not. rounding : (2, y, x, w) standard deviations from the steps in which a file stores
+    its values, of each pixel, and of the part that neighbouring pixels share; None for fine steps.
     """
 
     source: str
@@ -59,6 +60,7 @@ class Side:
     in_colour: bool = False
     declared: tuple[str, ...] = ()
     camera: Camera | None = None
+    rounding: NDArray[np.float64] | None = None
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -109,12 +111,13 @@ def in_common_quantity(first: Side, second: Side) -> tuple[Side, Side]:
 
 
 def _in_colour(side: Side) -> Side:
-    """X, Y, Z in cd m^-2, of the side's own range of wavelengths; errors as of fully correlated wavelengths."""
+    """X, Y, Z in cd m^-2 of the side's own range of wavelengths, as far as the observer's table goes (360 to 830 nm);
+    errors as of fully correlated wavelengths."""
     if side.in_colour:
         return side
     weights = LUMINOUS_EFFICACY * xyz_weights(side.wavelength_nm)
     error = None if side.variance is None else np.sqrt(side.variance) @ np.abs(weights)
-    low, high = side.wavelength_nm[[0, -1]]
+    low, high = np.clip(side.wavelength_nm[[0, -1]], *OBSERVER_RANGE_NM)
     return replace(
         side, wavelength_nm=np.full(3, np.nan), radiance=side.radiance @ weights, in_colour=True,
         variance=None if error is None else error**2,
@@ -145,9 +148,11 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
     else:
         variance, degrees = stack.var(axis=0, ddof=1) / count, float(count - 1)
     notes = [note for side in sides for note in side.notes if "standard error" not in note]
+    coarse = [side.rounding for side in sides if side.rounding is not None]
     return replace(
         first, source=", ".join(side.source for side in sides), radiance=stack.mean(axis=0), variance=variance,
         degrees=degrees, notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
+        rounding=np.sum(coarse, axis=0) / count if coarse else None,
     )  # fmt: skip
 
 
@@ -179,13 +184,19 @@ def _one(cube: xr.Dataset, source: str) -> Side:
     wavelength = np.full(3, np.nan) if in_colour else ordered["wavelength"].values.astype(np.float64)
     return Side(
         source, wavelength, radiance, variance, degrees, _surfaces(ordered), tuple(notes), in_colour,
-        declared_for(cube), _camera(cube, *radiance.shape[:2]),
+        declared_for(cube), _camera(cube, *radiance.shape[:2]), _rounding(ordered),
     )  # fmt: skip
 
 
 def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:
     found = camera_of_attribute(cube.attrs.get("camera"))
     return found if found is not None and (found.height_px, found.width_px) == (height_px, width_px) else None
+
+
+def _rounding(picture: xr.Dataset) -> NDArray[np.float64] | None:
+    if "rounding" not in picture:
+        return None
+    return np.stack([picture[name].values for name in ("rounding", "rounding_shared")])
 
 
 def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:

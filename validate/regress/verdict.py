@@ -47,13 +47,14 @@ def compared_sides(
     own = surfaces or b.surfaces or a.surfaces
     strata = strata_of(b.radiance.sum(axis=-1), own)
     difference = a.radiance - b.radiance
-    rough = noise_of(difference, b.radiance, strata.smooth, (a.variance, b.variance), (a.degrees, b.degrees))
+    coarse = [side.rounding for side in (a, b) if side.rounding is not None]
+    rounding, shared = sum((part**2 for part in coarse), np.zeros((2, *difference.shape)))
+    stated = (a.variance, b.variance), (a.degrees, b.degrees), rounding
+    rough = noise_of(difference, b.radiance, strata.smooth, *stated)
     cut = trimmed(difference, b.radiance, rough.variance, rough.degrees, strata.lamp)
     noise = rough
     if cut.outlier.any():
-        noise = noise_of(
-            cut.difference, cut.level, strata.smooth, (a.variance, b.variance), (a.degrees, b.degrees)
-        )
+        noise = noise_of(cut.difference, cut.level, strata.smooth, *stated)
         quiet = np.stack(
             [smooth_variance(cut.level[..., w], noise.variance[..., w], noise.degrees)[cut.outlier]
              for w in range(cut.level.shape[-1])], axis=-1,
@@ -69,7 +70,9 @@ def compared_sides(
         if a.variance is None or b.variance is None
         else roughness_of(b.variance, a.variance, strata.body)
     )
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness)
+    pooling = Pooling(
+        cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, np.sqrt(shared)
+    )
     return Comparison(common, strata, noise, cut, pooling)
 
 
@@ -85,7 +88,12 @@ def regress_sides(
         )
     body = found.strata.body
     level = float(found.trimmed.level[body].sum())
-    notes = [*baseline.notes, *candidate.notes, *found.common.notes, *_remarks(found)]
+    notes = [
+        *found.common.baseline.notes,
+        *found.common.candidate.notes,
+        *found.common.notes,
+        *_remarks(found),
+    ]
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
