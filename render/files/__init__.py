@@ -5,7 +5,16 @@ from .cube_camera import camera_attribute, camera_of_attribute
 from .cube_checks import RADIANCE_UNIT
 from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
 from .cube_strips import strip_cameras, write_strips
-from .declared import AS_STATED, DECLARABLE, NOTES, Declared, declared_for, require_used
+from .declared import (
+    AS_STATED,
+    DECLARABLE,
+    NOTES,
+    Declared,
+    DeclaredPair,
+    declared_for,
+    require_used,
+    stated_in,
+)
 from .dng import write_dng
 from .exr_channels import write_channels
 from .previews import raw_to_srgb, scene_white, xyz_weights
@@ -20,6 +29,7 @@ __all__ = [
     "READABLE",
     "WRITABLE",
     "Declared",
+    "DeclaredPair",
     "camera_attribute",
     "camera_of_attribute",
     "declared_for",
@@ -31,6 +41,7 @@ __all__ = [
     "read_picture",
     "require_used",
     "scene_white",
+    "stated_in",
     "strip_cameras",
     "write_channels",
     "write_cube",

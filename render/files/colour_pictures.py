@@ -24,6 +24,7 @@ __all__ = [
     "picture_of_colours",
     "primaries_matrix",
     "space_matrix",
+    "stated_space",
     "with_rounding",
 ]
 
@@ -41,6 +42,8 @@ _MITSUBA = (
     "Mitsuba's spectral variants divide by 106.857, the integral of the CIE's y: the scale is 72983 where "
     "the scene's spectra are in W m^-2 sr^-1 nm^-1."
 )
+#: Within which primaries of files are those of a known space; known spaces differ by more.
+_PRIMARIES_DIGITS = 6e-4
 _XYZ, _RGB = ("X", "Y", "Z"), ("R", "G", "B")
 
 
@@ -75,6 +78,15 @@ def space_matrix(where: Path | str, declared: Declared, hint: str = "") -> NDArr
     return primaries_matrix(COLOUR_SPACES[declared.colour_space])
 
 
+def stated_space(chromaticities: ArrayLike) -> str:
+    """What a file's primaries are called: a known name, else their numbers. Files have them to 3 or 4 digits."""
+    found = np.ravel(np.asarray(chromaticities, float))
+    for name, known in COLOUR_SPACES.items():
+        if np.allclose(found, known, rtol=0, atol=_PRIMARIES_DIGITS):
+            return name
+    return ", ".join(f"{value:g}" for value in found)
+
+
 def as_xyz_picture(xyz: NDArray) -> xr.Dataset:
     """The dataset of X, Y, Z (y, x, 3) in cd m^-2."""
     values = (("y", "x", "component"), xyz, {"units": PHOTOMETRIC_UNIT})
@@ -94,16 +106,15 @@ def picture_of_colours(path: Path, channels: ExrChannels, declared: Declared) ->
     """
     three = colour_channels(set(channels.planes)) or _XYZ
     values = np.stack([channels.planes[name] for name in three], axis=-1).astype(np.float64)
-    header, used = channels.header, []
+    header, used, known = channels.header, [], dict[str, object]({"colour_space": "X, Y, Z"})
     if three == _RGB:
         stated = header.get("chromaticities")
         if stated is None:
             used.append("colour_space")
-        matrix = (
-            space_matrix(path, declared)
-            if stated is None
-            else primaries_matrix(np.concatenate(stated, axis=None))
-        )
+            matrix = space_matrix(path, declared)
+        else:
+            corners = np.concatenate(stated, axis=None)
+            known["colour_space"], matrix = stated_space(corners), primaries_matrix(corners)
         values = values @ matrix.T
     white = header.get("whiteLuminance")
     if white is None:
@@ -112,4 +123,5 @@ def picture_of_colours(path: Path, channels: ExrChannels, declared: Declared) ->
         factor = photometric_factor(path, None, declared, hint)
     else:
         factor = float(white)
-    return told(as_xyz_picture(values * factor), declared, used)
+        known |= {"units": PHOTOMETRIC_UNIT, "scale": factor}
+    return told(as_xyz_picture(values * factor), declared, used, stated=known)

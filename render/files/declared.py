@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +20,21 @@ __all__ = [
     "DECLARABLE",
     "NOTES",
     "Declared",
+    "DeclaredPair",
     "declared_for",
     "photometric_factor",
     "require_used",
     "scaled",
     "sorted_planes",
     "spectral_factor",
+    "stated_in",
     "told",
     "with_notes",
 ]
 
 #: Attribute of a dataset that was read: what the reader of the file has to know, one note a line.
 NOTES = "reading_notes"
-_USED = "declared_used"
+_USED, _STATED = "declared_used", "declared_otherwise"
 
 #: Size and powers of watt, metre, steradian and candela.
 _UNITS = {
@@ -47,7 +50,7 @@ PHOTOMETRIC_UNIT = "cd m^-2"
 
 @dataclass(frozen=True)
 class Declared:
-    """Each applies to files that do not state it, and to no other.
+    """Each applies to files that do not state it, and to no other; it may repeat what a file states.
 
     units : of the stored values times ``scale``. wavelengths_nm : of the planes, in the order of the file.
     colour_space : of R, G and B, see ``colour_pictures``.
@@ -73,6 +76,30 @@ DECLARABLE = {
     "colour-space": "colour_space",
 }
 _KEYS = {name: key for key, name in DECLARABLE.items()}
+
+
+@dataclass(frozen=True)
+class DeclaredPair:
+    """Of two files that are compared. names : of the two, in messages. both : for either; own : for one alone, in place
+    of ``both``.
+    """
+
+    names: tuple[str, str]
+    both: Declared = AS_STATED
+    own: tuple[Declared, Declared] = (AS_STATED, AS_STATED)
+
+    def of(self, index: int) -> Declared:
+        """For the first (0) or the second (1)."""
+        own = self.own[index]
+        return replace(self.both, **{name: getattr(own, name) for name in own.given()})
+
+    def require_used(
+        self, used: tuple[Iterable[str], Iterable[str]], stated: tuple[Mapping[str, str], Mapping[str, str]]
+    ) -> None:
+        """As ``require_used``, each declaration by the files that it is for. used, stated : of each file."""
+        require_used(self.both, [*used[0], *used[1]], {**stated[1], **stated[0]})
+        for name, own, applied, found in zip(self.names, self.own, used, stated, strict=True):
+            require_used(own, applied, found, f"{name}:")
 
 
 def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
@@ -127,13 +154,44 @@ def with_notes(dataset: xr.Dataset, notes: Iterable[str]) -> xr.Dataset:
 
 
 def told(
-    dataset: xr.Dataset, declared: Declared, used: Iterable[str] = (), notes: Iterable[str] = ()
+    dataset: xr.Dataset,
+    declared: Declared,
+    used: Iterable[str] = (),
+    notes: Iterable[str] = (),
+    stated: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """The dataset with notes, and a note of what was declared for it. used : names of fields of Declared."""
+    """The dataset with notes, and a note of what was declared for it. used : names of fields of Declared.
+
+    stated : what the file says itself of others, by name; wavelengths are taken from the dataset. A unit comes with a
+    scale of 1 where none is given.
+    """
     names = [name for name in used if getattr(declared, name) is not None]
     own = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
     noted = with_notes(dataset, [*notes, *own])
-    return noted.assign_attrs({_USED: ",".join(names)}) if names else noted
+    known = dict(stated or {})
+    if "wavelength" in dataset.coords:
+        known["wavelengths_nm"] = tuple(map(float, np.atleast_1d(dataset["wavelength"].values)))
+    if "units" in known:
+        known.setdefault("scale", 1.0)
+    others = {name: known[name] for name in declared.given() & set(known) - set(used)}
+    agreeing = [name for name, value in others.items() if _agrees(name, getattr(declared, name), value)]
+    if names or agreeing:
+        noted = noted.assign_attrs({_USED: ",".join([*names, *agreeing])})
+    differing = {name: _shown(value) for name, value in others.items() if name not in agreeing}
+    return noted.assign_attrs({_STATED: json.dumps(differing)}) if differing else noted
+
+
+def _agrees(name: str, declared: object, stated: object) -> bool:
+    """Whether a declaration says what the file says, within the digits that files are written with."""
+    if name == "units":
+        one, other = _parsed(declared), _parsed(stated)
+        if one is None or other is None:
+            return False
+        return one[1] == other[1] and bool(np.isclose(one[0], other[0], rtol=1e-9))
+    if name == "colour_space":
+        return declared == stated
+    one_nm, other_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(stated))  # type: ignore[call-overload]
+    return one_nm.shape == other_nm.shape and bool(np.allclose(one_nm, other_nm, rtol=1e-6, atol=0))
 
 
 def _shown(value: object) -> str:
@@ -143,16 +201,30 @@ def _shown(value: object) -> str:
 
 
 def declared_for(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Which fields of Declared were used when the dataset was read."""
+    """Which fields of Declared were used when the dataset was read, or say what its file says."""
     return tuple(filter(None, str(dataset.attrs.get(_USED, "")).split(",")))
 
 
-def require_used(declared: Declared, used: Iterable[str]) -> None:
-    """Raise InputError for what is declared although every file states it itself. used : by any of the files."""
+def stated_in(dataset: xr.Dataset) -> dict[str, str]:
+    """By field of Declared, what the file states in place of what was declared."""
+    return dict(json.loads(str(dataset.attrs.get(_STATED, "{}"))))
+
+
+def require_used(
+    declared: Declared, used: Iterable[str], stated: Mapping[str, str] | None = None, which: str = ""
+) -> None:
+    """Raise InputError for what is declared although every file states another value, or has no such thing.
+
+    used : by any of the files. stated : see ``stated_in``. which : in front of the key in the message.
+    """
+    found = stated or {}
     for name in sorted(declared.given() - set(used)):
-        raise InputError(
-            f"declared {_KEYS[name]}", str(getattr(declared, name)), "none: each file states it itself"
+        instead = (
+            f"{found[name]}, or none: the file states it itself"
+            if name in found
+            else "none: no file needs it"
         )
+        raise InputError(f"declared {which}{_KEYS[name]}", _shown(getattr(declared, name)), instead)
 
 
 def scaled(values: NDArray, factor: float) -> NDArray:

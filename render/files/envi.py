@@ -136,7 +136,10 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     values = np.memmap(raw, kind, "r", offset, tuple(size[d] for d in dims))
     planes, wavelength = sorted_planes(path, np.moveaxis(values, dims.index("wavelength"), -1), wavelength)
     planes, ignored = _without(path, planes, header.get("data ignore value", ""))
-    return told(as_cube(scaled(planes, factor), wavelength, ignored), declared, used)
+    cube = as_cube(scaled(planes, factor), wavelength, ignored)
+    return told(
+        cube, declared, used, stated={"units": header["data units"]} if "data units" in header else {}
+    )
 
 
 def _wavelengths(

@@ -62,7 +62,7 @@ def _in_our_units(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dat
         descending = np.all(np.diff(dataset["wavelength"].values) < 0)
         if descending:
             dataset = dataset.isel(wavelength=slice(None, None, -1))
-    return told(dataset, declared, used)
+    return told(dataset, declared, used, stated={} if stated is None else {"units": stated})
 
 
 def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dataset:

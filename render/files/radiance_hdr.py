@@ -11,7 +11,7 @@ import xarray as xr
 from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
-from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, with_rounding
+from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding
 from .declared import Declared, photometric_factor, told
 
 __all__ = ["is_radiance", "read_radiance"]
@@ -62,13 +62,13 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
         raise InputError(path, error.strerror or str(error), "a Radiance picture") from None
     header = _header(path, content)
     values, step = _decoded(path, content, header)
-    matrix, used = np.eye(3), ["units", "scale"]
+    matrix, used, space = np.eye(3), ["units", "scale"], "X, Y, Z"
     if header.form == "rgbe":
         if header.primaries is None:
             used.append("colour_space")
             matrix = space_matrix(path, declared, _HINTS[header.form])
         else:
-            matrix = primaries_matrix(header.primaries)
+            space, matrix = stated_space(header.primaries), primaries_matrix(header.primaries)
     factor = photometric_factor(path, None, declared, _HINTS[header.form])
     matrix = matrix * factor / (header.exposure * np.array(header.colour))
     sigma, shared, outside = _rounding(values, step, matrix)
@@ -78,7 +78,13 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
             f"{outside} pixels have a channel at 0: colours outside the primaries are cut off there, and what may be "
             "lacking is in the uncertainty"
         )
-    return told(with_rounding(as_xyz_picture(values @ matrix.T), sigma, shared), declared, used, notes)
+    return told(
+        with_rounding(as_xyz_picture(values @ matrix.T), sigma, shared),
+        declared,
+        used,
+        notes,
+        {"colour_space": space},
+    )
 
 
 def _header(path: Path, content: bytes) -> _Header:

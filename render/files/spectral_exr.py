@@ -61,7 +61,9 @@ def cube_of_spectral_channels(
         notes.append(f"channels that are not emissive spectra are left out: {', '.join(left[:8])}")
     cube = as_cube(scaled(planes, factor), grid, header.get("missing") == "NaN")
     cube = cube.assign_attrs({name: header[name] for name in PROVENANCE if isinstance(header.get(name), str)})
-    return told(cube, declared, () if stated else ("units", "scale"), notes)
+    if stated is None:
+        return told(cube, declared, ("units", "scale"), notes)
+    return told(cube, declared, (), notes, {"units": stated})
 
 
 def _nanometres(match: re.Match[str]) -> float:

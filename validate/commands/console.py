@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -32,18 +33,20 @@ from ..terminal import (
 )
 
 if TYPE_CHECKING:
-    from cboxlab.render.files import Declared
+    from cboxlab.render.files import Declared, DeclaredPair
 
     from ..model import Model
 
 __all__ = [
     "DeclareOption",
+    "DeclarePairOption",
     "JsonOption",
     "bar",
     "choose_device",
     "console",
     "data_table",
     "declared_files",
+    "declared_pair",
     "errors",
     "give_json",
     "model_for",
@@ -57,12 +60,19 @@ __all__ = [
     "wavelengths",
 ]
 
+_DECLARED = (
+    "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
+    "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated."
+)
 DeclareOption = Annotated[
+    list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)
+]
+DeclarePairOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="KEY=VALUE",
-        help="What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
-        "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated.",
+        metavar="[SIDE:]KEY=VALUE",
+        help=f"{_DECLARED} For one of the two alone with its name before the key: A: or B:, of regress baseline: or "
+        "candidate:.",
         show_default=False,
     ),
 ]
@@ -70,16 +80,37 @@ DeclareOption = Annotated[
 
 def declared_files(declare: list[str] | None) -> Declared:
     """The values of --declare. Raises InputError for an unknown key, a key twice, and a value without meaning."""
-    from cboxlab.render.files import DECLARABLE, Declared
+    return declared_pair(declare, ()).both
 
-    values: dict[str, str] = {}
+
+def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()]) -> DeclaredPair:
+    """The values of --declare, for both files or, as SIDE:KEY=VALUE, for one. Raises InputError as ``declared_files``,
+    and for a scale whose unit is not declared.
+    """
+    from cboxlab.render.files import DECLARABLE, DeclaredPair
+
+    keys = f"{', '.join(DECLARABLE)}" + (
+        f", and {' or '.join(f'{s}:' for s in sides)} before it" if sides else ""
+    )
+    values: dict[str, dict[str, str]] = {name: {} for name in ("", *sides)}
     for text in declare or ():
-        key, equals, value = (part.strip() for part in text.partition("="))
-        if not equals or not value or key not in DECLARABLE or key in values:
-            raise InputError("--declare", repr(text), f"KEY=VALUE, each once, with {', '.join(DECLARABLE)}")
-        values[key] = value
-    if "scale" in values and "units" not in values:
-        raise InputError("--declare", "scale without units", "the unit of the scaled values beside it")
+        start, equals, value = (part.strip() for part in text.partition("="))
+        side, _, key = (part.strip() for part in start.rpartition(":"))
+        own = values.get(side, {})
+        if not equals or not value or key not in DECLARABLE or key in own or side not in values:
+            raise InputError("--declare", repr(text), f"KEY=VALUE, each once, with {keys}")
+        own[key] = value
+    for own in [{**values[""], **values[side]} for side in sides] or [values[""]]:
+        if "scale" in own and "units" not in own:
+            raise InputError("--declare", "scale without units", "the unit of the scaled values beside it")
+    first, second = sides or ("", "")
+    pair = DeclaredPair((first, second), _declared(values[""]))
+    return replace(pair, own=(_declared(values[first]), _declared(values[second]))) if sides else pair
+
+
+def _declared(values: dict[str, str]) -> Declared:
+    from cboxlab.render.files import Declared
+
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
     at = _listed_wavelengths(values["wavelengths"]) if "wavelengths" in values else None
     return Declared(values.get("units"), scale, at, values.get("colour-space"))
@@ -124,7 +155,7 @@ def options(hint: str = "", **names: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        where = names.get(error.where, re.sub("^declared (?=[a-z-]+$)", "--declare ", error.where))
+        where = names.get(error.where, re.sub("^declared (?=[A-Za-z:-]+$)", "--declare ", error.where))
         # of what is declared for files, the library's messages say "declare KEY=VALUE"
         text = re.sub(r"(^|; |: |, or |are )declare (?=[a-z-]+=)", r"\1--declare ", error.hint or hint)
         raise InputError(where, error.found, error.expected, text) from None

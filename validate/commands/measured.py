@@ -10,10 +10,12 @@ import typer
 
 from .console import (
     DeclareOption,
+    DeclarePairOption,
     JsonOption,
     bar,
     data_table,
     declared_files,
+    declared_pair,
     give_json,
     model_for,
     options,
@@ -223,21 +225,19 @@ def compare(
     ],
     b: Annotated[Path, typer.Argument(help="The reference, of the same kind.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
-    declare: DeclareOption = None,
+    declare: DeclarePairOption = None,
     json: JsonOption = None,
 ) -> None:
     """Compare two cubes, maps or captures: maps and tables of (A − B) / B."""
-    from cboxlab.render.files import require_used
-
     from ..compare import compare_stacks, comparison_record, read_stack, write_comparison
     from ..results import write_manifest
 
     if out is not None:
         require_folder(out)
-    declared = declared_files(declare)
+    declared = declared_pair(declare, ("A", "B"))
     with options(), bar("comparing"):
-        first, second = (read_stack(path, declared) for path in (a, b))
-        require_used(declared, [*first.declared, *second.declared])
+        first, second = (read_stack(path, declared.of(index)) for index, path in enumerate((a, b)))
+        declared.require_used((first.declared, second.declared), (first.stated, second.stated))
         comparison = compare_stacks(first, second)
     if out is not None:
         write_manifest(out, write_comparison(out, comparison), [a, b])
@@ -252,6 +252,13 @@ def _shown(value: float | None, form: str) -> str:
     return "–" if value is None or value != value else format(value, form)
 
 
+def _shown_percent(difference: float) -> str:
+    """Of (A - B) / B, in per cent or as a part of B; a dash for NaN."""
+    from ..regress import as_percent
+
+    return "–" if difference != difference else as_percent(difference, "B")
+
+
 def _print_comparison(comparison: StackComparison) -> None:
     table = data_table(
         f"{comparison.first.source.name} against {comparison.second.source.name}, in {comparison.first.unit}",
@@ -262,19 +269,18 @@ def _print_comparison(comparison: StackComparison) -> None:
             row.name,
             f"{row.mean_first:.4g}",
             f"{row.mean_second:.4g}",
-            _shown(100 * row.relative_mean, "+.3f"),
+            _shown_percent(row.relative_mean),
             _shown(100 * row.relative_rms, ".3f"),
             str(row.pixels),
             _shown(row.chi2_per_pixel, ".3f"),
         )
     print_table(table)
+    summed = "X, Y, Z" if {*comparison.first.names} <= {"X", "Y", "Z"} else "all wavelengths"
     if comparison.means:
-        means = data_table(
-            "Means over all wavelengths, (A - B) / B", "part", "difference, %", "± %", "pixels"
-        )
+        means = data_table(f"Means over {summed}, (A - B) / B", "part", "difference, %", "± %", "pixels")
         for mean in comparison.means:
             means.add_row(
-                mean.name, f"{100 * mean.difference:+.3f}", f"{100 * mean.sigma:.3f}", str(mean.pixels)
+                mean.name, _shown_percent(mean.difference), f"{100 * mean.sigma:.3f}", str(mean.pixels)
             )
         print_table(means)
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)

@@ -10,11 +10,11 @@ import typer
 
 from ..terminal import STANDARD_OUTPUT
 from .console import (
-    DeclareOption,
+    DeclarePairOption,
     JsonOption,
     bar,
     data_table,
-    declared_files,
+    declared_pair,
     give_json,
     options,
     print_table,
@@ -60,13 +60,13 @@ def regress(
     false_alarms: Annotated[
         float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)
     ] = 1e-3,
-    declare: DeclareOption = None,
+    declare: DeclarePairOption = None,
 ) -> None:
     """Test whether a rendering algorithm changed its result. Exit code 0 same, 1 different, 2 bad input."""
-    from ..regress import github_lines, input_files, regress_inputs, write_junit
+    from ..regress import SIDES, github_lines, input_files, regress_inputs, write_junit
     from ..results import write_manifest
 
-    declared = declared_files(declare)
+    declared = declared_pair(declare, SIDES)
     for path in (json, junit):
         if path is not None:
             require_folder(path.parent)
@@ -88,8 +88,11 @@ def regress(
 
 
 def _print(outcome: Outcome) -> None:
+    from ..regress import as_percent, told_change
+
     whole = outcome.whole
-    say(f"{'SAME' if outcome.same else 'DIFFERENT'}: mean light {whole.difference:+.3%} ± {whole.sigma:.3%}")
+    size = as_percent(whole.difference, "the baseline", unit="%")
+    say(f"{'SAME' if outcome.same else 'DIFFERENT'}: mean light {size} ± {whole.sigma:.3%}")
     if outcome.same:
         say(f"The mean light agrees within {outcome.equivalence_95:.3%} at 95 %.")
     say(f"Detectable even change of the light: {outcome.would_have_seen:.3%} (in 90 of 100 runs).")
@@ -106,11 +109,8 @@ def _print(outcome: Outcome) -> None:
             )
         print_table(table)
         for index, named in enumerate(outcome.named[:3]):
-            values = ", ".join(f"{key} {_value(value)}" for key, value in named.parameters.items())
             start = "Named" if index == 0 else "or   "
-            say(
-                f"{start}: {named.change}{f' ({values})' if values else ''}, probability {named.probability:.2f}"
-            )
+            say(f"{start}: {told_change(named)}, probability {named.probability:.2f}")
     if outcome.outliers:
         say(
             f"• {outcome.outliers} outlying pixels (fireflies) are not included in the means; they contain "
@@ -121,10 +121,9 @@ def _print(outcome: Outcome) -> None:
 
 
 def _cells(row: PooledMean) -> tuple[str, ...]:
+    from ..regress import as_percent
+
     percent = 100.0 if row.unit == "1" else 1.0
-    numbers = (percent * row.difference, percent * row.sigma, row.statistic, percent * row.detectable)
-    return tuple(f"{value:.3g}" for value in numbers)
-
-
-def _value(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    size = as_percent(row.difference, "it", ".3g") if row.unit == "1" else f"{row.difference:.3g}"
+    numbers = (percent * row.sigma, row.statistic, percent * row.detectable)
+    return (size, *(f"{value:.3g}" for value in numbers))

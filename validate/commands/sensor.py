@@ -66,7 +66,7 @@ def simulate(
     json: JsonOption = None,
 ) -> None:
     """Simulate raw sensor output from spectral cubes."""
-    from cboxlab.render.files import declared_for, files_of, open_cube, require_used
+    from cboxlab.render.files import declared_for, files_of, open_cube, require_used, stated_in
     from cboxlab.render.sensor import load_camera
 
     targets, pictures = _targets(cubes, out, ("", ".tif", ".tiff", ".dng")), [None] * len(cubes)
@@ -87,7 +87,7 @@ def simulate(
     with options(), bar("simulating") as report:
         for index, (path, target, picture) in enumerate(zip(cubes, targets, pictures, strict=True)):
             with open_cube(path, declared) as cube:
-                require_used(declared, declared_for(cube))
+                require_used(declared, declared_for(cube), stated_in(cube))
                 try:
                     told, record = _one(
                         cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,

@@ -8,7 +8,7 @@ deviations (``regress``). If a cube states no standard error, noise is estimated
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -76,6 +76,11 @@ class Stack:
     def declared(self) -> tuple[str, ...]:
         """What was declared in place of the file."""
         return () if self.side is None else self.side.declared
+
+    @property
+    def stated(self) -> Mapping[str, str]:
+        """What the file states in place of what was declared."""
+        return {} if self.side is None else self.side.stated
 
     def chosen(self, names: Sequence[str]) -> Stack:
         """The planes with these names, in this order."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.files import AS_STATED, Declared, declared_for, read_cube, require_used
+from cboxlab.render.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in
 from cboxlab.render.image import RenderedImage, variance_of_neighbours
 from cboxlab.render.radiosity import LightField, gather
 from cboxlab.render.visibility import build_tracer, facet_coverage
@@ -68,7 +68,7 @@ def foreign_picture(
     Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
     """
     read = read_cube(path, declared)
-    require_used(declared, declared_for(read))
+    require_used(declared, declared_for(read), stated_in(read))
     cube = read.transpose("y", "x", "wavelength", ...)
     wavelength = cube["wavelength"].values.astype(float)
     radiance = cube["radiance"].values.astype(float)

@@ -1,8 +1,8 @@
 """Did a change of a rendering algorithm change its answer, and how?"""
 
 from .grids import Common
-from .inputs import View, assert_same_light, input_files, regress_inputs, regress_pictures
-from .outcome import NamedChange, Outcome, github_lines, summary, write_junit
+from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
+from .outcome import NamedChange, Outcome, as_percent, github_lines, summary, told_change, write_junit
 from .pooled import SYSTEMATIC, PooledMean
 from .sides import Side, SurfaceMap, cube_paths, in_common_quantity, read_side, side_of
 from .strata import strata_of
@@ -10,6 +10,7 @@ from .verdict import FALSE_ALARMS, regress_sides
 
 __all__ = [
     "FALSE_ALARMS",
+    "SIDES",
     "SYSTEMATIC",
     "Common",
     "NamedChange",
@@ -18,6 +19,7 @@ __all__ = [
     "Side",
     "SurfaceMap",
     "View",
+    "as_percent",
     "assert_same_light",
     "cube_paths",
     "github_lines",
@@ -30,5 +32,6 @@ __all__ = [
     "side_of",
     "strata_of",
     "summary",
+    "told_change",
     "write_junit",
 ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.files import AS_STATED, Declared, files_of, require_used
+from cboxlab.render.files import AS_STATED, Declared, DeclaredPair, files_of
 from cboxlab.render.integrators import BATCHES, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -23,16 +23,18 @@ from cboxlab.scenes.spectra import Spectrum
 from ..model import labelled_cube, load_model, model_cube_inputs, view_of
 from ..predict import transported
 from .naming import named_changes
-from .outcome import NamedChange, Outcome
+from .outcome import NamedChange, Outcome, as_percent, told_change
 from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
 
-__all__ = ["assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
+__all__ = ["SIDES", "assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
 
 #: Pictures that deviate less from the published box's (see ``mismatch``) show it.
 _RECOGNISED = 0.05
 _PUBLISHED = "cornell-box"
+#: What the two are called where something is declared for one of them.
+SIDES = ("baseline", "candidate")
 #: In a command, where it writes; characters of a failed command's own words that are repeated.
 _OUT, _MOST_WORDS = "{out}", 400
 #: Of models rendered on the fly where both sides are models.
@@ -57,7 +59,7 @@ def regress_inputs(
     false_alarms: float = FALSE_ALARMS,
     progress: Progress = QUIET,
     *,
-    declared: Declared = AS_STATED,
+    declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
     """Compare what two arguments of the command line name, and name the change where they differ.
 
@@ -65,12 +67,21 @@ def regress_inputs(
     "ourrenderer box.xml -o {out}.exr", run by the shell, a model file or a packaged scene; models are rendered at the
     other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file or a capture
     folder. Without a camera it is the one that a cube states, else the published one; without a model it is the
-    published box, if the baseline shows it. declared : what the files do not state.
+    published box, if the baseline shows it. declared : what the files do not state, of both or
+    of each.
 
     Raises InputError for what cannot be read or compared.
     """
-    sides = [None if _is_model(text) else _read(text, declared) for text in (baseline, candidate)]
-    require_used(declared, [name for side in sides if side is not None for name in side.declared])
+    pair = declared if isinstance(declared, DeclaredPair) else DeclaredPair(SIDES, declared)
+    sides = [
+        None if _is_model(text) else _read(text, pair.of(index))
+        for index, text in enumerate((baseline, candidate))
+    ]
+    used, stated = (
+        tuple(empty if side is None else getattr(side, name) for side in sides)
+        for name, empty in (("declared", ()), ("stated", {}))
+    )
+    pair.require_used((used[0], used[1]), (stated[0], stated[1]))
     known = next((side for side in sides if side is not None), None)
     seen = camera or next((side.camera for side in sides if side is not None and side.camera), None)
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
@@ -124,7 +135,7 @@ def assert_same_light(
     model: str | None = None,
     camera: Path | None = None,
     false_alarms: float = FALSE_ALARMS,
-    declared: Declared = AS_STATED,
+    declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
     """The outcome where both show the same light; otherwise AssertionError that tells where, and what changed.
 
@@ -134,11 +145,12 @@ def assert_same_light(
     if outcome.same:
         return outcome
     whole = outcome.whole
-    lines = [f"{candidate} differs from {baseline}: mean light {whole.difference:+.3%} ± {whole.sigma:.3%}"]
+    size = as_percent(whole.difference, "the baseline", unit="%")
+    lines = [f"{candidate} differs from {baseline}: mean light {size} ± {whole.sigma:.3%}"]
     lines += [
         f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}" for row in outcome.deciding[:5]
     ]
-    lines += [f"  named: {n.change} {n.parameters} ({n.probability:.2f})" for n in outcome.named[:3]]
+    lines += [f"  named: {told_change(n)} ({n.probability:.2f})" for n in outcome.named[:3]]
     raise AssertionError("\n".join(lines))
 
 

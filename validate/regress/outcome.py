@@ -18,7 +18,10 @@ from scipy.stats import t
 
 from .pooled import PooledMean
 
-__all__ = ["NamedChange", "Outcome", "github_lines", "summary", "write_junit"]
+__all__ = ["NamedChange", "Outcome", "as_percent", "github_lines", "summary", "told_change", "write_junit"]
+
+#: What is left of the light from which down a difference is told as a part of it, not in per cent.
+_LITTLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,29 @@ def _finite(value: Any) -> Any:
     return value
 
 
+def as_percent(difference: float, of: str, form: str = "+.3f", unit: str = "") -> str:
+    """A relative difference in per cent; where less than a thousandth is left, as a part of what it is compared with.
+
+    of : what that is called.
+    """
+    left = 1 + difference
+    return f"{left:.3g} of {of}" if 0 < left < _LITTLE else f"{100 * difference:{form}}{unit}"
+
+
+def told_change(named: NamedChange) -> str:
+    """The change and its parameters, as text."""
+    values = ", ".join(f"{key} {_written(value, 4)}" for key, value in named.parameters.items())
+    return f"{named.change} ({values})" if values else named.change
+
+
+def _written(value: Any, digits: int) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_written(item, 5)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_written(item, 5) for item in value) + "]"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
 def write_junit(path: Path, outcome: Outcome) -> None:
     """One test case for each pool but the blocks, which share one; a case fails where its pool decides."""
     rows = [row for row in outcome.pools if row.kind != "block"]
@@ -171,8 +197,8 @@ def summary(outcome: Outcome) -> str:
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
             f"{outcome.would_have_seen:.3%} would have been seen"
         )
-    named = f", named {outcome.named[0].change} {outcome.named[0].parameters}" if outcome.named else ""
-    return f"different: mean light {whole.difference:+.3%} +- {whole.sigma:.3%}{named}"
+    named = f", named {told_change(outcome.named[0])}" if outcome.named else ""
+    return f"different: mean light {as_percent(whole.difference, 'the baseline', unit='%')} +- {whole.sigma:.3%}{named}"
 
 
 def _told(row: PooledMean) -> str:

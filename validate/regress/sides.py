@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from cboxlab.render.files import (
     camera_of_attribute,
     declared_for,
     read_picture,
+    stated_in,
     xyz_weights,
 )
 from cboxlab.scenes.camera import Camera
@@ -45,9 +46,10 @@ class Side:
 
     degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
     verdict has to know about this input. in_colour : the three planes are X, Y, Z in cd m^-2, without wavelengths
-    (NaN). declared : what the user declared in place of the file, names of fields of ``Declared``. camera : as the file
-    states it, None where it does not. rounding : (2, y, x, w) standard deviations from the steps in which a file stores
-    its values, of each pixel, and of the part that neighbouring pixels share; None for fine steps.
+    (NaN). declared : what the user declared in place of the file or as it says, names of fields of ``Declared``.
+    stated : by such names, what the file says instead. camera : as the file states it, None where it does not.
+    rounding : (2, y, x, w) standard deviations from the steps in which a file stores its values, of each pixel, and of
+    the part that neighbouring pixels share; None for fine steps.
     """
 
     source: str
@@ -61,6 +63,7 @@ class Side:
     declared: tuple[str, ...] = ()
     camera: Camera | None = None
     rounding: NDArray[np.float64] | None = None
+    stated: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -185,6 +188,7 @@ def _one(cube: xr.Dataset, source: str) -> Side:
     return Side(
         source, wavelength, radiance, variance, degrees, _surfaces(ordered), tuple(notes), in_colour,
         declared_for(cube), _camera(cube, *radiance.shape[:2]), _rounding(ordered),
+        stated_in(cube),
     )  # fmt: skip
 
 

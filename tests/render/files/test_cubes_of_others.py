@@ -8,7 +8,15 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from cboxlab.render.files import Declared, declared_for, read_cube, read_picture, require_used, write_cube
+from cboxlab.render.files import (
+    Declared,
+    declared_for,
+    read_cube,
+    read_picture,
+    require_used,
+    stated_in,
+    write_cube,
+)
 from cboxlab.render.files.colour_pictures import COLOUR_SPACES, primaries_matrix
 from cboxlab.render.files.cube_checks import as_cube
 from cboxlab.render.files.declared import spectral_factor
@@ -60,6 +68,39 @@ def test_a_spectral_exr_without_units_asks_for_them(tmp_path):
     cube = read_cube(path, Declared(units="mW m^-2 sr^-1 nm^-1", scale=2.0))
     np.testing.assert_allclose(cube["radiance"], 2e-3 * GREY, rtol=1e-6)
     assert "units as declared: mW" in cube.attrs["reading_notes"]
+
+
+@pytest.mark.parametrize(
+    ("same", "other"),
+    [
+        (Declared("W/m^2/sr/nm"), Declared("mW m^-2 sr^-1 nm^-1")),
+        (Declared(scale=1.0), Declared(scale=2.0)),
+        (Declared(wavelengths_nm=(400.0, 500.0, 600.0)), Declared(wavelengths_nm=(400.0, 510.0, 600.0))),
+    ],
+)
+@pytest.mark.parametrize("ending", ["nc", "exr", "hdr"])
+def test_a_declaration_may_repeat_what_a_file_states(tmp_path, ending, same, other):
+    """One that says another is refused, with both values."""
+    path = tmp_path / f"a.{ending}"
+    write_cube(path, as_cube(GREY, [400.0, 500.0, 600.0]))
+    cube = read_cube(path, same)
+    np.testing.assert_allclose(cube["radiance"], GREY, rtol=1e-6)
+    require_used(same, declared_for(cube), stated_in(cube))
+    cube = read_cube(path, other)
+    with pytest.raises(InputError, match="the file states it itself") as error:
+        require_used(other, declared_for(cube), stated_in(cube))
+    assert any(value in error.value.expected for value in ("W", "1.0", "3 from 400 to 600 nm"))
+
+
+def test_colours_of_a_header_may_be_repeated(tmp_path):
+    corners = tuple(float(np.float32(v)) for v in COLOUR_SPACES["rec2020"])
+    path = exr(tmp_path / "a.exr", channels("RGB"), chromaticities=corners, whiteLuminance=50.0)
+    same, other = (Declared("cd m^-2", 50.0, colour_space=name) for name in ("rec2020", "rec709"))
+    picture = read_picture(path, same)
+    require_used(same, declared_for(picture), stated_in(picture))
+    picture = read_picture(path, other)
+    with pytest.raises(InputError, match=r"colour-space: found rec709; expected rec2020"):
+        require_used(other, declared_for(picture), stated_in(picture))
 
 
 def test_what_every_file_states_may_not_be_declared(tmp_path):

@@ -2,18 +2,20 @@
 
 import json
 
+import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.render.device.variant import compiled
 from cboxlab.render.export import write_camera
-from cboxlab.render.files import camera_attribute, write_cube
+from cboxlab.render.files import COLOUR_SPACES, camera_attribute, primaries_matrix, write_channels, write_cube
 from cboxlab.render.integrators import render
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.validate.commands.cli import main
 from cboxlab.validate.model import labelled_cube
-from cboxlab.validate.regress import assert_same_light
+from cboxlab.validate.regress import NamedChange, assert_same_light, told_change
 from cboxlab.validate.regress.inputs import regress_inputs
 from cboxlab.validate.synthetic import perturbed_camera
+from helpers.rgbe import write_rgbe
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 
 
@@ -118,3 +120,90 @@ def test_a_camera_file_is_the_view(cubes, tmp_path, capsys):
     assert "tall-block" in json.loads((tmp_path / "r.json").read_text())["surfaces"]
     assert ended("regress", *view, tmp_path / "smaller.json") == 2
     assert f"{SIZE} x {SIZE} px, as the cubes" in " ".join(capsys.readouterr().err.split())
+
+
+def shown(capsys):
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    """The same light as X, Y, Z in cd m^-2 (OpenEXR), and as Radiance's, over 179, with and without primaries."""
+    rng = np.random.default_rng(6)
+    rgb = (
+        0.5
+        * rendered()[0][..., [6, 3, 1]]
+        / rendered()[0].mean()
+        * (1 + 0.01 * rng.standard_normal((SIZE, SIZE, 1)))
+    )
+    xyz = 179 * rgb @ primaries_matrix(COLOUR_SPACES["radiance"]).T
+    planes = {name: np.ascontiguousarray(xyz[..., i], np.float32) for i, name in enumerate("XYZ")}
+    write_channels(tmp_path / "xyz.exr", {}, planes)
+    write_rgbe(tmp_path / "bare.hdr", rgb)
+    write_rgbe(tmp_path / "stated.hdr", rgb, f"PRIMARIES= {PRIMARIES}\n")
+    return tmp_path
+
+
+PRIMARIES = "0.6400 0.3300 0.2900 0.6000 0.1500 0.0600 0.3333 0.3333"
+RECIPE = ("units=cd m^-2", "scale=179", "colour-space=radiance")
+
+
+def declare(*values):
+    return [part for value in values for part in ("--declare", value)]
+
+
+@pytest.mark.parametrize("name", ["bare", "stated"])
+def test_the_documented_declarations_for_radiance_hold_with_stated_primaries(pictures, name, capsys):
+    """Radiance 6 states them; what says the same is accepted, what says another is refused with both."""
+    assert ended("regress", pictures / f"{name}.hdr", pictures / f"{name}.hdr", *declare(*RECIPE)) == 0
+    assert "scale as declared: 179" in shown(capsys)
+    other = declare(*RECIPE[:2], "colour-space=rec709")
+    assert ended("regress", pictures / f"{name}.hdr", pictures / f"{name}.hdr", *other) == (
+        2 if name == "stated" else 0
+    )
+    if name == "stated":
+        error = " ".join(capsys.readouterr().err.split())
+        assert (
+            "--declare colour-space: found rec709; expected radiance, or none: the file states it itself"
+            in error
+        )
+
+
+def test_one_of_two_files_has_a_declaration_of_its_own(pictures, capsys):
+    """A scale of 179 for both makes the other 179 times as bright; for one alone both are the same light."""
+    files = pictures / "xyz.exr", pictures / "bare.hdr"
+    own = declare("units=cd m^-2", "candidate:scale=179", "candidate:colour-space=radiance")
+    assert ended("regress", *files, *own) == 0
+    assert ended("regress", *files, *declare(*RECIPE)) == 1
+    capsys.readouterr()
+    assert ended("compare", *files, *declare("units=cd m^-2", "B:scale=179", "B:colour-space=radiance")) == 0
+    said = shown(capsys)
+    assert "Means over X, Y, Z" in said
+    assert "one exponent for all three" in said
+    assert "scale as declared: 179.0" in said
+    assert ended("compare", *files, *declare("units=cd m^-2", "C:scale=179")) == 2
+    assert "A: or B: before it" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_declaration_of_one_file_is_refused_where_that_file_states_another(pictures, capsys):
+    files = pictures / "bare.hdr", pictures / "stated.hdr"
+    assert ended("regress", *files, *declare(*RECIPE, "candidate:colour-space=rec709")) == 2
+    error = " ".join(capsys.readouterr().err.split())
+    assert "--declare candidate:colour-space: found rec709; expected radiance" in error
+    assert ended("regress", *files, *declare(*RECIPE, "candidate:colour-space=radiance")) == 0
+
+
+def test_a_dark_picture_is_told_as_a_part(pictures, capsys):
+    """Not as -100.000 %."""
+    files = pictures / "xyz.exr", pictures / "xyz.exr"
+    assert ended("compare", *files, *declare("units=cd m^-2", "A:scale=0.000012345")) == 0
+    assert "1.23e-05 of B" in shown(capsys)
+    assert ended("regress", *files, *declare("units=cd m^-2", "candidate:scale=0.000012345")) == 1
+    assert "mean light 1.23e-05 of the baseline" in shown(capsys)
+
+
+def test_parameters_are_told_with_five_digits():
+    change = NamedChange(
+        "lamp-spectrum", {"factor_by_nm": {"X": 1.0031623456789012, "Y": 1.0}, "order": ["a", 2]}, 1.0
+    )
+    assert told_change(change) == "lamp-spectrum (factor_by_nm {X: 1.0032, Y: 1}, order [a, 2])"
