@@ -4,6 +4,7 @@ from .colorimetry import (
     LUMINOUS_EFFICACY,
     OBSERVER_RANGE_NM,
     FilterWeights,
+    chromaticity,
     colour_matching_functions,
     xyz_image,
 )
@@ -21,6 +22,7 @@ __all__ = [
     "FilterWeights",
     "PatchErrors",
     "PatchTable",
+    "chromaticity",
     "colour_matching_functions",
     "measure_patches",
     "patch_errors",

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..radiometry import BandResponse, Uncertainty, xyz_parts
 
 __all__ = [
-    "LUMINOUS_EFFICACY", "OBSERVER_RANGE_NM", "FilterWeights", "colour_matching_functions", "fit_filter_weights",
+    "LUMINOUS_EFFICACY", "OBSERVER_RANGE_NM", "FilterWeights", "chromaticity", "colour_matching_functions",
+    "fit_filter_weights",
     "train_filter_weights", "xyz_covariance", "xyz_image",
 ]  # fmt: skip
 
@@ -40,6 +41,13 @@ def colour_matching_functions(wavelength_nm: ArrayLike = WAVELENGTH_NM) -> NDArr
     observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     table, at = np.asarray(observer.values, float).T, np.asarray(wavelength_nm, float)
     return np.stack([np.interp(at, observer.wavelengths, row, left=0.0, right=0.0) for row in table])
+
+
+def chromaticity(xyz: ArrayLike) -> NDArray[np.float64]:
+    """(..., 2) CIE 1931 x, y of X, Y, Z (..., 3); NaN where their sum is not above 0."""
+    values = np.asarray(xyz, float)
+    whole = values.sum(axis=-1, keepdims=True)
+    return values[..., :2] / np.where(whole > 0, whole, np.nan)
 
 
 @dataclass(frozen=True, eq=False)

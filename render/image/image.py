@@ -35,7 +35,10 @@ class RenderedImage:
 
     @property
     def surface(self) -> NDArray[np.int16]:
-        """(y, x) index into surface_names of the surface that covers most of the pixel, or LAMP or NOTHING."""
+        """(y, x) index into surface_names of the surface that covers most of the pixel, or LAMP or NOTHING.
+
+        Pixels at edges see other surfaces, too, or a part of a lamp: no mean of a surface may contain them.
+        """
         each = [
             self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)
         ]

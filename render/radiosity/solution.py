@@ -45,12 +45,14 @@ class Exchange:
 
     direct : (p, lamps) e by each lamp. form_factors : (p, p) F, for patches whose radiance varies linearly with
     ``slopes`` (a few entries are negative). escape : (p,) fraction of the hemisphere that leaves the box.
+    exposed : (p,) part of the patch that no other object covers.
     """
 
     direct: NDArray[np.float32]
     form_factors: NDArray[np.float32]
     escape: NDArray[np.float32]
     slopes: PatchSlopes
+    exposed: NDArray[np.float32]
 
 
 def trace_exchange(
@@ -125,6 +127,7 @@ def _traced(
         form_factors=form_factors,
         escape=np.array(escaped) * scale,
         slopes=slopes,
+        exposed=(points_seen / samples).astype(np.float32),
     )
     return exchange, points_seen
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from .console import (
 if TYPE_CHECKING:
     import numpy as np
     from cboxlab.render.laboratory import CaptureSettings
+    from cboxlab.render.photometry import Photometry
     from cboxlab.scenes.camera import Camera
 
     from ..effects import AppliedEffect
@@ -118,14 +120,53 @@ def render(
     require_compiled()
     settings = CubeSettings(grid, error, percentile, samples, seed, scheduler, this_run.command)
     with options(scheduler="--scheduler"), bar("rendering") as report:
-        size_px, notes = render_file(out, chosen, camera or cornell_camera(size), settings, report)
+        made = render_file(out, chosen, camera or cornell_camera(size), settings, report)
         inputs = [*chosen.files, Path(model), *([] if camera is None else [camera])]
         write_manifest(out, files_of(out), inputs, seed=chosen.render.seed if seed is None else seed)
-    for note in notes:
+    light = None if made.photometry is None else made.photometry.to_dict()
+    if made.photometry is not None:
+        _print_photometry(made.photometry)
+    for note in made.notes:
         say(f"• {note}")
-    found = {"cube": out, "width_px": size_px[0], "height_px": size_px[1], "wavelength_nm": grid.tolist()}
-    give_json(json, {**found, "notes": notes})
-    say(f"Cube: {out} ({size_px[0]} x {size_px[1]} px, {grid.size} wavelengths)")
+    found = {
+        "cube": out,
+        "width_px": made.width_px,
+        "height_px": made.height_px,
+        "wavelength_nm": grid.tolist(),
+    }
+    give_json(json, {**found, "notes": made.notes, "photometry": light})
+    say(f"Cube: {out} ({made.width_px} x {made.height_px} px, {grid.size} wavelengths)")
+
+
+def _print_photometry(light: Photometry) -> None:
+    table = data_table(
+        f"Luminance {light.range_text} (CIE 1931), on whole pixels",
+        "surface", "cd/m²", "x", "y", "± x, y", "px", "lx",
+    )  # fmt: skip
+    rows = [(name, part, light.illuminance(name)) for name, part in light.surfaces.items()]
+    for name, part, lx in [*rows, ("lamp", light.lamp, math.nan), ("whole picture", light.picture, math.nan)]:
+        sigma = float(part.chromaticity_sigma.max())
+        table.add_row(
+            name, _with_error(part.luminance, part.luminance_sigma), *(_shown(v, ".4f") for v in part.chromaticity),
+            _shown(sigma, ".5f"), str(part.pixels), _shown(lx, ".4g"),
+        )  # fmt: skip
+    print_table(table)
+
+
+def _with_error(value: float, sigma: float) -> str:
+    """A value and its error, which has two digits; a dash for NaN."""
+    if not (math.isfinite(sigma) and sigma > 0):
+        return _shown(value, ".5g")
+    digits = max(1 - math.floor(math.log10(sigma)), 0)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
+def _shown(value: float, form: str) -> str:
+    """The formatted value, without an exponent where it is large; a dash for NaN."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:{form}}"
+    return f"{float(text):.0f}" if "e+" in text else text
 
 
 def capture(

@@ -1,7 +1,7 @@
 """What the public face ``cboxlab`` offers: from paths or objects to results that print, become dicts and files."""
 
 from .calibration import CalibrationResult, calibrate
-from .cube import CubeResult, CubeSettings, render, render_file
+from .cube import CubeFile, CubeResult, CubeSettings, render, render_file
 from .diagnosis import DiagnosisResult, diagnose
 from .inputs import ModelLike, as_model
 from .raw_frame import RawFrame, simulate
@@ -13,6 +13,7 @@ from .validation import ValidationResult, validate
 __all__ = [
     "MANIFEST",
     "CalibrationResult",
+    "CubeFile",
     "CubeResult",
     "CubeSettings",
     "DiagnosisResult",

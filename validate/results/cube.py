@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import pickle
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.calibration.capture import Capture
 from cboxlab.render.chain import stages_between
+from cboxlab.render.device import variant
 from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_strips
 from cboxlab.render.integrators import (
     BATCHES,
@@ -23,6 +26,13 @@ from cboxlab.render.integrators import (
     relative_error,
     render_passes,
     render_to_precision,
+)
+from cboxlab.render.photometry import (
+    Photometry,
+    SurfaceSums,
+    surface_illuminance,
+    surface_sums,
+    why_no_luminance,
 )
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -38,14 +48,15 @@ from .kept_strips import keep_strip, kept_strip
 from .provenance import provenance
 from .result import Result
 
-__all__ = ["CubeResult", "CubeSettings", "render", "render_file"]
+__all__ = ["CubeFile", "CubeResult", "CubeSettings", "render", "render_file"]
 
 #: Bytes of all passes of a cube from which on it is rendered by strips of rows. The final gather keeps up to four times
 #: as many numbers for a pixel as there are wavelengths, and averages need double precision.
 LARGEST_IN_MEMORY = 2**28
 
-#: What is told of a cube, and kept with a finished strip.
+#: What is told of a cube, and kept with a finished strip; the sums over its surfaces are kept as text.
 _TOLD = ("standard_error", "standard_error_99", "firefly_pixels")
+_SUMS = "surface_sums"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +83,7 @@ class CubeResult(Result):
 
     standard_error, standard_error_99 : relative, of the median pixel and of 99 of 100 pixels. firefly_pixels : those
     that owe much to a single pass, so that their error is understated. left_out : effects that act behind the scene.
+    photometry : luminance, chromaticity and illuminance by surface; None where the wavelengths do not suffice.
     """
 
     cube: xr.Dataset
@@ -80,6 +92,7 @@ class CubeResult(Result):
     standard_error_99: float
     firefly_pixels: int
     left_out: tuple[str, ...]
+    photometry: Photometry | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Size, wavelengths and errors; the radiance itself is in ``cube``."""
@@ -88,6 +101,7 @@ class CubeResult(Result):
             "wavelength_nm": self.cube["wavelength"].values.tolist(),
             "relative_standard_error": {"median": self.standard_error, "p99": self.standard_error_99},
             "firefly_pixels": self.firefly_pixels, "left_out": list(self.left_out),
+            "photometry": None if self.photometry is None else self.photometry.to_dict(),
         }  # fmt: skip
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
@@ -104,7 +118,13 @@ class CubeResult(Result):
             f"Spectral cube of {self.model}: {self.cube.sizes['x']} x {self.cube.sizes['y']} px, {grid.size} "
             f"wavelengths from {grid[0]:g} to {grid[-1]:g} nm"
         )
-        return [head, *self.notes()]
+        light = []
+        if self.photometry is not None:
+            luminance, (x, y) = self.photometry.picture.luminance, self.photometry.picture.chromaticity
+            light = [
+                f"mean luminance {luminance:.4g} cd/m², x {x:.4f}, y {y:.4f}, {self.photometry.range_text}"
+            ]
+        return [head, *light, *self.notes()]
 
     def notes(self) -> list[str]:
         """Errors and what is not in the cube."""
@@ -119,6 +139,13 @@ class CubeResult(Result):
             )
         if self.left_out:
             lines.append(f"not in a cube, since they act behind the scene: {', '.join(self.left_out)}")
+        why = why_no_luminance(self.cube["wavelength"].values)
+        if why is not None:
+            lines.append(why)
+        elif self.photometry is not None and self.photometry.illuminance_lx is None:
+            lines.append(
+                "no illuminances: they are those of Lambertian surfaces without effects of light transport"
+            )
         return lines
 
 
@@ -154,29 +181,49 @@ class _Job:
         image = transported(image, self.scene, first.camera, self.model.effects, first.seed, self.max_bounces)
         own = provenance(self.model, self.camera, first.seed, s.command)
         told = relative_error(image), relative_error(image, 99.0), int(fireflies(image).sum())
-        return self.result(labelled_cube(image).assign_attrs(own), *told)
+        sums = None if why_no_luminance(s.wavelength_nm) else surface_sums(image)
+        return self.result(labelled_cube(image).assign_attrs(own), *told, sums)
 
     def strip(self, camera: Camera, index: int, progress: Progress, folder: Path) -> CubeResult:
         """Strip number ``index``, from ``folder`` if it was finished there before, else rendered and kept there."""
         first, s = self.first_pass(camera, index), self.settings
         effects = [(e.id, e.values, e.effect.file and e.effect.file.read_bytes()) for e in self.model.effects]
-        key = hashlib.sha256(pickle.dumps((first, s.samples, s.noise, s.percentile, effects))).hexdigest()
+        key = hashlib.sha256(
+            pickle.dumps((first, s.samples, s.noise, s.percentile, effects, _SUMS))
+        ).hexdigest()
         place = folder / f"{index}"
         cube = kept_strip(place, key)
         if cube is not None:
             progress.part(1.0)
             error, error_99, pixels = (cube.attrs.pop(name) for name in _TOLD)
-            return self.result(cube, float(error), float(error_99), int(pixels))
+            text = cube.attrs.pop(_SUMS)
+            sums = SurfaceSums.from_text(text) if text else None
+            return self.result(cube, float(error), float(error_99), int(pixels), sums)
         found = self.picture(first, progress, None)
-        keep_strip(place, key, found.cube.assign_attrs({name: getattr(found, name) for name in _TOLD}))
+        told = {name: getattr(found, name) for name in _TOLD}
+        told[_SUMS] = "" if found.photometry is None else found.photometry.sums.text()
+        keep_strip(place, key, found.cube.assign_attrs(told))
         return found
 
+    def lit(self, result: CubeResult) -> CubeResult:
+        """With the illuminances, where radiosity gives them: of a diffuse scene without effects of light transport."""
+        changed = any(effect.stage == "transport" for effect in self.model.effects)
+        if result.photometry is None or changed or not self.scene.diffuse or not variant.compiled():
+            return result
+        seed = self.first_pass(self.camera).seed
+        found = surface_illuminance(self.scene, self.settings.wavelength_nm, self.max_bounces, seed=seed)
+        return replace(result, photometry=replace(result.photometry, illuminance_lx=found))
+
     def result(
-        self, cube: xr.Dataset, standard_error: float, standard_error_99: float, firefly_pixels: int
-    ) -> CubeResult:
+        self, cube: xr.Dataset, standard_error: float, standard_error_99: float, firefly_pixels: int,
+        sums: SurfaceSums | None,
+    ) -> CubeResult:  # fmt: skip
         """A cube of this model, and what is told of it."""
         later = tuple(e.id for e in self.model.effects if e.stage in stages_between("filter", "counts"))
-        return CubeResult(cube, self.model.name, standard_error, standard_error_99, firefly_pixels, later)
+        light = None if sums is None else Photometry(sums, self.settings.wavelength_nm)
+        return CubeResult(
+            cube, self.model.name, standard_error, standard_error_99, firefly_pixels, later, light
+        )
 
 
 def _job(model: ModelLike, camera: Camera | Capture | str | Path, settings: CubeSettings) -> _Job:
@@ -214,7 +261,7 @@ def render(
         raise InputError("noise", repr(noise), "a relative standard error above 0")
     settings = CubeSettings(grid, noise, percentile, samples, seed, scheduler)
     job = _job(model, cornell_camera(size) if camera is None else camera, settings)
-    return job.picture(job.first_pass(job.camera), progress, None)
+    return job.lit(job.picture(job.first_pass(job.camera), progress, None))
 
 
 def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
@@ -230,17 +277,27 @@ def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
     return values
 
 
+@dataclass(frozen=True, eq=False)
+class CubeFile:
+    """What is told of a cube in a file. photometry : as in ``CubeResult``."""
+
+    width_px: int
+    height_px: int
+    notes: tuple[str, ...]
+    photometry: Photometry | None
+
+
 def render_file(
     path: Path,
     model: ModelLike,
     camera: Camera | Capture | Path,
     settings: CubeSettings,
     progress: Progress = QUIET,
-) -> tuple[tuple[int, int], Sequence[str]]:
+) -> CubeFile:
     """Render a cube into a file, by strips of rows where it is large.
 
     Interrupted, it goes on when called again: from its last finished pass, kept beside the file as PATH.passes, or its
-    last finished strip, kept in the folder PATH.strips. Returns width and height in pixels, and notes.
+    last finished strip, kept in the folder PATH.strips.
     """
     job = _job(model, camera, settings)
     width, height = job.camera.width_px, job.camera.height_px
@@ -249,7 +306,7 @@ def render_file(
         result = job.picture(job.first_pass(job.camera), progress, kept)
         write_cube(path, result.cube)
         kept.unlink(missing_ok=True)
-        return (width, height), result.notes()
+        return _told(job.lit(result), width, height)
     folder = path.with_name(f"{path.name}.strips")
     parts, done = strip_cameras(job.camera), list[CubeResult]()
     progress.stage("rendering")
@@ -259,7 +316,7 @@ def render_file(
         for index, part in enumerate(parts):
             own = share(unnamed, index / len(parts), (index + 1) / len(parts))
             strip = job.strip(part, index, own, folder)
-            done.append(replace(strip, cube=strip.cube[[]]))
+            done.append(replace(strip, cube=strip.cube[["wavelength"]]))  # the wavelengths alone
             yield strip.cube
 
     if path.suffix.lower() == ".nc":
@@ -267,14 +324,20 @@ def render_file(
     else:
         write_cube(path, xr.concat(strips(), "y", data_vars="minimal", combine_attrs="override"))
     shutil.rmtree(folder, ignore_errors=True)  # the same command beside this one may remove it, too
-    return (width, height), _of_strips(done).notes()
+    return _told(job.lit(_of_strips(done)), width, height)
+
+
+def _told(result: CubeResult, width: int, height: int) -> CubeFile:
+    return CubeFile(width, height, tuple(result.notes()), result.photometry)
 
 
 def _of_strips(strips: list[CubeResult]) -> CubeResult:
-    """What the notes say of a cube by strips: the middle strip's median error, the worst strip's 99 of 100 pixels."""
+    """What is told of a cube by strips: the middle strip's median error, the worst strip's 99 of 100 pixels."""
+    lights = [strip.photometry for strip in strips if strip.photometry is not None]
     return replace(
         strips[0],
         standard_error=float(np.median([strip.standard_error for strip in strips])),
         standard_error_99=max(strip.standard_error_99 for strip in strips),
         firefly_pixels=sum(strip.firefly_pixels for strip in strips),
+        photometry=replace(lights[0], sums=reduce(add, (light.sums for light in lights))) if lights else None,
     )

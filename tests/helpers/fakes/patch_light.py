@@ -58,6 +58,7 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
             factors.astype(np.float32),
             (1 - factors.sum(axis=1)).clip(0).astype(np.float32) + np.float32(0.05),
             None,
+            np.ones(3, np.float32),
         ),
         lamps=(SimpleNamespace(centre=np.array([278.0, 548.0, 279.5])),),
         tracer=SimpleNamespace(facet=np.arange(3), facet_surface=own, material=materials),

@@ -11,9 +11,12 @@ from cboxlab.validate.commands.cli import main
 from cboxlab.validate.commands.demo import DEMO_CAPTURE
 from cboxlab.validate.compare.maps import read_map
 from cboxlab.validate.model.model_file import load_model
+from colour import SpectralDistribution, sd_to_XYZ
 from helpers.command_line import assert_one_line_of_help
+from helpers.manual_commands import described
 from helpers.raw_frames import read_raw
 from PIL import Image
+from scipy.ndimage import binary_erosion
 
 
 @pytest.fixture(scope="module")
@@ -162,3 +165,56 @@ def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
     assert counts.shape == (32, 32) and 0 < counts.min() < counts.max() <= 255
     assert notes["camera"] == "Kodak DCS-200" and notes["exposure_s"] > 0
     assert Image.open(tmp_path / "raw.png").size == (32, 32)
+
+
+def test_luminances_are_told_with_the_cube(tmp_path, cbox):
+    """Against the cube's own radiance summed by colour-science, on pixels away from edges; keys as in the manual."""
+    out, told = tmp_path / "a.nc", tmp_path / "a.json"
+    code, said, _ = cbox("render", "cornell-box", "--size", 24, "--wavelengths", "400:700:20", "--samples", 8,
+                         "--seed", 1, "--out", out, "--json", told)  # fmt: skip
+    record = json.loads(told.read_text())
+    light = record["photometry"]
+    assert code == 0 and "16 wavelengths from 400 to 700 nm" in said and "whole picture" in said
+    rows = [*light["surfaces"].values(), light["lamp"], light["picture"]]
+    keys = {*record, *light, *(key for row in rows for key in row)}
+    assert keys - {"cube", "width_px", "height_px", "wavelength_nm", "notes", "photometry"} == described(
+        "docs/reference/files.md", "Luminances of a rendered box"
+    )
+    cube = read_cube(out)
+    names = cube["surface"].attrs["names"].split(", ")
+    assert list(light["surfaces"]) == names
+
+    def xyz(radiance):
+        fine = np.arange(360, 781)  # colour-science continues shorter tables by constants
+        between = np.interp(fine, cube["wavelength"].values, radiance, 0, 0)
+        return sd_to_XYZ(SpectralDistribution(between, fine), k=683.0, method="Integration")
+
+    radiance = cube["radiance"].values
+    for row, mean in [(light["picture"], radiance.mean(axis=(0, 1))), *(
+        (light["surfaces"][name], radiance[binary_erosion(cube["surface"].values == names.index(name))].mean(axis=0))
+        for name in ("back", "left")
+    )]:  # fmt: skip
+        expected = xyz(mean)
+        whole = row is light["picture"]
+        assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if whole else 0.1)
+        assert row["x"] == pytest.approx(expected[0] / expected.sum(), abs=1e-4 if whole else 0.005)
+    ceiling = names.index("ceiling")
+    naive = xyz(radiance[cube["surface"].values == ceiling].mean(axis=0))[1]
+    assert naive > 1.2 * light["surfaces"]["ceiling"]["luminance_cd_m2"]
+    assert (
+        0
+        < light["surfaces"]["back"]["luminance_sigma_cd_m2"]
+        < 0.02 * light["surfaces"]["back"]["luminance_cd_m2"]
+    )
+    assert light["surfaces"]["floor"]["illuminance_lx"] > 0
+
+
+def test_too_few_wavelengths_have_no_luminances(tmp_path, cbox):
+    code, said, _ = cbox("render", "cornell-box", "--size", 8, "--wavelengths", "400:700:50", "--samples", 4,
+                         "--out", tmp_path / "a.nc", "--json", tmp_path / "a.json")  # fmt: skip
+    assert (
+        code == 0
+        and "no luminances: 7 wavelengths from 400 to 700 nm" in said
+        and "whole picture" not in said
+    )
+    assert json.loads((tmp_path / "a.json").read_text())["photometry"] is None

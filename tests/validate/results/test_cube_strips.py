@@ -13,6 +13,7 @@ from cboxlab.render.files.cube_strips import ROWS, strip_cameras
 from cboxlab.render.integrators import passes, precision
 from cboxlab.render.integrators.passes import render_pass
 from cboxlab.render.integrators.precision import BATCHES
+from cboxlab.render.photometry import tristimulus_weights
 from cboxlab.scenes import InputError, cornell_camera
 from cboxlab.validate.results import CubeSettings, cube, render, render_file
 from cboxlab.validate.results.kept_strips import keep_strip, kept_strip
@@ -27,7 +28,7 @@ SETTINGS = CubeSettings(np.asarray(BANDS), samples=32, seed=3)
 @pytest.fixture
 def by_strips(tmp_path, monkeypatch):
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
-    _, notes = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), SETTINGS)
+    notes = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), SETTINGS).notes
     return read_cube(tmp_path / "a.nc"), notes
 
 
@@ -79,10 +80,34 @@ def test_an_interrupted_cube_goes_on_after_its_last_strip(by_strips, tmp_path, m
     render_file(tmp_path / "d.nc", None, cornell_camera(SIZE), replace(SETTINGS, seed=4))
     assert read_cube(tmp_path / "d.nc").identical(read_cube(tmp_path / "c.nc"))  # not another picture's strip
     rendered.clear()
-    _, notes = render_file(out, None, cornell_camera(SIZE), SETTINGS)
+    notes = render_file(out, None, cornell_camera(SIZE), SETTINGS).notes
     assert rendered.count(ROWS) == BATCHES
     assert read_cube(out).identical(by_strips[0]) and notes == by_strips[1]
     assert not strips.exists()
+
+
+def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypatch):
+    """Also where the first strip was kept; illuminances are those of the whole picture's patches."""
+    grid = np.linspace(400, 700, 10)
+    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
+    settings = CubeSettings(grid, samples=1, seed=3)
+    kept = tmp_path / "kept.nc"
+    whole = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), settings).photometry
+
+    def stopped(job, report=None):
+        if job.camera.height_px < ROWS:
+            raise KeyboardInterrupt
+        return render_pass(job, report)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(precision, "render_pass", stopped)
+        render_file(kept, None, cornell_camera(SIZE), settings)
+    again = render_file(kept, None, cornell_camera(SIZE), settings).photometry
+    assert again.to_dict() == whole.to_dict()
+    radiance = read_cube(tmp_path / "a.nc")["radiance"].values
+    mean = radiance.mean(axis=(0, 1)) @ tristimulus_weights(grid)
+    assert whole.picture.pixels == SIZE**2 and whole.picture.xyz == pytest.approx(mean, rel=1e-5)
+    assert whole.illuminance("back") > whole.illuminance("ceiling") > 0
 
 
 def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, monkeypatch):
@@ -125,7 +150,7 @@ def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, mo
     whole = render(wavelengths=BANDS, camera=away, samples=4)
     assert not whole.cube["radiance"].values.any() and "sees no lit surface" in whole.notes()[0]
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
-    assert "sees no lit surface" in render_file(tmp_path / "a.nc", None, away, SETTINGS)[1][0]
+    assert "sees no lit surface" in render_file(tmp_path / "a.nc", None, away, SETTINGS).notes[0]
 
 
 @pytest.mark.parametrize("noise", [-1.0, 0.0, np.nan])
