@@ -21,8 +21,7 @@ from ..radiometry import BandResponse, Uncertainty, xyz_parts
 
 __all__ = [
     "LUMINOUS_EFFICACY", "OBSERVER_RANGE_NM", "FilterWeights", "chromaticity", "colour_matching_functions",
-    "fit_filter_weights",
-    "train_filter_weights", "xyz_covariance", "xyz_image",
+    "fit_filter_weights", "train_filter_weights", "xyz_covariance", "xyz_image",
 ]  # fmt: skip
 
 #: Luminous efficacy of monochromatic light at 555 nm, lm/W.

@@ -36,14 +36,14 @@ def print_validation(result: Validation) -> None:
             name,
             *(_known(100 * row.relative[i], "+.2f") for i, _ in bands),
             _known(row.delta_e_ab, ".2f"),
-            f"{row.chi2.per_dof:.2f}",
+            _known(row.chi2.per_dof, ".2f"),
         )
     print_table(table)
     print_failures(result)
 
 
 def _known(value: float, form: str) -> str:
-    """A dash for a surface of which no interior pixel is seen."""
+    """A dash for a surface of which no interior pixel, or no pixel at all, is seen."""
     return f"{value:{form}}" if math.isfinite(value) else "–"
 
 

@@ -83,7 +83,8 @@ class SurfaceRow:
 
     measured, rendered, sigma : (band,) interior means in DN and the standard error of their difference.
     relative, relative_sigma : (band,) (measured - rendered) / rendered and its standard error.
-    delta_e_noise : mean Delta E*ab between these means expected from noise alone. All NaN without interior pixels.
+    delta_e_noise : mean Delta E*ab between these means expected from noise alone.
+    xyz_measured, xyz_rendered : (3,) X, Y, Z of these means, Y in cd m^-2. All NaN without interior pixels.
     """
 
     chi2: ChiSquare
@@ -96,6 +97,8 @@ class SurfaceRow:
     delta_e_ab: float
     delta_e_2000: float
     delta_e_noise: float
+    xyz_measured: NDArray[np.float64]
+    xyz_rendered: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,18 +153,21 @@ def _surface(
 ) -> SurfaceRow:  # fmt: skip
     n = int(inside.sum())
     if n == 0:
-        nothing = np.full(measured.shape[0], np.nan)
-        return SurfaceRow(chi2, 0, nothing, nothing, nothing, nothing, nothing, np.nan, np.nan, np.nan)
+        nothing, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
+        return SurfaceRow(
+            chi2, 0, nothing, nothing, nothing, nothing, nothing, np.nan, np.nan, np.nan, no_light, no_light
+        )
     mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
     sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(mean_rendered > 0, mean_measured / mean_rendered - 1.0, np.nan)
         relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
-    seen, expected = lab(xyz_per_dn @ mean_measured, white), lab(xyz_per_dn @ mean_rendered, white)
+    xyz_measured, xyz_rendered = xyz_per_dn @ mean_measured, xyz_per_dn @ mean_rendered
+    seen, expected = lab(xyz_measured, white), lab(xyz_rendered, white)
     noise, _ = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
     return SurfaceRow(
         chi2, n, mean_measured, mean_rendered, sigma, relative, relative_sigma,
-        float(delta_e_ab(seen, expected)), float(delta_e_2000(seen, expected)), noise.mean,
+        float(delta_e_ab(seen, expected)), float(delta_e_2000(seen, expected)), noise.mean, xyz_measured, xyz_rendered,
     )  # fmt: skip
 
 

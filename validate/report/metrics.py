@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.calibration.colour import chromaticity
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import replacing
+from numpy.typing import NDArray
 
 from ..compare import ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
 
@@ -71,6 +73,10 @@ def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[st
     return {"mean": seen.mean, "p95": seen.p95, "max": seen.maximum, "expected_from_noise": expected}
 
 
+def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
+    return {"luminance_cd_m2": xyz[1], **dict(zip(("x", "y"), chromaticity(xyz), strict=True))}
+
+
 def _camera(run: Run, camera: Camera) -> dict[str, Any]:
     values, covariance = camera.parameters, camera.covariance
     return {
@@ -128,6 +134,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
                 "relative_difference_sigma": dict(zip(c.bands, row.relative_sigma, strict=True)),
                 "delta_e_ab": row.delta_e_ab, "delta_e_2000": row.delta_e_2000,
                 "delta_e_ab_expected_from_noise": row.delta_e_noise,
+                "measured": _light(row.xyz_measured), "rendered": _light(row.xyz_rendered),
                 "interior_pixels": row.interior_pixels, **_chi2(row.chi2),
             }
             for name, row in c.by_surface.items()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from cboxlab.calibration.colour import chromaticity
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 
@@ -106,7 +107,24 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
         "standard error from pixel noise, and ΔE between these means. Bold: significant differences (p < 0.001), and "
         "ΔE*ab above three times its expectation from noise.",
     )  # fmt: skip
-    return ReportSection("Differences by surface and by band", (), (surfaces, band_table))
+    return ReportSection("Differences by surface and by band", (), (surfaces, _luminances(c), band_table))
+
+
+def _luminances(c: Comparison) -> Table:
+    """What photograph and rendering are in themselves, by surface."""
+
+    def cells(xyz: NDArray[np.float64]) -> list[str]:
+        return [significant(float(xyz[1]), 4), *(number(value, 4) for value in chromaticity(xyz))]
+
+    return Table(
+        ("surface", "photograph, cd/m²", "x", "y", "rendering, cd/m²", "x", "y", "interior px"),
+        [
+            (name, *cells(row.xyz_measured), *cells(row.xyz_rendered), f"{row.interior_pixels}")
+            for name, row in c.by_surface.items()
+        ],
+        "By surface: mean luminance and CIE 1931 chromaticity of the photograph and of the rendering over the same "
+        "interiors, both through the filter weights.",
+    )  # fmt: skip
 
 
 UNITS = dict(zip(PARAMETER_NAMES, ("mm",) * 3 + ("°",) * 3 + ("px",) * 3 + ("1",), strict=True))

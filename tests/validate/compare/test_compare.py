@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.correction.band_images import Mask, band_images
 from cboxlab.validate.compare.comparison import ChiSquare, compare
+from cboxlab.validate.report.metrics import metrics
 from cboxlab.validate.report.verdict import verdict, warnings
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
@@ -79,6 +80,30 @@ def test_white_is_no_pixel_at_the_lamps_edge():
     object.__setattr__(bright, "truth", np.where(near, 10 * BOX.truth.max(), BOX.truth))
     white = BOX.compare(seed=4).white
     assert bright.compare(seed=4).white.luminance == pytest.approx(white.luminance, rel=0.02)
+
+
+def test_luminance_and_chromaticity_are_those_of_the_interiors_mean_xyz():
+    """From the maps of X, Y, Z; a green wall 5 % too bright in one band is so in its luminance and its colour alone."""
+    factor = np.ones(BOX.truth.shape)
+    factor[3, BOX.surface == SURFACES.index("green wall")] = 1.05
+    comparison = BOX.compare(seed=7, factor=factor)
+    told = metrics(comparison, fake_run())["surfaces"]
+    maps = comparison.maps
+    seen = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
+    for index, name in enumerate(SURFACES):
+        for side in ("measured", "rendered"):
+            x, y, z = maps[f"xyz_{side}"].values[seen & (maps["surface"].values == index)].mean(axis=0)
+            expected = {"luminance_cd_m2": y, "x": x / (x + y + z), "y": y / (x + y + z)}
+            assert told[name][side] == pytest.approx(expected)
+    wall = told["green wall"]
+    assert wall["measured"]["luminance_cd_m2"] > 1.004 * wall["rendered"]["luminance_cd_m2"]
+    assert wall["measured"]["x"] > wall["rendered"]["x"] + 0.001
+
+
+def test_a_surface_that_is_not_seen_has_no_luminance():
+    row = metrics(BOX.compare(seed=7, surface_names=(*SURFACES, "hidden")), fake_run())["surfaces"]["hidden"]
+    nothing = dict.fromkeys(("luminance_cd_m2", "x", "y"))
+    assert row["interior_pixels"] == 0 and row["measured"] == row["rendered"] == nothing
 
 
 def test_standard_errors_of_surface_means_cover():

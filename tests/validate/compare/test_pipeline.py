@@ -16,6 +16,7 @@ from cboxlab.render.chain.settings import RenderSettings
 from cboxlab.render.integrators.passes import Job
 from cboxlab.render.integrators.precision import render_to_precision
 from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.render.photometry import tristimulus_weights
 from cboxlab.scenes import Camera, InputError, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.progress import Teller
@@ -259,6 +260,27 @@ def test_surfaces_agree(result):
             assert row.delta_e_ab < 0.5
 
 
+def test_luminances_are_those_of_the_light_that_was_photographed(written, result, truth):
+    """Of the true spectra, integrated with the observer itself, on the same pixels: within 1 % and 0.005,
+    what the filter weights leave (0.4 % and 0.004 were found)."""
+    image, maps = truth[0], result.comparison.maps
+    true = image.project(tristimulus_weights(WAVELENGTH_NM))[0]
+    told = json.loads((written / "metrics.json").read_text())["surfaces"]
+    seen = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
+    compared = 0
+    for index, row in enumerate(told.values()):
+        where = seen & (maps["surface"].values == index)
+        assert row["interior_pixels"] == where.sum()
+        if where.sum() < 20:
+            continue
+        compared += 1
+        xyz = true[where].mean(axis=0)
+        for side in ("measured", "rendered"):
+            assert row[side]["luminance_cd_m2"] == pytest.approx(xyz[1], rel=0.01)
+            assert [row[side][key] for key in "xy"] == pytest.approx(xyz[:2] / xyz.sum(), abs=0.005)
+    assert compared >= 4
+
+
 def test_metrics_have_every_key_of_the_plan(written, result):
     content = json.loads((written / "metrics.json").read_text())
     bands, surfaces = result.comparison.bands, result.comparison.by_surface
@@ -296,6 +318,10 @@ def test_metrics_have_every_key_of_the_plan(written, result):
                 "relative_difference": dict.fromkeys(bands, number),
                 "delta_e_ab": number,
                 "delta_e_2000": number,
+                **{
+                    side: {"luminance_cd_m2": number, "x": number, "y": number}
+                    for side in ("measured", "rendered")
+                },
             }
             for name in surfaces
         },
