@@ -184,7 +184,7 @@ def _decoded(path: Path, content: bytes, header: _Header) -> tuple[NDArray[np.fl
     signs = {header.rows[1]: header.rows[0], header.columns[1]: header.columns[0]}
     pixels = pixels[:: 1 if signs["Y"] == "-" else -1, :: 1 if signs["X"] == "+" else -1]
     exponent = pixels[..., 3:].astype(int)
-    step = np.where(exponent > 0, np.ldexp(1.0, exponent - 136), 0.0)
+    step = np.where(exponent > 0, np.ldexp(1.0, exponent - 136), 0.0).astype(np.float64)
     return (pixels[..., :3] + 0.5) * step, step
 
 

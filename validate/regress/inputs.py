@@ -77,11 +77,9 @@ def regress_inputs(
         None if _is_model(text) else _read(text, pair.of(index))
         for index, text in enumerate((baseline, candidate))
     ]
-    used, stated = (
-        tuple(empty if side is None else getattr(side, name) for side in sides)
-        for name, empty in (("declared", ()), ("stated", {}))
-    )
-    pair.require_used((used[0], used[1]), (stated[0], stated[1]))
+    used = [() if side is None else side.declared for side in sides]
+    instead = [{} if side is None else side.stated for side in sides]
+    pair.require_used((used[0], used[1]), (instead[0], instead[1]))
     known = next((side for side in sides if side is not None), None)
     seen = camera or next((side.camera for side in sides if side is not None and side.camera), None)
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
