@@ -271,7 +271,7 @@ def _head(folder: Path, frames: list[ForeignFrame], missing: list[MissingKey]) -
     else:
         why = f"bits of a count: of the camera's data sheet; the largest count found is {largest}"
         head.append(f"# bit_depth =    # missing: {why}")
-        bits = max(8, int(np.ceil(np.log2(largest + 1))))
+        bits = max(12, int(np.ceil(np.log2(largest + 1))))
         missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))
     for key in ("model", "pixel_pitch_um", "gain_e_per_dn"):
         value = _common(frames, key)

@@ -23,6 +23,7 @@ from cboxlab.render.files import (
 )
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
+from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 
 __all__ = ["Side", "SurfaceMap", "cube_paths", "in_common_quantity", "read_side", "side_of"]
@@ -41,7 +42,7 @@ class SurfaceMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class Side(OwnMappings):
     """radiance : (y, x, w), W m^-2 sr^-1 nm^-1. variance : of it, the same shape, or None where unknown.
 
     degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
