@@ -50,7 +50,19 @@ def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
     found = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
     assert found.family == "reflection-lobe" and "roughness 0.1" in found.words
     assert found.surface == "floor" and found.share > 0.7
-    assert found.field.surfaces[0].surface == "floor"
+    field = found.field
+    assert field.surfaces[0].surface == "floor"
+    mean = found.change[:, where].mean(axis=1)
+    np.testing.assert_allclose(
+        field.spectrum, mean / mean[np.argmax(np.abs(field.spectrum))], rtol=0.05, atol=0.02
+    )
+
+
+@pytest.mark.parametrize("factor", [-0.6, 5.0])
+def test_no_film_mirrors_less_than_nothing_or_more_than_two_faces(factor):
+    film = abs(COLUMNS - 36) + abs(ROWS - 36) < 7
+    found = explain(small_excess(np.where(film, factor * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
+    assert found.family != "reflection-lobe"
 
 
 def test_an_explanation_is_told_in_words_and_in_json():

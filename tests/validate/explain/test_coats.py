@@ -1,0 +1,31 @@
+"""What coats mirror in an excess: Fresnel's part of an evenly bright box."""
+
+import numpy as np
+import pytest
+from cboxlab.render.perturbation import build_patch_transport
+from cboxlab.render.radiosity import build_patched_scene
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validate.diagnose.unexplained import _coated
+
+
+def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
+    """Index 1.5, both polarisations. Nearly all of the floor mirrors the back wall or a block."""
+    scene, camera = cornell_box(), cornell_camera(48)
+    patched = build_patched_scene(scene, 80.0, 64, 0)
+    traced = build_patch_transport(patched, camera, 64, 0)
+    even, none = np.ones((len(patched.patches.area), 1)), np.zeros((1, 1))
+    seen = _coated(traced, even, scene.reflectances(np.array([550.0])), none, 0.002)[0]
+    floor = (traced.coverage > 0.999) & (
+        traced.surface == [one.name for one in scene.surfaces].index("floor")
+    )
+    pixels, to_camera = traced.pixel[floor], camera.position_mm - traced.position[floor]
+    cosine = to_camera[:, 1] / np.linalg.norm(to_camera, axis=1)
+    inside = np.sqrt(1 - (1 - cosine**2) / 2.25)
+    across, along = (
+        (cosine - 1.5 * inside) / (cosine + 1.5 * inside),
+        (1.5 * cosine - inside) / (1.5 * cosine + inside),
+    )
+    wanted = (across**2 + along**2) / 2
+    ratio = seen.ravel()[pixels] / wanted
+    assert len(pixels) > 50
+    assert np.median(ratio) == pytest.approx(1, abs=0.005) and np.mean(abs(ratio - 1) < 0.02) > 0.8
