@@ -12,6 +12,8 @@ FLOOR = ROWS >= 30
 DIAMOND = abs(COLUMNS - 18) + abs(ROWS - 20) < 11
 PICTURE = (1000.0 + 4 * COLUMNS) * np.where(FLOOR, 0.8, 1.3) * np.where(DIAMOND, 0.7, 1.0)
 SIGNAL = np.array([1.0, 0.8, 1.2, 0.6])[:, None, None] * PICTURE
+EXPOSURE_S = np.array([1.0, 2.0, 8.0, 3.0])
+
 #: What a coat would mirror, relative to the lamp's radiance: reddish towards the right, bluish towards the left.
 COAT = 0.4 * (0.5 + np.array([-0.3, -0.1, 0.1, 0.3])[:, None, None] * (COLUMNS - 24) / 24)
 SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
@@ -45,6 +47,7 @@ def small_excess(change, repeats=None, seed=3):
         nuisances=lamp[..., None], unknown=1, moved=-np.array([right, down], np.float32),
         flat=np.ones(SIGNAL.shape), surface=surface, names=("floor", "wall"), materials=("grey", "pale"),
         bands=("b0", "b1", "b2", "b3"), nm=np.array([450.0, 520, 590, 660]), minutes=np.array([2.0, 0, 1, 3]),
+        exposure_s=EXPOSURE_S, flat_exposure_s=np.full(BANDS, 4.0),
         repeats=np.zeros((BANDS, 2)) if repeats is None else repeats, repeat_sigma=np.full(BANDS, 1e-4),
         transport=transport,
     )  # fmt: skip

@@ -137,10 +137,18 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
         bands=tuple(predictor.sensing.curves.bands),
         nm=predictor.effective_nm,
         minutes=predictor.sensing.minutes,
+        exposure_s=np.array([capture.band(band).exposure_s for band in capture.band_ids]),
+        flat_exposure_s=np.array([_flat_exposure(capture, band) for band in capture.band_ids]),
         repeats=levels,
         repeat_sigma=sigma,
         transport=_transport(linearised),
     )
+
+
+def _flat_exposure(capture: Capture, band: str) -> float:
+    """Seconds; infinite without a flat, which then brings no error of the shutter."""
+    flats = capture.flats(band)
+    return flats[0].exposure_s if flats else np.inf
 
 
 def _nuisance_columns(

@@ -50,7 +50,8 @@ class Excess:
     (band, y, x, m) columns W such that X^T X - (W^T X)^T (W^T X) is the information about columns X that nuisances
     leave; the first ``unknown`` of them are camera and lamp, the others shared errors. moved : (2, band, y, x) DN per
     px that the picture moves to the right and down. flat : (band, y, x) by which counts were divided. surface : (y, x)
-    index of the surface, -1 for none. names : of surfaces. materials : names. bands, nm, minutes : of each band.
+    index of the surface, -1 for none. names : of surfaces. materials : names. bands, nm, minutes, exposure_s : of each
+    band. flat_exposure_s : (band,) of its flat.
     repeats : (band, repeat) relative differences of the frames' levels from their mean, NaN where there is no frame.
     repeat_sigma : (band,) their standard deviations by noise.
     """
@@ -70,6 +71,8 @@ class Excess:
     bands: tuple[str, ...]
     nm: NDArray[np.float64]
     minutes: NDArray[np.float64]
+    exposure_s: NDArray[np.float64]
+    flat_exposure_s: NDArray[np.float64]
     repeats: NDArray[np.float64]
     repeat_sigma: NDArray[np.float64]
     transport: Transport

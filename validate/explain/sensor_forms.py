@@ -20,6 +20,9 @@ __all__ = ["sensor_forms"]
 
 _ORDER = 10
 
+#: How offsets and gains go with the time of exposure: light that leaks in, and a shutter that opens unevenly.
+_BY_TIME = {"sensor-offset": "that grows with the exposure", "sensor-gain": "as of a shutter's opening"}
+
 _ACTS: dict[str, Acts] = {"sensor-offset": "offset", "sensor-gain": "gain"}
 
 
@@ -61,6 +64,8 @@ def _both(
     excess: Excess, words: str, maps: ImageMaps, local: bool = False, sharp: bool = False
 ) -> Iterator[Form]:
     bands, basis = len(excess.bands), maps.matrix(excess.shape)
+    opened = 1 / excess.exposure_s - 1 / excess.flat_exposure_s
+    by_time = {"sensor-offset": excess.exposure_s, "sensor-gain": opened}
     for family, operator in _operators(excess).items():
         acts = _ACTS[family]
         made = _columns(operator, basis)
@@ -76,3 +81,6 @@ def _both(
         )
         if not local:
             yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=sharp)
+            timed = fixed_spectrum(n, by_time[family])
+            name = f"{words} {_BY_TIME[family]}"
+            yield Form(family, name, timed, made, acts, maps, sharp=sharp)

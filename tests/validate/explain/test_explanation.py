@@ -8,7 +8,18 @@ import pytest
 from cboxlab.validate.explain import NONE, explain
 from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
-from helpers.small_excess import BANDS, COAT, COLUMNS, FLOOR, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.small_excess import (
+    BANDS,
+    COAT,
+    COLUMNS,
+    EXPOSURE_S,
+    FLOOR,
+    ROWS,
+    SIGMA,
+    SIGNAL,
+    SIZE,
+    small_excess,
+)
 from scipy.ndimage import gaussian_filter, shift
 
 NOISE = np.random.default_rng(11)
@@ -43,6 +54,20 @@ def test_a_cause_is_given_its_family(family):
     assert found.share > 0.7
     assert found.rivals[0].family == family
     assert found.runner_up != family
+
+
+@pytest.mark.parametrize(
+    ("family", "change", "words"),
+    [
+        ("sensor-offset", EXPOSURE_S[:, None, None] * np.ones(SIGNAL.shape), "grows with the exposure"),
+        ("sensor-gain", (1 / EXPOSURE_S - 1 / 4)[:, None, None] * SIGNAL / 100, "shutter"),
+    ],
+)
+def test_offsets_and_gains_by_the_time_of_exposure(family, change, words):
+    """Rows that glow while a frame is exposed, and a slit that opens unevenly before photographs and flats."""
+    rows = np.random.default_rng(5).normal(0, 1.0, (1, SIZE, 1))
+    found = explain(small_excess(5 * rows * change))
+    assert found.family == family and words in found.words and found.told_apart and found.share > 0.9
 
 
 @pytest.mark.parametrize("where", [abs(COLUMNS - 36) + abs(ROWS - 36) < 7, FLOOR], ids=["film", "sheen"])
