@@ -45,6 +45,9 @@ __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "dia
 #: What is selected where something remains that no effect of the catalogue explains.
 UNKNOWN = "unknown"
 
+#: Where one effect leaves more chi2 per sample than this above noise, one family is tried in its stead.
+_WORTH_A_FAMILY = 0.03
+
 #: Probability that nothing is missing where no effect was accepted.
 NOTHING_MISSING = 0.95
 
@@ -160,7 +163,8 @@ def diagnose(
     if left:
         enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
-    if chosen and (left or len(chosen) > 1):
+    rest = square(residual) / linearised.model.count - 1
+    if chosen and (left or len(chosen) > 1 or rest > _WORTH_A_FAMILY):
         whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         if selected == (UNKNOWN,) or beats(whole, start, chosen, linearised.model, residual, explanation):
             explanation, selected, left = whole, (UNKNOWN,), True
