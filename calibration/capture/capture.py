@@ -10,6 +10,7 @@ import numpy as np
 from cboxlab.scenes import Scene, load_scene
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import path_inside
+from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from numpy.typing import NDArray
 from PIL import Image
@@ -121,13 +122,13 @@ class Capture:
 
     @property
     def scene(self) -> str | None:
-        """The packaged scene's name or the scene file's path that the manifest states; another name as it stands.
+        """The packaged scene's name or the scene file's path that the manifest states; None for no or another name.
 
         Raises InputError for a scene file outside the capture's folder.
         """
         stated = self.manifest.scene
         if stated is None or not stated.endswith(".toml"):
-            return stated
+            return stated if stated in packaged_scenes() else None
         return str(path_inside(self.folder, stated, self.folder / "capture.toml: scene"))
 
     def known_scene(self) -> Scene | None:

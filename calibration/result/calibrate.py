@@ -10,7 +10,6 @@ import xarray as xr
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.frozen import OwnMappings
-from cboxlab.scenes.scene_file import packaged_scenes
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture, band_channels, brighter_channel_notes
@@ -151,7 +150,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *camera_notes,
     ]
     stated = capture.manifest.scene
-    if stated is not None and not stated.endswith(".toml") and stated not in packaged_scenes():
+    if stated is not None and not stated.endswith(".toml") and capture.scene is None:
         notes.append(
             f"the scene '{stated}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
             "the box were left out"

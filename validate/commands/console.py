@@ -182,8 +182,8 @@ def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
     checked = [load_capture(capture) for capture in captures] if model is None else []
     found = as_model(model, checked)
     for capture in checked:
-        stated = capture.scene
-        if stated not in (None, found.scene):
+        stated = capture.manifest.scene
+        if stated is not None and capture.scene is None:
             manifest = capture.folder / "capture.toml"
             errors.print(
                 Text(

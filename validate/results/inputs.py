@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.scene_file import load_scene, packaged_scenes
+from cboxlab.scenes.scene_file import load_scene
 
 from ..model import Model, load_model
 
@@ -53,7 +53,7 @@ def _stated(captures: Sequence[Capture | str | Path]) -> Model:
     for capture in map(as_capture, captures):
         scene = capture.scene
         place = f"{capture.folder / 'capture.toml'}: scene"
-        if scene is None or not (scene in packaged_scenes() or scene.endswith(".toml")):
+        if scene is None:
             continue
         if scene.endswith(".toml") and not Path(scene).is_file():
             raise InputError(
@@ -63,7 +63,5 @@ def _stated(captures: Sequence[Capture | str | Path]) -> Model:
     if len(stated) > 1:
         (first, place), (other, where) = list(stated.items())[:2]
         raise InputError(where, f"'{other}'", f"'{first}', which {place} states: captures of one box")
-    for scene in stated:
-        if scene != Model().scene:
-            return Model(scene, name=load_scene(scene).name)
-    return Model()
+    scene = next(iter(stated), Model().scene)
+    return Model() if scene == Model().scene else Model(scene, name=load_scene(scene).name)
