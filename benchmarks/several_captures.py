@@ -81,6 +81,9 @@ def _case(
             )
             validations.append(validate(place, Model()))
         first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
+        if not both.selected and not both.further[0].adequate:
+            # as the report advises
+            both = diagnose(validations[1], further=validations[:1])
     right = both.selected[:1] == (truth,)
     values = ", ".join(
         f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in effect.values.items()

@@ -214,13 +214,17 @@ def limit_words(limit: Limit) -> str:
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What the other captures of the box say, one sentence each."""
-    return [
+    """What the other captures of the box say, one sentence each, and which of them shows what the first does not."""
+    told = [
         f"In {one.capture}, which {'the same' if one.same_camera else 'another'} camera took, χ² per sample is "
         f"{one.chi2_per_dof:.2f} with the model as given and {one.final_chi2_per_dof:.2f} with what was found: "
         f"{'nothing remains' if one.adequate else 'something remains'}."
         for one in diagnosis.further
     ]
+    shows = next((one.capture for one in diagnosis.further if not one.adequate), None)
+    if shows and not diagnosis.selected:
+        told.append(f"{shows} shows what the first capture does not: diagnose it as the first one.")
+    return told
 
 
 def values_words(effect: str, values: Mapping[str, str | float], sigma: Mapping[str, float]) -> str:

@@ -1,11 +1,13 @@
 """What the report says of causes: found, nothing known, adequate, not told apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import Cause, Diagnosis, Limit, Ranked, Separation, Step
+from cboxlab.validate.diagnose import Cause, Diagnosis, FurtherCaptureFound, Limit, Ranked, Separation, Step
 from cboxlab.validate.effects import AppliedEffect, catalogue
 from cboxlab.validate.model import Model
-from cboxlab.validate.report.diagnosis import limit_words
+from cboxlab.validate.report.diagnosis import further_sentences, limit_words
 from cboxlab.validate.report.plots import MapRow
 from cboxlab.validate.report.story import pooled, story
 from helpers.fakes.box import BANDS, FakeBox
@@ -75,6 +77,16 @@ def test_what_cannot_be_told_apart_has_its_further_capture():
     assert "2.1 standard deviations apart, 5 are needed" in steps
     assert "frames with the lens capped (120 s, expected 20.0)" in steps
     assert "No further capture" not in steps
+
+
+@pytest.mark.parametrize(
+    ("selected", "adequate", "advised"),
+    [((), False, True), ((), True, False), (("veiling-glare",), False, False)],
+)
+def test_what_only_a_further_capture_shows_is_to_be_diagnosed_there(selected, adequate, advised):
+    second = FurtherCaptureFound("second", True, 1.2, 1.2, adequate)
+    sentences = " ".join(further_sentences(replace(_diagnosis(selected), further=(second,))))
+    assert ("diagnose it as the first one" in sentences) == advised
 
 
 @pytest.mark.parametrize(
