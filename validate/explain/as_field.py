@@ -44,7 +44,9 @@ def fitted_field(excess: Excess, form: Form) -> FittedField:
             image = np.clip(image, 0.0, 1.0)
             spectrum = form.radiance / [lamp_dn(excess, band) for band in range(len(excess.bands))]
         return FittedField(**common, surfaces=_points(excess, image, form.surface), spectrum=spectrum)
-    return FittedField(**common, image=form.maps, radius=form.radius, coefficients=coefficients)
+    return FittedField(
+        **common, image=form.maps, radius=form.radius, angle_deg=form.angle_deg, coefficients=coefficients
+    )
 
 
 def _separated(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

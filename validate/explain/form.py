@@ -26,7 +26,8 @@ class Form:
     in one place of the picture. sharp : whether it is a pattern that errors of the rendered picture do not make: rows,
     columns, waves, lines, one band alone. choices : number of such forms among which this one is the best.
     acts, maps : what it acts on (see ``fields.FittedField``), and by which maps; one map on several surfaces where it
-    has one coefficient. radius : of exchanges with neighbours, px. radiance : (band,) of a thing in front.
+    has one coefficient. radius : of exchanges with neighbours, px. angle_deg : of a streak.
+    radiance : (band,) of a thing in front.
     mirrored : (band, y, x) DN that the maps are factors of, of light mirrored by a surface.
     effects_leave : part of the chi2 that effects explain which errors of their shapes may leave in such a pattern.
     """
@@ -42,6 +43,7 @@ class Form:
     sharp: bool = False
     choices: int = 1
     radius: int = 1
+    angle_deg: float = 0.0
     radiance: NDArray[np.float64] | None = None
     mirrored: NDArray[np.floating] | None = None
     effects_leave: float = 0.03

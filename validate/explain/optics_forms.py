@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from ..fields import (
     HALO_WIDTHS_PX,
+    STREAK_WIDTHS_PX,
     Acts,
     ImageMaps,
     neighbour_steps,
     with_halo,
     with_moments,
     with_neighbours,
+    with_streak,
 )
 from .excess import Excess
 from .field import FieldFit, Normal, beside_common, each_band, fixed_spectrum
@@ -30,6 +32,9 @@ _RADIUS = 2
 #: Errors of a round blur are round: of a defocus' chi2 at most 0.006 was left along a line in captures of another
 #: simulator, where a smear of 0.7 px along a diagonal left 0.03.
 _ROUND_LEAVES = 0.01
+
+#: Directions of streaks that are tried, degrees from the rows, downwards.
+_STREAKS_DEG = tuple(range(0, 180, 15))
 
 #: At 0, 45, 90 and 135 degrees from the rows, downwards.
 _LINES = "the rows", "the falling diagonal", "the columns", "the rising diagonal"
@@ -46,6 +51,29 @@ def optics_forms(excess: Excess) -> Iterator[Form]:
     yield from smears(excess)
     wide = _halo(excess)
     yield from _spectra(equations(excess, wide), "blur", "a wide halo", wide, "halo", ImageMaps("cosines"))
+    yield max((_streak(excess, angle) for angle in _STREAKS_DEG), key=lambda form: form.evidence)
+
+
+def _streak(excess: Excess, angle_deg: float) -> Form:
+    """Light spread far along one line, in all bands alike: by a lens that was wiped, by blades of a diaphragm."""
+
+    def made(band: int) -> NDArray[Any]:
+        signal = excess.signal[band]
+        each = [with_streak(signal, angle_deg, width).ravel() for width in STREAK_WIDTHS_PX]
+        return np.array(each, np.float32)
+
+    fit = fixed_spectrum(equations(excess, made), np.ones(len(excess.bands)))
+    words = f"streaks at {angle_deg:g} degrees from the rows"
+    return Form(
+        "blur",
+        words,
+        fit,
+        made,
+        "streak",
+        ImageMaps("cosines"),
+        choices=len(_STREAKS_DEG),
+        angle_deg=angle_deg,
+    )
 
 
 def smears(excess: Excess) -> Iterator[Form]:

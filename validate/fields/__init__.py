@@ -2,7 +2,15 @@
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file
-from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_moments, with_neighbours
+from .exchange import (
+    HALO_WIDTHS_PX,
+    STREAK_WIDTHS_PX,
+    neighbour_steps,
+    with_halo,
+    with_moments,
+    with_neighbours,
+    with_streak,
+)
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
@@ -10,6 +18,7 @@ from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = [
     "HALO_WIDTHS_PX",
+    "STREAK_WIDTHS_PX",
     "Acts",
     "FittedField",
     "ImageMaps",
@@ -25,5 +34,6 @@ __all__ = [
     "with_halo",
     "with_moments",
     "with_neighbours",
+    "with_streak",
     "write_effect_file",
 ]

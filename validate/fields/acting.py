@@ -17,7 +17,15 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import Effect, Parameter
-from .exchange import HALO_WIDTHS_PX, neighbour_steps, with_halo, with_moments, with_neighbours
+from .exchange import (
+    HALO_WIDTHS_PX,
+    STREAK_WIDTHS_PX,
+    neighbour_steps,
+    with_halo,
+    with_moments,
+    with_neighbours,
+    with_streak,
+)
 from .fitted_field import Acts, FittedField
 
 __all__ = ["AMPLITUDE", "field_effect"]
@@ -30,6 +38,7 @@ _STEP_PX = 0.05
 _STAGES: dict[Acts, Stage] = {
     "offset": "counts", "gain": "counts", "previous": "counts",
     "displacement": "optics", "neighbours": "optics", "moments": "optics", "halo": "optics",
+    "streak": "optics",
     "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
     "front": "transport",
 }  # fmt: skip
@@ -107,6 +116,8 @@ def _exchanges(field: FittedField, image: NDArray[np.float64]) -> Iterable[NDArr
         return (with_neighbours(image, step) for step in neighbour_steps(field.radius))
     if field.acts == "moments":
         return with_moments(image)
+    if field.acts == "streak":
+        return (with_streak(image, field.angle_deg, width) for width in STREAK_WIDTHS_PX)
     return (with_halo(image, width) for width in HALO_WIDTHS_PX)
 
 

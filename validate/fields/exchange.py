@@ -1,4 +1,4 @@
-"""Light that a pixel exchanges with others: neighbours on opposite sides, and wide Gaussians."""
+"""Light that a pixel exchanges with others: neighbours on opposite sides, wide Gaussians, and those along a line."""
 
 from __future__ import annotations
 
@@ -6,10 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-__all__ = ["HALO_WIDTHS_PX", "neighbour_steps", "with_halo", "with_moments", "with_neighbours"]
+__all__ = [
+    "HALO_WIDTHS_PX", "STREAK_WIDTHS_PX", "neighbour_steps", "with_halo", "with_moments", "with_neighbours",
+    "with_streak",
+]  # fmt: skip
 
 #: Standard deviations of the Gaussians of a halo, px.
 HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
+
+#: The same of a streak, along its line.
+STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
+
+#: A streak's Gaussian ends at so many standard deviations.
+_STREAK_ENDS = 3.0
 
 
 def neighbour_steps(radius: int) -> list[tuple[int, int]]:
@@ -36,3 +45,16 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 def with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:
     """(y, x) the picture blurred by a Gaussian less itself."""
     return np.asarray(gaussian_filter(signal, width_px, mode="nearest") - signal)
+
+
+def with_streak(signal: NDArray[np.float64], angle_deg: float, width_px: float) -> NDArray[np.float64]:
+    """(y, x) the picture blurred by a Gaussian along a line, at an angle from the rows, downwards, less itself."""
+    rows, columns = signal.shape
+    border = int(np.ceil(_STREAK_ENDS * width_px))
+    wide = np.pad(signal, border, mode="edge")
+    down, right = np.fft.fftfreq(wide.shape[0])[:, None], np.fft.rfftfreq(wide.shape[1])
+    angle = np.deg2rad(angle_deg)
+    along = right * np.cos(angle) + down * np.sin(angle)
+    passed = np.exp(-2 * (np.pi * width_px * along) ** 2)
+    blurred = np.fft.irfft2(np.fft.rfft2(wide) * passed, wide.shape)
+    return np.asarray(blurred[border : border + rows, border : border + columns] - signal)

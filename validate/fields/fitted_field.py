@@ -13,7 +13,7 @@ from cboxlab.scenes.faults import combined, faults_of_validation
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .exchange import HALO_WIDTHS_PX, neighbour_steps
+from .exchange import HALO_WIDTHS_PX, STREAK_WIDTHS_PX, neighbour_steps
 from .image_maps import ImageMaps
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
@@ -21,18 +21,19 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 
 #: offset: DN added to counts. gain: counts above dark. previous: counts above dark of the frames before, as listed in
 #: the fitted capture. displacement: px to the right, then down. neighbours: light exchanged with pixels on opposite
-#: sides. moments: around, and along lines. halo: light exchanged with Gaussians. lamp: its radiance.
+#: sides. moments: around, and along lines. halo: light exchanged with Gaussians. streak: the same along a line. lamp:
+#: its radiance.
 #: reflectance: of surfaces, relative. irradiance: over pi, relative to the lamp's radiance. radiance: of surfaces,
 #: relative to the lamp's, that lights nothing else. front: the part hidden by a thing, whose radiance is relative to
 #: the lamp's.
 Acts = Literal[
-    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo",
+    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
     "lamp", "reflectance", "irradiance", "radiance", "front",
 ]  # fmt: skip
 
 #: What acts on the picture or on counts, by maps over the picture.
 ON_SENSOR: tuple[Acts, ...] = (
-    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo",
+    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
 )  # fmt: skip
 
 #: Significant digits of numbers in records.
@@ -45,6 +46,7 @@ class FittedField:
 
     acts : see ``Acts``. bands, nm : names and mean wavelengths of the bands it was fitted in. size : rows and columns
     of the picture. image : maps over the picture, None for a field of the scene; radius : of "neighbours", px.
+    angle_deg : of "streak", from the rows downwards.
     coefficients : (band, k) of image maps, where displacements have those to the right before those down, and
     exchanges all of one neighbour, moment or width before those of the next, and previous frames one of each band;
     empty for a field of the scene.
@@ -58,6 +60,7 @@ class FittedField:
     size: tuple[int, int]
     image: ImageMaps | None = None
     radius: int = 1
+    angle_deg: float = 0.0
     coefficients: NDArray[np.float64] | None = None
     surfaces: tuple[SurfaceMap, ...] = ()
     spectrum: NDArray[np.float64] | None = None
@@ -92,6 +95,7 @@ class _Field(_Strict):
     size: tuple[int, int]
     image: _Image | None = None
     radius: int = Field(1, ge=1, le=8)
+    angle_deg: float = Field(0.0, ge=0, lt=180)
     coefficients: list[list[float]] | None = None
     surfaces: list[_Surface] = Field(default_factory=list)
     spectrum: list[float] | None = None
@@ -110,6 +114,8 @@ def field_record(field: FittedField) -> dict[str, Any]:
         record["image"] = _image_record(field.image)
         if field.acts == "neighbours":
             record["radius"] = field.radius
+        if field.acts == "streak":
+            record["angle_deg"] = field.angle_deg
         record["coefficients"] = [_rounded(row) for row in field.coefficients]
     if field.spectrum is not None:
         record["spectrum"] = _rounded(field.spectrum)
@@ -181,7 +187,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         raise InputError(f"{where}.coefficients", f"shape {found}", expected)
     return FittedField(
         entry.acts, tuple(entry.bands), np.array(entry.nm), entry.size, maps, entry.radius,
-        np.array(entry.coefficients),
+        entry.angle_deg, np.array(entry.coefficients),
     )  # fmt: skip
 
 
@@ -189,6 +195,7 @@ def _times(acts: Acts, radius: int, bands: int) -> int:
     """How often the image maps are used: once, or for every direction, neighbour, moment, width or band."""
     several = {
         "displacement": 2, "neighbours": len(neighbour_steps(radius)), "moments": 3, "halo": len(HALO_WIDTHS_PX),
+        "streak": len(STREAK_WIDTHS_PX),
         "previous": bands,
     }  # fmt: skip
     return several.get(acts, 1)

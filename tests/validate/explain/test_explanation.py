@@ -124,6 +124,18 @@ def test_bands_that_only_the_lamps_fit_changes_do_not_show_the_cause():
     assert found.bands == ("b1",)
 
 
+def test_streaks_of_a_wiped_lens_are_a_blur_along_their_line():
+    """Exponential tails at 30 degrees, in place of the Gaussians that are fitted."""
+    steps = np.arange(-30, 31)
+    parts = np.exp(-abs(steps) / 9.0) * (steps != 0)
+    angle = np.deg2rad(30)
+    moved = [shift(SIGNAL, (0, s * np.sin(angle), s * np.cos(angle)), order=1, mode="nearest") for s in steps]
+    streaked = np.tensordot(parts / parts.sum(), moved, 1)
+    found = explain(small_excess(0.06 * (streaked - SIGNAL)))
+    assert found.family == "blur" and "streaks at 30 degrees" in found.words and found.share > 0.8
+    assert found.field.acts == "streak" and found.field.angle_deg == 30
+
+
 def test_a_shift_of_one_band_is_a_displacement_in_that_band():
     change = np.zeros(SIGNAL.shape)
     change[2] = _moved(0.2)[2]
