@@ -32,6 +32,12 @@ _FALSE_ALARM = 0.005
 #: in deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
 _LEAST_HELDOUT = 0.3
 
+_ON_SENSOR = ("sensor-offset", "sensor-gain")
+
+#: A pattern fixed on the sensor has at least this part of its size where the picture shows no edges. Errors of edges
+#: along rows or columns, as those of a ceiling, look like rows or columns and have none there.
+_LEAST_INSIDE = 0.5
+
 #: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky. Rays of a pixel for each.
 _COATS, _COAT_SAMPLES = (0.03, 0.12, 0.35), 64
 
@@ -81,11 +87,19 @@ def stands_out(
     """
     if explanation.family == NONE or not explanation.sharp or explanation.heldout < _LEAST_HELDOUT:
         return False
-    least = max(
-        least_gain_of(model.whiten(explanation.change), model), explanation.effects_leave * by_effects
-    )
+    change = model.whiten(explanation.change)
+    everywhere = explanation.family in _ON_SENSOR and explanation.centre_px is None
+    if everywhere and not _holds_inside(change, model, residual):
+        return False
+    least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
     seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
     return seen and _gain(explanation, model, residual) > least
+
+
+def _holds_inside(change: NDArray[np.float64], model: LinearModel, residual: NDArray[np.float64]) -> bool:
+    """Whether a change (n + 11,) has its size in a residual well inside flat faces, too."""
+    own = change[: model.count] * model.interior
+    return float(own @ residual[: model.count]) > _LEAST_INSIDE * square(own)
 
 
 def reported(

@@ -1,5 +1,7 @@
 """Patterns that the picture's own errors do not make are seen below what smooth patterns must reach."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
@@ -50,6 +52,16 @@ def test_noise_has_no_pattern(seed):
 
 def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
     assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))
+
+
+@pytest.mark.parametrize(("where", "seen"), [(COLUMNS >= 0, True), (abs(COLUMNS - 20) < 12, False)])
+def test_rows_stand_out_where_they_hold_between_edges(where, seen):
+    """Half of the columns are near an edge along the rows: what is wrong there alone is no pattern of the sensor."""
+    rows = 0.5 * SIGMA * DRAW.normal(0, 1, (1, SIZE, 1))
+    excess = small_excess(np.where(where, rows, 0.0))
+    inside = np.broadcast_to(abs(COLUMNS - 20) >= 12, SIGNAL.shape).ravel()
+    model = replace(_model(excess), interior=inside)
+    assert stands_out(explain(excess), model, model.residual, 0.0) == seen
 
 
 def _spot(row, column):
