@@ -28,6 +28,7 @@ class Form:
     acts, maps : what it acts on (see ``fields.FittedField``), and by which maps; one map on several surfaces where it
     has one coefficient. radius : of exchanges with neighbours, px. angle_deg : of a streak.
     radiance : (band,) of a thing in front.
+    covered : (band,) relative change of the reflectance where another paint of the scene covers a surface.
     mirrored : (band, y, x) DN that the maps are factors of, of light mirrored by a surface.
     effects_leave : part of the chi2 that effects explain which errors of their shapes may leave in such a pattern.
     """
@@ -45,6 +46,7 @@ class Form:
     radius: int = 1
     angle_deg: float = 0.0
     radiance: NDArray[np.float64] | None = None
+    covered: NDArray[np.float64] | None = None
     mirrored: NDArray[np.floating] | None = None
     effects_leave: float = 0.03
 

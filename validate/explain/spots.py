@@ -28,6 +28,12 @@ _WIDEST_OUTLINE = 2.6
 #: Variance across a line that pixels show as thin as they can, px^2, and how many times it is along one.
 _THIN_PX2, _LONG = 0.6, 30.0
 
+#: A line goes as far as its weight is above this part of the largest.
+_FAINT = 0.05
+
+#: What comes within this part of the picture's size of a side ends there.
+_AT_SIDE = 0.05
+
 #: A stain or a thread seen in one band is seen in others by this part of it, at least: their spectra are broad.
 _BROAD = 0.05
 
@@ -37,6 +43,9 @@ _SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
 
 #: A film has two faces, each of which mirrors at most what a coat does; its fitted map rings below 0 by this part.
 _MOST_MIRRORED, _LEAST_MIRRORED = 2.0, 0.5
+
+#: A paint covers all of a place at most, and nowhere less than nothing, but for as much as a fitted map rings.
+_MOST_COVERED, _LEAST_COVERED = 1.3, 0.3
 
 #: Where there is less light than this part of a band's mean, changes are compared with that part.
 _DARK = 0.05
@@ -69,6 +78,8 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         return 0.0
     if form.mirrored is not None:
         return 0.0 if _as_a_film(excess, form) else -_TOO_DEEP
+    if form.covered is not None:
+        return -_ODD if _as_a_paint(excess, form, form.covered) else -_TOO_DEEP
     change = changed(excess, form)
     weight = np.sum((change * excess.weight) ** 2, axis=0)
     if not weight.any():
@@ -109,6 +120,14 @@ def _as_a_film(excess: Excess, form: Form) -> bool:
     return bool(-_LEAST_MIRRORED * mirrors.max() < mirrors.min() and mirrors.max() < _MOST_MIRRORED)
 
 
+def _as_a_paint(excess: Excess, form: Form, covered: NDArray[np.float64]) -> bool:
+    """Whether another paint covers a place, see ``Form.covered``: no part less than nothing or more than all."""
+    band = int(np.argmax(np.abs(covered)))
+    bells = cast("ImageMaps", form.maps).matrix(excess.shape)
+    part = form.fit.coefficients[band] / covered[band] @ bells
+    return bool(-_LEAST_COVERED * part.max() < part.min() and part.max() < _MOST_COVERED)
+
+
 def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centre (2,) as (x, y), px, of a weight (y, x), and its second moments (2, 2) about it, px^2."""
     rows, columns = np.indices(weight.shape)
@@ -119,12 +138,16 @@ def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _sharp_line(weight: NDArray[Any]) -> bool:
-    """Whether a weight (y, x) is a straight line as thin as pixels show it, which keeps to no row or column: a thread
-    or a wire in the scene. What lies on the sensor's window is out of focus, and hairs are bent."""
+    """Whether a weight (y, x) is a straight line as thin as pixels show it, which keeps to no row or column, or ends
+    at neither side of the picture: a thread or a wire in the scene. What lies on the sensor's window is out of focus,
+    hairs are bent, and a faulty column is wrong as far as the register."""
     _, moments = _moments(weight)
     across, along = np.linalg.eigvalsh(moments)
     if across > _THIN_PX2 or along <= _LONG * across:
         return False
+    places, at_side = np.argwhere(weight > _FAINT * weight.max()), _AT_SIDE * max(weight.shape)
+    if (places > at_side).all() and (places < np.array(weight.shape) - 1 - at_side).all():
+        return True
     # how far its ends lie apart across the rows or columns that it runs along
     return bool(abs(moments[0, 1]) / max(np.diag(moments)) * np.sqrt(12 * along) > 1.0)
 
@@ -133,7 +156,8 @@ def _at_the_border(weight: NDArray[Any]) -> bool:
     """Whether a glow is brightest at the border of the picture, where amplifiers sit."""
     peak = np.unravel_index(np.argmax(weight), weight.shape)
     return any(
-        place < 0.05 * size or place > 0.95 * size for place, size in zip(peak, weight.shape, strict=True)
+        place < _AT_SIDE * size or place > (1 - _AT_SIDE) * size
+        for place, size in zip(peak, weight.shape, strict=True)
     )
 
 

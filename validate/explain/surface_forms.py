@@ -99,6 +99,7 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
         if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
             stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
         yield stain
+        yield from _other_paints(excess, stain, owner)
         yield from glossy_places(excess, inside, own, name)
 
     def lit(band: int) -> csr_matrix:
@@ -107,6 +108,25 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
     fit = free_spectrum(equations(excess, lit))
     yield Form("extra-light", "light on one place", fit, lit, "reflectance", bells, local=True)
     yield _object(excess, basis, bells)
+
+
+def _other_paints(excess: Excess, stain: Form, owner: int) -> Iterator[Form]:
+    """Another paint of the scene in the place of a stain: splashed on it, or beneath a paint that is thin."""
+    t = excess.transport
+    own = t.reflectance[t.material[np.argmax(t.surface == owner)]]
+    for index, name in enumerate(excess.materials):
+        covered = t.reflectance[index] / np.maximum(own, 1e-6) - 1
+        if not np.any(covered):
+            continue
+
+        def painted(band: int, covered: NDArray[Any] = covered) -> csr_matrix:
+            return (stain.columns(band) * float(covered[band])).tocsr()
+
+        fit = fixed_spectrum(equations(excess, painted), np.ones(len(covered)))
+        fit = replace(fit, coefficients=covered[:, None] * fit.coefficients)
+        yield replace(
+            stain, words=f"the paint {name} shows", fit=fit, choices=len(excess.materials), covered=covered
+        )
 
 
 def _object(excess: Excess, basis: csr_matrix, bells: ImageMaps) -> Form:

@@ -8,7 +8,7 @@ from cboxlab.validate.explain import explain
 from cboxlab.validate.explain.sensor_forms import sensor_forms
 from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
 from cboxlab.validate.explain.spots import fits_the_place
-from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, SIZE, small_excess
+from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
 
 
 def _spot(x, y, radius):
@@ -57,22 +57,23 @@ def test_light_makes_no_place_darker():
     assert odds(bulge) < odds(_spot(22, 18, 3)) == 0
 
 
-def _line(x_of_row, depth):
-    """(y, x) part of each pixel that a thin line before wall and floor covers."""
+def _line(x_of_row, depth, end=44):
+    """(y, x) part of each pixel that a thin line before wall and floor covers, down to a row."""
     at = x_of_row(ROWS[:, :1].astype(float))
-    return depth * np.clip(1 - np.abs(COLUMNS - at), 0.0, 1.0) * (ROWS > 18) * (ROWS < 44)
+    return depth * np.clip(1 - np.abs(COLUMNS - at), 0.0, 1.0) * (ROWS > 18) * (ROWS < end)
 
 
 @pytest.mark.parametrize(
-    ("x_of_row", "family"),
+    ("x_of_row", "end", "family"),
     [
-        (lambda y: 30 - 0.08 * y, "object"),  # a thread
-        (lambda y: 30 + 0 * y, "sensor-gain"),  # part of a column
-        (lambda y: 20 + 0.02 * (y - 31) ** 2, "sensor-gain"),  # a bent hair
+        (lambda y: 30 - 0.08 * y, 44, "object"),  # a thread
+        (lambda y: 30 + 0 * y, 44, "object"),  # a wire that hangs
+        (lambda y: 30 + 0 * y, SIZE, "sensor-gain"),  # a column from a trap on
+        (lambda y: 20 + 0.02 * (y - 31) ** 2, 44, "sensor-gain"),  # a bent hair
     ],
 )
-def test_a_thin_straight_line_that_follows_no_column_is_a_thing_in_the_scene(x_of_row, family):
-    line = _line(x_of_row, 0.12)
+def test_a_thin_straight_line_is_a_thing_in_the_scene_but_for_a_column_up_to_a_side(x_of_row, end, family):
+    line = _line(x_of_row, 0.12, end)
     found = explain(small_excess(line * (100.0 - SIGNAL)))
     assert found.family == family
     assert found.share > 0.8
@@ -89,3 +90,14 @@ def test_a_thin_straight_line_in_one_band_alone_is_on_that_bands_filter():
     line = _line(lambda y: 30 - 0.08 * y, 0.22)
     found = explain(small_excess(-line * SIGNAL * np.eye(BANDS)[2][:, None, None]))
     assert (found.family, found.bands) == ("sensor-gain", ("b2",))
+
+
+def test_a_primer_that_shows_through_paint_is_no_light():
+    """In the blue the place is many times brighter, as no light without any red would make it."""
+    excess = small_excess(np.zeros(SIGNAL.shape))
+    red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
+    transport = replace(excess.transport, reflectance=np.array([red, white]))
+    shown = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
+    found = explain(replace(small_excess(SIGNAL * shown), transport=transport))
+    assert (found.family, found.words, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
+    assert found.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
