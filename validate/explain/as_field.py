@@ -45,7 +45,12 @@ def fitted_field(excess: Excess, form: Form) -> FittedField:
             spectrum = form.radiance / [lamp_dn(excess, band) for band in range(len(excess.bands))]
         return FittedField(**common, surfaces=_points(excess, image, form.surface), spectrum=spectrum)
     return FittedField(
-        **common, image=form.maps, radius=form.radius, angle_deg=form.angle_deg, coefficients=coefficients
+        **common,
+        image=form.maps,
+        radius=form.radius,
+        angle_deg=form.angle_deg,
+        most_dn=form.most_dn,
+        coefficients=coefficients,
     )
 
 

@@ -27,7 +27,7 @@ class Form:
     columns, waves, lines, one band alone. choices : number of such forms among which this one is the best.
     acts, maps : what it acts on (see ``fields.FittedField``), and by which maps; one map on several surfaces where it
     has one coefficient. radius : of exchanges with neighbours, px. angle_deg : of a streak.
-    radiance : (band,) of a thing in front.
+    most_dn : of levels. radiance : (band,) of a thing in front.
     covered : (band,) relative change of the reflectance where another paint of the scene covers a surface.
     mirrored : (band, y, x) DN that the maps are factors of, of light mirrored by a surface.
     effects_leave : part of the chi2 that effects explain which errors of their shapes may leave in such a pattern.
@@ -45,6 +45,7 @@ class Form:
     choices: int = 1
     radius: int = 1
     angle_deg: float = 0.0
+    most_dn: float = 1.0
     radiance: NDArray[np.float64] | None = None
     covered: NDArray[np.float64] | None = None
     mirrored: NDArray[np.floating] | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ..fields import Acts, ImageMaps
+from ..fields import Acts, ImageMaps, parts_of_levels
 from .excess import Excess
 from .field import each_band, fixed_spectrum
 from .form import Columns, Form, equations, scaled
@@ -50,6 +50,20 @@ def sensor_forms(excess: Excess, spots: Sequence[NDArray[np.bool_]]) -> Iterator
             yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
     for spot in spots:
         yield from _both(excess, "a spot", cells(spot), local=True)
+    yield _by_level(excess)
+
+
+def _by_level(excess: Excess) -> Form:
+    """Counts added by the count: a converter's bits of wrong weight, an amplifier that bends otherwise than evenly."""
+    counts = excess.signal * excess.flat
+    most = float(counts[excess.used].max())
+
+    def made(band: int) -> NDArray[Any] | csr_matrix:
+        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(excess.flat[band], 0.05))
+
+    fit = fixed_spectrum(equations(excess, made), np.ones(len(excess.bands)))
+    words, even = "steps or bends of the counts by their level", ImageMaps("cosines")
+    return Form("sensor-offset", words, fit, made, "levels", even, most_dn=most)
 
 
 def _operators(excess: Excess) -> dict[str, NDArray[Any]]:

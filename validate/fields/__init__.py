@@ -14,6 +14,7 @@ from .exchange import (
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
+from .levels import parts_of_levels
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "field_record",
     "load_effect_file",
     "neighbour_steps",
+    "parts_of_levels",
     "with_halo",
     "with_moments",
     "with_neighbours",

@@ -27,6 +27,7 @@ from .exchange import (
     with_streak,
 )
 from .fitted_field import Acts, FittedField
+from .levels import parts_of_levels
 
 __all__ = ["AMPLITUDE", "field_effect"]
 
@@ -36,7 +37,7 @@ AMPLITUDE = Parameter("amplitude", "1", null=0.0, low=-5.0, high=5.0, step=0.02,
 _STEP_PX = 0.05
 
 _STAGES: dict[Acts, Stage] = {
-    "offset": "counts", "gain": "counts", "previous": "counts",
+    "offset": "counts", "levels": "counts", "gain": "counts", "previous": "counts",
     "displacement": "optics", "neighbours": "optics", "moments": "optics", "halo": "optics",
     "streak": "optics",
     "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
@@ -86,6 +87,10 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
     if field.acts == "previous":
         parts = _coefficients(field)[np.ix_(own, own)]
         return replace(counts, scene=counts.scene + amplitude * np.tensordot(parts, counts.scene - dark, 1))
+    if field.acts == "levels":
+        each = zip(_coefficients(field)[own], counts.scene - dark, strict=True)
+        added = [part @ parts_of_levels(one.ravel(), field.most_dn) for part, one in each]
+        return replace(counts, scene=counts.scene + amplitude * np.reshape(added, counts.scene.shape))
     change = amplitude * _images(field, name, (rows, columns), own)[:, 0]
     if field.acts == "offset":
         return replace(counts, scene=counts.scene + change)

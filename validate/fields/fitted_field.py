@@ -15,25 +15,25 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .exchange import HALO_WIDTHS_PX, STREAK_WIDTHS_PX, neighbour_steps
 from .image_maps import ImageMaps
+from .levels import LEVELS
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"]
 
-#: offset: DN added to counts. gain: counts above dark. previous: counts above dark of the frames before, as listed in
-#: the fitted capture. displacement: px to the right, then down. neighbours: light exchanged with pixels on opposite
-#: sides. moments: around, and along lines. halo: light exchanged with Gaussians. streak: the same along a line. lamp:
-#: its radiance.
-#: reflectance: of surfaces, relative. irradiance: over pi, relative to the lamp's radiance. radiance: of surfaces,
-#: relative to the lamp's, that lights nothing else. front: the part hidden by a thing, whose radiance is relative to
-#: the lamp's.
+#: offset: DN added to counts. levels: the same by the count above dark. gain: counts above dark. previous: counts above
+#: dark of the frames before, as listed in the fitted capture. displacement: px to the right, then down. neighbours:
+#: light exchanged with pixels on opposite sides. moments: around, and along lines. halo: light exchanged with
+#: Gaussians. streak: the same along a line. lamp: its radiance. reflectance: of surfaces, relative. irradiance: over
+#: pi, relative to the lamp's radiance. radiance: of surfaces, relative to the lamp's, that lights nothing else. front:
+#: the part hidden by a thing, whose radiance is relative to the lamp's.
 Acts = Literal[
-    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
+    "offset", "levels", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
     "lamp", "reflectance", "irradiance", "radiance", "front",
 ]  # fmt: skip
 
 #: What acts on the picture or on counts, by maps over the picture.
 ON_SENSOR: tuple[Acts, ...] = (
-    "offset", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
+    "offset", "levels", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
 )  # fmt: skip
 
 #: Significant digits of numbers in records.
@@ -46,9 +46,9 @@ class FittedField:
 
     acts : see ``Acts``. bands, nm : names and mean wavelengths of the bands it was fitted in. size : rows and columns
     of the picture. image : maps over the picture, None for a field of the scene; radius : of "neighbours", px.
-    angle_deg : of "streak", from the rows downwards.
+    angle_deg : of "streak", from the rows downwards. most_dn : of "levels", the highest count above dark.
     coefficients : (band, k) of image maps, where displacements have those to the right before those down, and
-    exchanges all of one neighbour, moment or width before those of the next, and previous frames one of each band;
+    exchanges all of one neighbour, moment or width before those of the next, levels and previous frames one each;
     empty for a field of the scene.
     surfaces : maps on surfaces. spectrum : (band,) by which they are multiplied, the relative change of a lamp, or the
     radiance of a thing in front.
@@ -61,6 +61,7 @@ class FittedField:
     image: ImageMaps | None = None
     radius: int = 1
     angle_deg: float = 0.0
+    most_dn: float = 1.0
     coefficients: NDArray[np.float64] | None = None
     surfaces: tuple[SurfaceMap, ...] = ()
     spectrum: NDArray[np.float64] | None = None
@@ -96,6 +97,7 @@ class _Field(_Strict):
     image: _Image | None = None
     radius: int = Field(1, ge=1, le=8)
     angle_deg: float = Field(0.0, ge=0, lt=180)
+    most_dn: float = Field(1.0, gt=0)
     coefficients: list[list[float]] | None = None
     surfaces: list[_Surface] = Field(default_factory=list)
     spectrum: list[float] | None = None
@@ -116,6 +118,8 @@ def field_record(field: FittedField) -> dict[str, Any]:
             record["radius"] = field.radius
         if field.acts == "streak":
             record["angle_deg"] = field.angle_deg
+        if field.acts == "levels":
+            record["most_dn"] = float(f"{field.most_dn:.{_DIGITS}g}")
         record["coefficients"] = [_rounded(row) for row in field.coefficients]
     if field.spectrum is not None:
         record["spectrum"] = _rounded(field.spectrum)
@@ -187,7 +191,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         raise InputError(f"{where}.coefficients", f"shape {found}", expected)
     return FittedField(
         entry.acts, tuple(entry.bands), np.array(entry.nm), entry.size, maps, entry.radius,
-        entry.angle_deg, np.array(entry.coefficients),
+        entry.angle_deg, entry.most_dn, np.array(entry.coefficients),
     )  # fmt: skip
 
 
@@ -195,7 +199,7 @@ def _times(acts: Acts, radius: int, bands: int) -> int:
     """How often the image maps are used: once, or for every direction, neighbour, moment, width or band."""
     several = {
         "displacement": 2, "neighbours": len(neighbour_steps(radius)), "moments": 3, "halo": len(HALO_WIDTHS_PX),
-        "streak": len(STREAK_WIDTHS_PX),
+        "streak": len(STREAK_WIDTHS_PX), "levels": LEVELS,
         "previous": bands,
     }  # fmt: skip
     return several.get(acts, 1)
