@@ -25,6 +25,9 @@ __all__ = ["surface_forms"]
 #: A stain may be a bump, bright on one side and dark on the other, where the darker part is this near to a half.
 _BOTH_SIGNS = 0.3
 
+#: Another paint is known by its colour: the change of reflectance differs between bands by this part of the largest.
+_COLOURED = 0.5
+
 #: Rounds of the fit of an object's outline and radiance in turn.
 _ROUNDS = 3
 
@@ -116,7 +119,7 @@ def _other_paints(excess: Excess, stain: Form, owner: int) -> Iterator[Form]:
     own = t.reflectance[t.material[np.argmax(t.surface == owner)]]
     for index, name in enumerate(excess.materials):
         covered = t.reflectance[index] / np.maximum(own, 1e-6) - 1
-        if not np.any(covered):
+        if np.ptp(covered) <= _COLOURED * np.abs(covered).max():
             continue
 
         def painted(band: int, covered: NDArray[Any] = covered) -> csr_matrix:
