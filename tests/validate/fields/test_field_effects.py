@@ -33,6 +33,12 @@ def _streaked():
     return 0.06 * (np.tensordot(parts / parts.sum(), moved, 1) - SIGNAL)
 
 
+def _weighed_wrong():
+    """A bit that adds 12 DN, less what the lamp's scale takes up."""
+    added = 12.0 * (SIGNAL // 256 % 2)
+    return added - SIGNAL * np.sum(added * SIGNAL) / np.sum(SIGNAL**2)
+
+
 #: By their family, and what of it.
 CAUSES = {
     "sensor-offset": SIGMA * DRAW.normal(0, 1.5, (BANDS, SIZE, 1)),
@@ -40,7 +46,7 @@ CAUSES = {
     "displacement": _shifted(2, 0.2),
     "blur": (_shifted(1, 1) + _shifted(1, -1)) / 5,
     "blur, streaks": _streaked(),
-    "sensor-offset, a bit of wrong weight": 12.0 * (SIGNAL // 256 % 2),
+    "sensor-offset, a bit of wrong weight": _weighed_wrong(),
     "time-order": SIGNAL * np.array([0.02, 0, 0, 0.02])[:, None, None],
 }
 
