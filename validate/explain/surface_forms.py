@@ -102,7 +102,7 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
         if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
             stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
         yield stain
-        yield from _other_paints(excess, stain, owner)
+        yield from _other_paints(excess, inside, stain, owner)
         yield from glossy_places(excess, inside, own, name)
 
     def lit(band: int) -> csr_matrix:
@@ -113,7 +113,7 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
     yield _object(excess, basis, bells)
 
 
-def _other_paints(excess: Excess, stain: Form, owner: int) -> Iterator[Form]:
+def _other_paints(excess: Excess, inside: csr_matrix, stain: Form, owner: int) -> Iterator[Form]:
     """Another paint of the scene in the place of a stain: splashed on it, or beneath a paint that is thin."""
     t = excess.transport
     own = t.reflectance[t.material[np.argmax(t.surface == owner)]]
@@ -122,8 +122,8 @@ def _other_paints(excess: Excess, stain: Form, owner: int) -> Iterator[Form]:
         if np.ptp(covered) <= _COLOURED * np.abs(covered).max():
             continue
 
-        def painted(band: int, covered: NDArray[Any] = covered) -> csr_matrix:
-            return (stain.columns(band) * float(covered[band])).tocsr()
+        def painted(band: int, covered: NDArray[Any] = covered) -> NDArray[Any] | csr_matrix:
+            return scaled(inside, covered[band] * excess.signal[band])
 
         fit = fixed_spectrum(equations(excess, painted), np.ones(len(covered)))
         fit = replace(fit, coefficients=covered[:, None] * fit.coefficients)
