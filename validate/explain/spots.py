@@ -70,16 +70,17 @@ def darker_part(excess: Excess, change: NDArray[Any]) -> float:
 
 
 def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
-    """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others.
+    """2 ln of prior odds of a form in one place, by its sign, depth and outline; 0 for all others. What no film and no
+    paint can do gains nothing.
 
     soft : whether the outline of a thing where the excess is densest would be soft.
     """
     if not form.local:
         return 0.0
     if form.mirrored is not None:
-        return 0.0 if _as_a_film(excess, form) else -_TOO_DEEP
+        return 0.0 if _as_a_film(excess, form) else -form.fit.gain
     if form.covered is not None:
-        return -_ODD if _as_a_paint(excess, form, form.covered) else -_TOO_DEEP
+        return -_ODD if _as_a_paint(excess, form, form.covered) else -form.fit.gain
     change = changed(excess, form)
     weight = np.sum((change * excess.weight) ** 2, axis=0)
     if not weight.any():

@@ -8,6 +8,7 @@ from cboxlab.validate.explain import explain
 from cboxlab.validate.explain.sensor_forms import sensor_forms
 from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
 from cboxlab.validate.explain.spots import fits_the_place
+from cboxlab.validate.explain.surface_forms import surface_forms
 from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
 
 
@@ -101,3 +102,12 @@ def test_a_primer_that_shows_through_paint_is_no_light():
     found = explain(replace(small_excess(SIGNAL * shown), transport=transport))
     assert (found.family, found.words, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
     assert found.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
+
+
+def test_a_dark_rod_is_no_coat_however_strong_it_is():
+    """Coats have fewer numbers than an outline and a radiance, by more the more there is to explain."""
+    rod = np.clip(1.6 - np.abs(COLUMNS - 25 - 0.05 * ROWS), 0, 1) * (ROWS > 14) * (ROWS < 26)
+    excess = small_excess(0.6 * rod * (60.0 - SIGNAL))
+    coats = [f for f in surface_forms(excess, hot_spot(excess)) if f.local and f.mirrored is not None]
+    assert coats
+    assert all(fits_the_place(excess, coat, soft=False) == -coat.fit.gain for coat in coats)
