@@ -9,17 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fields import (
-    HALO_WIDTHS_PX,
-    STREAK_WIDTHS_PX,
-    Acts,
-    ImageMaps,
-    neighbour_steps,
-    with_halo,
-    with_moments,
-    with_neighbours,
-    with_streak,
-)
+from ..fields import Acts, ImageMaps, exchanges
 from .excess import Excess
 from .field import FieldFit, Normal, beside_common, each_band, fixed_spectrum
 from .form import Columns, Form, equations
@@ -49,19 +39,14 @@ def optics_forms(excess: Excess) -> Iterator[Form]:
         made = _near(excess, maps.matrix(excess.shape), radius)
         yield from _spectra(equations(excess, made), "blur", words, made, "neighbours", maps, radius)
     yield from smears(excess)
-    wide = _halo(excess)
+    wide = _exchanged(excess, "halo")
     yield from _spectra(equations(excess, wide), "blur", "a wide halo", wide, "halo", ImageMaps("cosines"))
     yield max((_streak(excess, angle) for angle in _STREAKS_DEG), key=lambda form: form.evidence)
 
 
 def _streak(excess: Excess, angle_deg: float) -> Form:
     """Light spread far along one line, in all bands alike: by a lens that was wiped, by blades of a diaphragm."""
-
-    def made(band: int) -> NDArray[Any]:
-        signal = excess.signal[band]
-        each = [with_streak(signal, angle_deg, width).ravel() for width in STREAK_WIDTHS_PX]
-        return np.array(each, np.float32)
-
+    made = _exchanged(excess, "streak", angle_deg)
     fit = fixed_spectrum(equations(excess, made), np.ones(len(excess.bands)))
     words = f"streaks at {angle_deg:g} degrees from the rows"
     return Form(
@@ -78,7 +63,7 @@ def _streak(excess: Excess, angle_deg: float) -> Form:
 
 def smears(excess: Excess) -> Iterator[Form]:
     """The whole picture blurred along a line, less what a round blur can imitate of it."""
-    made = _moments(excess)
+    made = _exchanged(excess, "moments")
     products = np.zeros((3, 3))
     for band, weight in enumerate(excess.weight.reshape(len(excess.bands), -1)):
         seen = made(band) * weight
@@ -150,23 +135,17 @@ def _near(excess: Excess, basis: NDArray[Any], radius: int) -> Columns:
     """Light exchanged with neighbours on opposite sides alike: that moves nothing."""
 
     def made(band: int) -> NDArray[Any]:
-        signal = excess.signal[band]
-        each = [with_neighbours(signal, step).ravel() * basis for step in neighbour_steps(radius)]
-        return np.concatenate(each).astype(np.float32)
+        each = exchanges("neighbours", excess.signal[band], radius)
+        return np.concatenate([one.ravel() * basis for one in each]).astype(np.float32)
 
     return made
 
 
-def _moments(excess: Excess) -> Columns:
+def _exchanged(excess: Excess, acts: Acts, angle_deg: float = 0.0) -> Columns:
+    """Light exchanged alike over the whole picture."""
+
     def made(band: int) -> NDArray[Any]:
-        return with_moments(excess.signal[band]).reshape(3, -1).astype(np.float32)
-
-    return made
-
-
-def _halo(excess: Excess) -> Columns:
-    def made(band: int) -> NDArray[Any]:
-        signal = excess.signal[band]
-        return np.array([with_halo(signal, width).ravel() for width in HALO_WIDTHS_PX], np.float32)
+        each = exchanges(acts, excess.signal[band], angle_deg=angle_deg)
+        return np.array([one.ravel() for one in each], np.float32)
 
     return made

@@ -2,15 +2,7 @@
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file
-from .exchange import (
-    HALO_WIDTHS_PX,
-    STREAK_WIDTHS_PX,
-    neighbour_steps,
-    with_halo,
-    with_moments,
-    with_neighbours,
-    with_streak,
-)
+from .exchange import exchanges
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
@@ -18,8 +10,6 @@ from .levels import parts_of_levels
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = [
-    "HALO_WIDTHS_PX",
-    "STREAK_WIDTHS_PX",
     "Acts",
     "FittedField",
     "ImageMaps",
@@ -28,14 +18,10 @@ __all__ = [
     "WaveMap",
     "effect_of_diagnosis",
     "effect_text",
+    "exchanges",
     "field_effect",
     "field_record",
     "load_effect_file",
-    "neighbour_steps",
     "parts_of_levels",
-    "with_halo",
-    "with_moments",
-    "with_neighbours",
-    "with_streak",
     "write_effect_file",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -17,15 +17,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..effects import Effect, Parameter
-from .exchange import (
-    HALO_WIDTHS_PX,
-    STREAK_WIDTHS_PX,
-    neighbour_steps,
-    with_halo,
-    with_moments,
-    with_neighbours,
-    with_streak,
-)
+from .exchange import exchanges
 from .fitted_field import Acts, FittedField
 from .levels import parts_of_levels
 
@@ -108,22 +100,11 @@ def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> 
     if field.acts == "displacement":
         change = np.sum(np.moveaxis(fields, 1, 0) * _moved(light), axis=0)
     else:
-        change = np.array([
-            sum(part * exchange for part, exchange in zip(own, _exchanges(field, image), strict=True))
-            for own, image in zip(fields, light.signal, strict=True)
-        ])  # fmt: skip
+        exchanged = np.array(
+            [exchanges(field.acts, image, field.radius, field.angle_deg) for image in light.signal]
+        )
+        change = np.sum(fields * exchanged, axis=1)
     return light.with_signal(light.signal + amplitude * change)
-
-
-def _exchanges(field: FittedField, image: NDArray[np.float64]) -> Iterable[NDArray[np.float64]]:
-    """(y, x) each change of one band's picture by light that is exchanged."""
-    if field.acts == "neighbours":
-        return (with_neighbours(image, step) for step in neighbour_steps(field.radius))
-    if field.acts == "moments":
-        return with_moments(image)
-    if field.acts == "streak":
-        return (with_streak(image, field.angle_deg, width) for width in STREAK_WIDTHS_PX)
-    return (with_halo(image, width) for width in HALO_WIDTHS_PX)
 
 
 def _moved(light: Light) -> NDArray[np.float64]:

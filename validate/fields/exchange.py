@@ -6,27 +6,47 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-__all__ = [
-    "HALO_WIDTHS_PX", "STREAK_WIDTHS_PX", "neighbour_steps", "with_halo", "with_moments", "with_neighbours",
-    "with_streak",
-]  # fmt: skip
+__all__ = ["exchanges", "number_of_exchanges", "with_moments", "with_streak"]
 
 #: Standard deviations of the Gaussians of a halo, px.
-HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
+_HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 
 #: The same of a streak, along its line.
-STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
+_STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
 
 #: A streak's Gaussian ends at so many standard deviations.
 _STREAK_ENDS = 3.0
 
 
-def neighbour_steps(radius: int) -> list[tuple[int, int]]:
+def exchanges(
+    acts: str, signal: NDArray[np.float64], radius: int = 1, angle_deg: float = 0.0
+) -> list[NDArray[np.float64]]:
+    """(y, x) each, what a picture changes by a unit of each exchange of a field that acts so, in the order of its
+    coefficients. radius, angle_deg : see ``FittedField``."""
+    if acts == "neighbours":
+        return [_with_neighbours(signal, step) for step in _neighbour_steps(radius)]
+    if acts == "moments":
+        return list(with_moments(signal))
+    if acts == "halo":
+        return [_with_halo(signal, width) for width in _HALO_WIDTHS_PX]
+    return [with_streak(signal, angle_deg, width) for width in _STREAK_WIDTHS_PX]
+
+
+def number_of_exchanges(acts: str, radius: int) -> int:
+    """How many of them there are; 1 for a field that exchanges nothing."""
+    several = {
+        "neighbours": len(_neighbour_steps(radius)), "moments": 3, "halo": len(_HALO_WIDTHS_PX),
+        "streak": len(_STREAK_WIDTHS_PX),
+    }  # fmt: skip
+    return several.get(acts, 1)
+
+
+def _neighbour_steps(radius: int) -> list[tuple[int, int]]:
     """(down, right) to half of the neighbours within a square; the others are opposite to them."""
     return [(i, j) for i in range(radius + 1) for j in range(-radius, radius + 1) if i > 0 or j > 0]
 
 
-def with_neighbours(signal: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
+def _with_neighbours(signal: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
     """(y, x) mean of the two neighbours at a step less the pixel: such an exchange moves nothing."""
     ends = [shift(signal, np.multiply(sign, step), order=0, mode="nearest") for sign in (1, -1)]
     return np.asarray(sum(ends) / 2 - signal)
@@ -37,12 +57,12 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Three numbers make any small blur of the whole picture, to second order in its width.
     """
-    across, down = (with_neighbours(signal, step) for step in ((0, 1), (1, 0)))
-    falling, rising = (with_neighbours(signal, step) for step in ((1, 1), (1, -1)))
+    across, down = (_with_neighbours(signal, step) for step in ((0, 1), (1, 0)))
+    falling, rising = (_with_neighbours(signal, step) for step in ((1, 1), (1, -1)))
     return np.array([across + down, across - down, falling - rising])
 
 
-def with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:
+def _with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:
     """(y, x) the picture blurred by a Gaussian less itself."""
     return np.asarray(gaussian_filter(signal, width_px, mode="nearest") - signal)
 

@@ -13,7 +13,7 @@ from cboxlab.scenes.faults import combined, faults_of_validation
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .exchange import HALO_WIDTHS_PX, STREAK_WIDTHS_PX, neighbour_steps
+from .exchange import number_of_exchanges
 from .image_maps import ImageMaps
 from .levels import LEVELS
 from .surface_maps import PointMap, SurfaceMap, WaveMap
@@ -197,12 +197,8 @@ def _image_field(entry: _Field, where: str) -> FittedField:
 
 def _times(acts: Acts, radius: int, bands: int) -> int:
     """How often the image maps are used: once, or for every direction, neighbour, moment, width or band."""
-    several = {
-        "displacement": 2, "neighbours": len(neighbour_steps(radius)), "moments": 3, "halo": len(HALO_WIDTHS_PX),
-        "streak": len(STREAK_WIDTHS_PX), "levels": LEVELS,
-        "previous": bands,
-    }  # fmt: skip
-    return several.get(acts, 1)
+    several = {"displacement": 2, "previous": bands, "levels": LEVELS}
+    return several.get(acts, number_of_exchanges(acts, radius))
 
 
 def _surface_map(entry: _Surface, where: str) -> SurfaceMap:
