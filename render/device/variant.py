@@ -14,14 +14,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from cboxlab.scenes.errors import InputError
+
 from .llvm import OLDEST_RELEASE, usable_llvm
 
-__all__ = ["HINT", "compiled", "ensure", "use"]
+__all__ = ["HINT", "compiled", "ensure", "not_compiled", "use"]
 
-HINT = (
-    "no LLVM 16 or newer found: rendering falls back to the slow scalar variant "
-    "(Debian/Ubuntu: apt install libllvm19)"
-)
+_INSTALL = "Debian/Ubuntu: apt install libllvm19"
+
+HINT = f"no LLVM 16 or newer found: rendering falls back to the slow scalar variant ({_INSTALL})"
 
 _used: list[str] = []
 _importing, _thread = threading.Lock(), threading.local()
@@ -65,6 +66,11 @@ def compiled() -> bool:
     """Whether the active variant is compiled; otherwise only Mitsuba's scalar path integrator is available."""
     ensure()
     return not sys.modules["mitsuba"].variant().startswith("scalar")
+
+
+def not_compiled(where: str) -> InputError:
+    """What to raise where the scalar variant is not enough. where : the computation or option that needs more."""
+    return InputError(where, "no compiled variant", "LLVM 16 or newer, or a GPU", _INSTALL)
 
 
 @contextmanager

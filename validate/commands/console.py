@@ -57,6 +57,7 @@ __all__ = [
     "require_folder",
     "say",
     "this_run",
+    "warn_unless_compiled",
     "wavelengths",
 ]
 
@@ -194,12 +195,20 @@ def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
     return found
 
 
-def require_compiled() -> None:
+def warn_unless_compiled() -> None:
     """Print a warning if no compiled variant is available, since rendering is slow then."""
     from cboxlab.render.device import variant
 
     if not variant.compiled():
         errors.print(Text(variant.HINT))
+
+
+def require_compiled(command: str) -> None:
+    """Raise InputError without a compiled variant."""
+    from cboxlab.render.device import variant
+
+    if not variant.compiled():
+        raise variant.not_compiled(command)
 
 
 def require_folder(path: Path) -> None:

@@ -58,7 +58,7 @@ def diagnose(
         require_folder(out)
     declared = declared_files(declare)
     chosen, cache = model_for(model, captures), None if no_cache else default_cache()
-    require_compiled()
+    require_compiled("cbox diagnose")
     with options(render="--render"), bar("calibrating") as report:
         result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
@@ -106,7 +106,7 @@ def studio(
         raise InputError(
             capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's"
         )
-    require_compiled()
+    require_compiled("cbox studio")
     bench = Workbench(folder.resolve(), None if no_cache else default_cache())
     serve(
         bench,

@@ -10,7 +10,6 @@ import numpy as np
 from cboxlab.render.chain import RenderSettings
 from cboxlab.render.device import variant
 from cboxlab.render.perturbation import warp_change
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from matplotlib.figure import Figure
 
@@ -48,7 +47,7 @@ def pictured_light() -> Predictor:
     Raises InputError without a compiled variant.
     """
     if not variant.compiled():
-        raise InputError("--picture", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+        raise variant.not_compiled("--picture")
     prepared = prepare(DEMO_CAPTURE, Model())
     settings = RenderSettings(noise=1.0)
     light = solved_light(prepared, settings, ())

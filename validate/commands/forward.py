@@ -21,10 +21,10 @@ from .console import (
     options,
     positive_number,
     print_table,
-    require_compiled,
     require_folder,
     say,
     this_run,
+    warn_unless_compiled,
     wavelengths,
 )
 
@@ -117,7 +117,7 @@ def render(
     grid, error = wavelengths(at), positive_number(noise, "--noise")
     require_folder(out.parent)
     chosen = load_model(model)
-    require_compiled()
+    warn_unless_compiled()
     settings = CubeSettings(grid, error, percentile, samples, seed, scheduler, this_run.command)
     with options(scheduler="--scheduler"), bar("rendering") as report:
         made = render_file(out, chosen, camera or cornell_camera(size), settings, report)
@@ -216,7 +216,7 @@ def capture(
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
     true_camera = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
     settings = varied_settings(number) if hide else CaptureSettings()
-    require_compiled()
+    warn_unless_compiled()
     truncated = None
     if hide and (effects is not None or strength is not None or not chosen.effects):
         names = tuple(effects.split(",")) if effects else ()

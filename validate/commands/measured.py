@@ -20,9 +20,9 @@ from .console import (
     model_for,
     options,
     print_table,
-    require_compiled,
     require_folder,
     say,
+    warn_unless_compiled,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def demo(
     from .demo import run_demo
 
     require_folder(out)
-    require_compiled()
+    warn_unless_compiled()
     run_demo(out)
 
 
@@ -83,7 +83,7 @@ def validate(
     require_folder(out)
     declared = declared_files(declare)
     chosen, cache = model_for(model, [capture]), None if no_cache else default_cache()
-    require_compiled()
+    warn_unless_compiled()
     with options(render="--render"), bar("calibrating") as report:
         result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")

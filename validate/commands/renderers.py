@@ -16,9 +16,9 @@ from .console import (
     give_json,
     options,
     print_table,
-    require_compiled,
     require_folder,
     say,
+    warn_unless_compiled,
     wavelengths,
 )
 from .forward import LARGEST_SIZE, ModelArgument
@@ -67,7 +67,7 @@ def export(
 
     settings = ExportSettings(wavelengths(at), samples, batches, subpixels)
     require_folder(to.parent)
-    require_compiled()
+    warn_unless_compiled()
     with options(), bar("exporting"):
         write_export(to, exported_model(load_model(model), camera, size, settings))
     say(f"Export: {to} ({settings.wavelength_nm.size} wavelengths; {', '.join(FORMATS)})")
@@ -128,7 +128,7 @@ def renderers(
     for path in (out, json):
         if path is not None:
             require_folder(path.parent)
-    require_compiled()
+    warn_unless_compiled()
     settings, box = ExportSettings(wavelengths(at), samples), load_model(model)
     with options(renderer="--with"), bar("rendering") as report:
         compared = compare_renderers(exported_model(box, camera, size, settings), names, out, report)
@@ -188,7 +188,7 @@ def _references(json: Path | None) -> None:
 
     if json is not None:
         require_folder(json.parent)
-    require_compiled()
+    warn_unless_compiled()
     with bar("measuring") as report:
         found = measure_references(progress=report)
     give_json(json, {"references": [row.to_dict() for row in found]})

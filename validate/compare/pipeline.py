@@ -132,7 +132,7 @@ def validate(
     prepared = replace(prepare(folder, model), cache=cache)
     if picture is not None:
         if not variant.compiled():
-            raise InputError("render", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+            raise variant.not_compiled("render")
         prepared = with_picture(prepared, picture, declared, model.render)
     return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
 
@@ -198,8 +198,7 @@ def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> R
     calibration, effects = prepared.calibration, model.effects
     camera = prepared.expected_camera(effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
-        expected = "effects that need no compiled variant"
-        raise InputError("model", f"the effect {later[0]}", expected, variant.HINT)
+        raise variant.not_compiled(f"model: the effect {later[0]}")
     scene = after_stage(prepared.complete, effects, "scene")
     settings = after_stage(model.render, effects, "settings")
     there = with_further_distortion(camera, effects)

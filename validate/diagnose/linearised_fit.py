@@ -9,7 +9,6 @@ import numpy as np
 from cboxlab.calibration.radiometry import tabulation_errors
 from cboxlab.render.chain import stages_between
 from cboxlab.render.device import variant
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
@@ -94,7 +93,7 @@ def linearised_fit(
     Raises InputError where nothing could be compiled and so nothing can be predicted.
     """
     if not isinstance(rendered, Predicted):
-        raise InputError("diagnosis", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+        raise variant.not_compiled("diagnosis")
     fit_ = rendered.fit
     predictor = rendered.predictor.seen_by(fit_.camera)
     base = predictor.signal(given)

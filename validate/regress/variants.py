@@ -10,7 +10,6 @@ from cboxlab.render.files import xyz_weights
 from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
 from cboxlab.render.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene, Surface
 from numpy.typing import NDArray
 
@@ -102,7 +101,7 @@ def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:
     Raises InputError for a scene that is not diffuse, and where nothing can be compiled.
     """
     if not variant.compiled():
-        raise InputError("variants", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+        raise variant.not_compiled("variants")
     wavelength_nm = _VISIBLE_NM if side.in_colour else side.wavelength_nm
     count = min(_MOST_WAVELENGTHS, wavelength_nm.size)
     index = np.unique(np.linspace(0, wavelength_nm.size - 1, count).round().astype(int))

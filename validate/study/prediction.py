@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from cboxlab.render.device import variant
 from cboxlab.render.perturbation import warp_change
-from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 
 from ..compare import (
@@ -49,7 +48,7 @@ class Base:
     def __post_init__(self) -> None:
         """Raises InputError where nothing could be compiled and so nothing can be predicted."""
         if not isinstance(self.validation.rendered, Predicted):
-            raise InputError("study", "no compiled variant", "LLVM 16 or newer, or a GPU", variant.HINT)
+            raise variant.not_compiled("study")
 
     @property
     def rendered(self) -> Predicted:

@@ -338,3 +338,12 @@ def test_calibrate_init_writes_a_first_manifest(tmp_path, cbox):
     assert code == 2 and "bit_depth" in err and not (tmp_path / "out").exists()
     code, _, err = cbox("calibrate", "--init", tmp_path)
     assert code == 2 and "exists already" in err
+
+
+@pytest.mark.parametrize("command", ["diagnose", "studio"])
+def test_what_needs_a_compiler_says_so_before_it_computes(cbox, monkeypatch, command):
+    monkeypatch.setattr("cboxlab.render.device.variant.compiled", lambda: False)
+    code, out, told = cbox(command, DEMO_CAPTURE)
+    assert code == 2 and not out
+    expected = "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
+    assert " ".join(told.split()) == f"error: cbox {command}: found {expected}"
