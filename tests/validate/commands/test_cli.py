@@ -345,5 +345,7 @@ def test_what_needs_a_compiler_says_so_before_it_computes(cbox, monkeypatch, com
     monkeypatch.setattr("cboxlab.render.device.variant.compiled", lambda: False)
     code, out, told = cbox(command, DEMO_CAPTURE)
     assert code == 2 and not out
-    expected = "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
+    expected = (
+        "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
+    )
     assert " ".join(told.split()) == f"error: cbox {command}: found {expected}"
