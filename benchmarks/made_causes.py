@@ -149,6 +149,58 @@ def second_lamp(draw: Draw, scene: Scene, camera: Camera) -> Made:
     return Made(Truth("extra-light"), [(scene, camera, 1.0), (replace(scene, lamp=other), camera, 0.06)])
 
 
+def _emitting(scene: Scene, corners: NDArray[np.float64], radiance: NDArray[np.float64]) -> Scene:
+    """The scene lit by a flat piece alone. corners : (4, 3), mm, counterclockwise seen from where it shines."""
+    surface = replace(scene.lamp.surface, vertices_mm=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    lamp = replace(scene.lamp, surface=surface, radiance=Spectrum(WAVELENGTH_NM, radiance))
+    return replace(scene, lamp=lamp)
+
+
+def sun_blade(draw: Draw, scene: Scene, camera: Camera) -> Made:
+    """Daylight falls through a slit onto the right wall, which shines there by so much more."""
+    high, deep = draw.uniform(250, 400), draw.uniform(150, 400)
+    along = 90 * np.array([0, np.sin(angle := draw.uniform(0.3, 1.2)), np.cos(angle)])
+    across = 12 * np.array([0, np.cos(angle), -np.sin(angle)])
+    middle = np.array([1.0, high, deep])
+    corners = np.array([middle + a * along + b * across for a, b in ((-1, 1), (1, 1), (1, -1), (-1, -1))])
+    wall = scene.materials["green"].reflectance.at(WAVELENGTH_NM)
+    radiance = scene.lamp.radiance.at(WAVELENGTH_NM) * wall * (WAVELENGTH_NM / 550.0) ** -3
+    blade = _emitting(scene, corners, radiance)
+    truth = Truth("extra-light", None, _centre(camera, corners))
+    return Made(truth, [(scene, camera, 1.0), (blade, camera, 0.008)])
+
+
+def pilot_light(draw: Draw, scene: Scene, camera: Camera) -> Made:
+    """A small green light shines at the right wall from 40 mm before it."""
+    middle = np.array([40.0, draw.uniform(150, 400), draw.uniform(150, 400)])
+    square = 4 * np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], float)
+    corners = middle + square[::-1]
+    radiance = 5 * scene.lamp.radiance.at(WAVELENGTH_NM).mean() * np.exp(-(((WAVELENGTH_NM - 530) / 25) ** 2))
+    truth = Truth("extra-light", None, _centre(camera, middle[None] * [0.0, 1.0, 1.0]))
+    return Made(truth, [(scene, camera, 1.0), (_emitting(scene, corners, radiance), camera, 0.06)])
+
+
+def soot(draw: Draw, scene: Scene, camera: Camera) -> Made:
+    """The ceiling is blackened beside the lamp, most in the middle."""
+    middle = [draw.uniform(330, 400), 548.4, draw.uniform(120, 330)]
+    paint, altered, size = _white(scene), scene, draw.uniform(45, 70)
+    for step in range(4):
+        mesh = _disc(size * (1 - 0.2 * step), np.subtract(middle, [0, 0.3 * step, 0]), [0, -1, 0])
+        altered = _with(altered, f"soot-{step}", mesh, paint * (1 - 0.03 * (step + 1)))
+    truth = Truth("reflectance-map", "ceiling", _centre(camera, np.array([middle])))
+    return Made(truth, [(altered, camera, 1.0)])
+
+
+def thread(draw: Draw, scene: Scene, camera: Camera) -> Made:
+    """A dark thread hangs before the opening."""
+    mesh = trimesh.creation.cylinder(0.6, 700, sections=8)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh.apply_translation([draw.uniform(120, 430), 300, -60])
+    return Made(
+        Truth("object"), [(_with(scene, "thread", mesh, np.full(WAVELENGTH_NM.size, 0.05)), camera, 1.0)]
+    )
+
+
 def lamp_lines(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """The lamp has gas lines that its table lacks."""
     values = scene.lamp.radiance.at(WAVELENGTH_NM)
@@ -181,6 +233,22 @@ def tilted_sensor(draw: Draw, scene: Scene, camera: Camera) -> Made:
         wide = uniform_filter(signals, (0, 3, 3), mode="nearest")
         share = 0.5 * (COLUMNS / SIZE_PX) ** 2
         return (1 - share) * signals + share * wide
+
+    return _on_light(Truth("blur"), light)
+
+
+def wiped(draw: Draw, scene: Scene, camera: Camera) -> Made:
+    """A greasy cloth drew streaks over the lens: a little of all light goes astray along one line, far."""
+    angle, share = draw.uniform(0, np.pi), draw.uniform(0.02, 0.04)
+    way = np.array([np.sin(angle), np.cos(angle)])
+
+    def light(signals: Stack) -> Stack:
+        from scipy.ndimage import shift
+
+        away = np.arange(-45, 46)
+        weights = np.exp(-np.abs(away) / 12.0)
+        astray = sum(w * shift(signals, (0, *(a * way)), order=1) for a, w in zip(away, weights, strict=True))
+        return (1 - share) * signals + share * np.asarray(astray) / weights.sum()
 
     return _on_light(Truth("blur"), light)
 
@@ -269,7 +337,7 @@ def _name(band: int) -> str:
 CAUSES: Mapping[str, Maker] = {
     maker.__name__: maker
     for maker in (
-        ball, rod, floor_stain, wall_stain, bleached, second_lamp, lamp_lines, shaking, tilted_sensor, wedge, fringes,
-        dust, row_noise, column_gain, glow, lamp_step, flicker,
+        ball, rod, thread, floor_stain, wall_stain, soot, bleached, second_lamp, sun_blade, pilot_light, lamp_lines,
+        shaking, tilted_sensor, wiped, wedge, fringes, dust, row_noise, column_gain, glow, lamp_step, flicker,
     )
 }  # fmt: skip

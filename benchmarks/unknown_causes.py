@@ -32,7 +32,8 @@ from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograp
 from cboxlab.validate.synthetic.varied import settled, varied_settings
 from made_causes import CAUSES, SIZE_PX, Made, Stack, Truth
 
-_PICTURE_ERROR = 0.002
+#: Relative error of a picture, and of one that adds a tenth of itself or less.
+_PICTURE_ERROR, _ADDED_ERROR = 0.002, 0.02
 _LABORATORIES = 2
 
 #: A place is right within this part of the picture's width.
@@ -45,8 +46,8 @@ def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
     return perturbed_camera(SIZE_PX, seed), varied_settings(seed), settled(photographed_scene(Model()), seed)
 
 
-def _image(scene: Scene, camera: Camera, seed: int) -> RenderedImage:
-    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=seed), _PICTURE_ERROR)
+def _image(scene: Scene, camera: Camera, seed: int, error: float = _PICTURE_ERROR) -> RenderedImage:
+    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=seed), error)
 
 
 @cache
@@ -65,7 +66,10 @@ def write_capture(folder: Path, name: str, seed: int, taken: int = 0) -> Truth:
     draw = np.random.default_rng([seed, len(name)])
     noise = seed + 5000 * taken
     made = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
-    pictures = [(_image(s, c, noise + i), c, w) for i, (s, c, w) in enumerate(made.pictures)]
+    pictures = []
+    for i, (seen, taken_by, weight) in enumerate(made.pictures):
+        error = _ADDED_ERROR if np.max(weight) <= 0.1 else _PICTURE_ERROR
+        pictures.append((_image(seen, taken_by, noise + i, error), taken_by, weight))
     total: Stack | None = None
     for image, seen, weight in pictures or [(_sound(place, place + 5000 * taken), camera, 1.0)]:
         signals, uniform, _ = photographed_light(image, (), None, seen, settings)

@@ -83,6 +83,11 @@ class Excess:
         rows, columns = self.used.shape[1:]
         return rows, columns
 
+    def reflectance_of(self, surface: int) -> NDArray[np.float64]:
+        """(band,) reflectance of a surface's paint, by its index."""
+        t = self.transport
+        return t.reflectance[t.material[np.argmax(t.surface == surface)]]
+
     @cached_property
     def count(self) -> int:
         """Number of used samples."""

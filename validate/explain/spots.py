@@ -37,6 +37,13 @@ _AT_SIDE = 0.05
 #: A stain or a thread seen in one band is seen in others by this part of it, at least: their spectra are broad.
 _BROAD = 0.05
 
+#: The logarithm of a light's change over the signal keeps to a line over wavelength within half of what the
+#: reflectance does that a thing would need, and that one is off its line by this much, rms.
+_OF_THE_SURFACE = 0.2
+
+#: No thing is brighter than a white one, but for one nearer to the lamp by so much.
+_BRIGHTEST = 2.0
+
 #: Families that may make a place brighter by any factor, without an outline, but not darker: light and charge add. Of
 #: the squares of what they change over sigma no more than this part is darker, by noise and what the lamp takes up.
 _SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
@@ -96,7 +103,7 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
     found = 0.0
     if form.family == "sensor-offset":
         found -= 0.0 if _at_the_border(weight) else _UNLIKELY
-    lit = soft and strongest > 0
+    lit = strongest > 0 and (soft or _lit(excess, weight, relative))
     if form.family == "object":
         return 0.0 if (deep or line) and not lit else -_UNLIKELY
     if deep and not (lit and form.family in _SHINING):
@@ -112,6 +119,23 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         if not rounder_in_the_picture(excess, weight):
             found -= _ODD
     return found
+
+
+def _lit(excess: Excess, weight: NDArray[Any], relative: NDArray[np.float64]) -> bool:
+    """Whether a bright place has the colour of its surface, in light of another colour, and that of no other paint, or
+    is brighter than any paint would be there. relative : (band,) its change over the signal."""
+    owner = int(excess.surface[np.unravel_index(np.argmax(weight), weight.shape)])
+    if owner < 0 or (relative <= 0).any():
+        return False
+    needed = np.maximum(excess.reflectance_of(owner), 1e-6) * (1 + relative)
+    light, thing = (_off_a_line(excess.nm, np.log(values)) for values in (relative, needed))
+    of_the_surface = thing > max(_OF_THE_SURFACE, 2 * light)
+    return of_the_surface or bool(needed.max() > _BRIGHTEST)
+
+
+def _off_a_line(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Rms distance of y (n,) from a straight line over x (n,)."""
+    return float(np.std(y - np.polyval(np.polyfit(x, y, 1), x)))
 
 
 def _as_a_film(excess: Excess, form: Form) -> bool:

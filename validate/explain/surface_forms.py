@@ -115,10 +115,9 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
 
 def _other_paints(excess: Excess, inside: csr_matrix, stain: Form, owner: int) -> Iterator[Form]:
     """Another paint of the scene in the place of a stain: splashed on it, or beneath a paint that is thin."""
-    t = excess.transport
-    own = t.reflectance[t.material[np.argmax(t.surface == owner)]]
+    own = np.maximum(excess.reflectance_of(owner), 1e-6)
     for index, name in enumerate(excess.materials):
-        covered = t.reflectance[index] / np.maximum(own, 1e-6) - 1
+        covered = excess.transport.reflectance[index] / own - 1
         if np.ptp(covered) <= _COLOURED * np.abs(covered).max():
             continue
 
