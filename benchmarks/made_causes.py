@@ -182,7 +182,7 @@ def pilot_light(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
 def soot(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """The ceiling is blackened beside the lamp, most in the middle."""
-    middle = [draw.uniform(330, 400), 548.4, draw.uniform(120, 330)]
+    middle = [draw.uniform(430, 470), 548.4, draw.uniform(120, 330)]
     paint, altered, size = _white(scene), scene, draw.uniform(45, 70)
     for step in range(4):
         mesh = _disc(size * (1 - 0.2 * step), np.subtract(middle, [0, 0.3 * step, 0]), [0, -1, 0])
@@ -192,9 +192,10 @@ def soot(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
 
 def thread(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """A dark thread hangs before the opening."""
+    """A dark thread crosses the opening, not quite upright."""
     mesh = trimesh.creation.cylinder(0.6, 700, sections=8)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(draw.uniform(0.03, 0.08), [0, 0, 1]))
     mesh.apply_translation([draw.uniform(120, 430), 300, -60])
     return Made(
         Truth("object"), [(_with(scene, "thread", mesh, np.full(WAVELENGTH_NM.size, 0.05)), camera, 1.0)]

@@ -111,3 +111,17 @@ def test_a_dark_rod_is_no_coat_however_strong_it_is():
     coats = [f for f in surface_forms(excess, hot_spot(excess)) if f.local and f.mirrored is not None]
     assert coats
     assert all(fits_the_place(excess, coat, soft=False) == -coat.fit.gain for coat in coats)
+
+
+@pytest.mark.parametrize("family", ["extra-light", "object"])
+def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(family):
+    """Both have outlines. Daylight on a red floor leaves it red; a thing there has a colour of its own."""
+    excess = small_excess(np.zeros(SIGNAL.shape))
+    red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
+    transport = replace(excess.transport, reflectance=np.array([red, white]))
+    place = (np.abs(ROWS - 36) < 3) & (np.abs(COLUMNS - 22) < 8)
+    daylight = 0.5 * (excess.nm / 550) ** -3
+    grey = 0.7 * 0.8 / red - 1
+    more = {"extra-light": daylight, "object": np.minimum(grey, 4.0)}[family]
+    found = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
+    assert found.family == family
