@@ -24,6 +24,7 @@ from .selection import best_singles
 __all__ = [
     "Cause",
     "SelectedEffect",
+    "comes_of_edges",
     "confirmed_where_held_out",
     "groups",
     "heldout_bands",
@@ -47,6 +48,11 @@ _LEAST_SIGMAS = 3.0
 
 _BLOCK_PX = 16
 
+#: An effect's amplitude well inside faces is less than this part of that elsewhere, by so many standard deviations:
+#: then it comes of edges, as of steps between faces that a picture's own errors leave. Asked where the inside holds
+#: at least the last part of the square of the effect's change.
+_LEAST_INSIDE, _APART_SIGMAS, _ENOUGH_INSIDE = 0.5, 3.0, 0.2
+
 #: A band is held out only where the other bands hold at least this part of the square of the effect's change.
 _ENOUGH_ELSEWHERE = 0.2
 
@@ -59,6 +65,7 @@ class SelectedEffect:
     it was not fitted, see ``heldout``; NaN where that cannot be tried. amplitude_sigma : standard deviation of a
     multiple of its change, 1 as fitted, see ``parameter_variance``; NaN where the priors decide. count : number of
     samples that chi2 sums. dispersion : by how much more than noise chi2 differences scatter, see ``evidence``.
+    of_edges : whether it is much larger at edges than inside faces, see ``comes_of_edges``.
     """
 
     candidate: Candidate
@@ -69,6 +76,7 @@ class SelectedEffect:
     amplitude_sigma: float
     count: int
     dispersion: float
+    of_edges: bool = False
 
     @property
     def certainty(self) -> float:
@@ -116,6 +124,7 @@ def with_alternatives(
                 np.nan if prior else heldout_bands(linearised.model, residual, shape),
                 np.nan if prior else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
                 linearised.model.count, dispersion(linearised.model, shape, residual),
+                not prior and comes_of_edges(linearised.model, residual, shape),
             )
         )  # fmt: skip
     return found
@@ -152,12 +161,13 @@ def confirmed_where_held_out(
     known: Sequence[SelectedEffect],
     signatures: Sequence[Signature],
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
-    """Drop effects that gain too little in pixels or bands held out from their fit, or whose amplitude
-    errors that bands and faces share may have made: they resemble another cause."""
+    """Drop effects that gain too little in pixels or bands held out from their fit, whose amplitude inside faces is
+    another, or whose amplitude errors that bands and faces share may have made: they resemble another cause."""
     kept = [
         candidate
         for candidate, one in zip(chosen, known, strict=True)
         if not (one.heldout_pixels < _PREDICTS or one.heldout_bands < _PREDICTS)
+        and not one.of_edges
         and not one.amplitude_sigma > 1 / _LEAST_SIGMAS
     ]
     if len(kept) == len(chosen):
@@ -216,6 +226,19 @@ def heldout_bands(model: LinearModel, residual: NDArray, predicted: NDArray) -> 
         own += _gain(pixels[~inside], shape[~inside], everywhere)
         other += _gain(pixels[~inside], shape[~inside], amplitude)
     return other / own if own > 0 else float("nan")
+
+
+def comes_of_edges(model: LinearModel, residual: NDArray, predicted: NDArray) -> bool:
+    """Whether pixels near edges ask for a much larger amplitude than those well inside faces. Parameters as in
+    ``heldout_pixels``."""
+    pixels, shape = residual[: model.count], predicted[: model.count]
+    parts = (model.interior, ~model.interior)
+    inside, edges = (float(shape[part] @ shape[part]) for part in parts)
+    if edges <= 0 or inside < _ENOUGH_INSIDE * (inside + edges):
+        return False
+    within, near = (_amplitude(pixels[part], shape[part]) for part in parts)
+    sigma = float(np.sqrt(1 / inside + 1 / edges))
+    return within < _LEAST_INSIDE * near and near - within > _APART_SIGMAS * sigma
 
 
 def _amplitude(residual: NDArray, predicted: NDArray) -> float:

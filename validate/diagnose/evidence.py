@@ -39,7 +39,7 @@ __all__ = [
 
 #: An effect must lower chi2 per sample by at least this much. The base picture's own errors could make less: they are
 #: smooth. What changes edges alone is not imitated by them, and the errors of edges are counted in the variance.
-SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.02, 0.004
+SMALLEST_GAIN, _SMALLEST_GAIN_AT_EDGES = 0.015, 0.004
 
 #: Where the picture's own errors are part of the covariance: an effect's amplitude must be so many times its standard
 #: deviation, squared, and gain so much chi2 per sample. Sound captures by two simulators give at most 18, of 150

@@ -48,6 +48,9 @@ _BRIGHTEST = 2.0
 #: the squares of what they change over sigma no more than this part is darker, by noise and what the lamp takes up.
 _SHINING, _DARKER = ("extra-light", "reflection-lobe", "sensor-offset"), 0.25
 
+#: A band is darker where most of the squares of its change over sigma are, if there are so many of them.
+_SEEN = 30.0
+
 #: A film has two faces, each of which mirrors at most what a coat does; its fitted map rings below 0 by this part.
 _MOST_MIRRORED, _LEAST_MIRRORED = 2.0, 0.5
 
@@ -74,6 +77,13 @@ def darker_part(excess: Excess, change: NDArray[Any]) -> float:
     """The part of the squares of a change (band, y, x) in DN over sigma by which the picture is darker."""
     squares = (change * excess.weight) ** 2
     return float(squares[change < 0].sum() / max(squares.sum(), 1e-300))
+
+
+def _a_band_is_darker(excess: Excess, change: NDArray[Any]) -> bool:
+    """Whether a change (band, y, x) in DN makes a band darker, as another paint does and no light."""
+    squares = (change * excess.weight) ** 2
+    whole, darker = squares.sum(axis=(1, 2)), np.where(change < 0, squares, 0.0).sum(axis=(1, 2))
+    return bool(np.any((whole > _SEEN) & (darker > whole / 2)))
 
 
 def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
@@ -108,7 +118,9 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         return 0.0 if (deep or line) and not lit else -_UNLIKELY
     if deep and not (lit and form.family in _SHINING):
         found -= _TOO_DEEP
-    if form.family in _SHINING and darker_part(excess, change) > _DARKER:
+    if form.family in _SHINING and (
+        darker_part(excess, change) > _DARKER or _a_band_is_darker(excess, change)
+    ):
         found -= _TOO_DEEP
     if form.family == "reflectance-map":
         found -= _ODD if strongest > 0 else 0.0

@@ -102,6 +102,7 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
         if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
             stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
         yield stain
+        yield replace(stain, family="extra-light", words="light on one place of a surface")
         yield from _other_paints(excess, inside, stain, owner)
         yield from glossy_places(excess, inside, own, name)
 

@@ -1,8 +1,10 @@
 """Prediction of what was held out: a true cause has one amplitude everywhere, an effect that resembles it has not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.alternatives import heldout_bands, heldout_pixels
+from cboxlab.validate.diagnose.alternatives import comes_of_edges, heldout_bands, heldout_pixels
 from cboxlab.validate.diagnose.linear_model import LinearModel
 
 SHAPE = (4, 64, 64)
@@ -77,3 +79,30 @@ def test_the_ratios_of_a_cause_that_is_weaker_in_one_part(model):
     everywhere, without = (3 + k) / 4, (2 + k) / 3
     expected = (3 * gain(without, 1) + gain(1, k)) / (3 * gain(everywhere, 1) + gain(everywhere, k))
     assert heldout_bands(model, last, even) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("inside", "at_edges", "part", "expected"),
+    [
+        (1.0, 1.0, 0.5, False),
+        (0.3, 1.3, 0.5, True),
+        (0.7, 1.3, 0.5, False),  # an error of the shape
+        (1.3, 0.3, 0.5, False),  # edges are less sure than faces
+        (0.3, 1.3, 0.1, False),  # an effect that edges alone show
+    ],
+)
+def test_steps_at_edges_alone_are_no_change_of_a_whole_face(model, inside, at_edges, part, expected):
+    """part : of the square of the change that lies inside faces."""
+    within = np.arange(COUNT) < part * COUNT
+    noise = 0.01 * np.random.default_rng(4).standard_normal(COUNT)
+    residual = np.append(np.where(within, inside, at_edges) + noise, np.zeros(11))
+    even = np.append(np.ones(COUNT), np.zeros(11))
+    assert comes_of_edges(replace(model, interior=within), residual, even) == expected
+
+
+def test_a_faint_change_that_noise_alone_makes_uneven_stays(model):
+    """With amplitudes known to 0.35 and 0.35 a difference of 0.9 is 1.8 standard deviations."""
+    within = np.arange(COUNT) < COUNT // 2
+    even = np.append(np.full(COUNT, (8 / (COUNT / 2)) ** 0.5), np.zeros(11))
+    residual = even * np.append(np.where(within, 0.3, 1.2), np.zeros(11))
+    assert not comes_of_edges(replace(model, interior=within), residual, even)

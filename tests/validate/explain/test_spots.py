@@ -125,3 +125,12 @@ def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(f
     more = {"extra-light": daylight, "object": np.minimum(grey, 4.0)}[family]
     found = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
     assert found.family == family
+
+
+@pytest.mark.parametrize(("blue", "family"), [(0.05, "extra-light"), (-0.05, "reflectance-map")])
+def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
+    """Brighter in all bands it may be lit, and paint is the runner-up."""
+    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    change = np.array([blue, blue, 0.1, 0.1])
+    found = explain(small_excess(SIGNAL * place * change[:, None, None]))
+    assert found.family == family
