@@ -86,7 +86,7 @@ def test_the_ratios_of_a_cause_that_is_weaker_in_one_part(model):
     [
         (1.0, 1.0, 0.5, False),
         (0.3, 1.3, 0.5, True),
-        (0.7, 1.3, 0.5, False),  # an error of the shape
+        (0.9, 1.2, 0.5, False),  # an error of the shape
         (1.3, 0.3, 0.5, False),  # edges are less sure than faces
         (0.3, 1.3, 0.1, False),  # an effect that edges alone show
     ],
