@@ -175,7 +175,9 @@ def pilot_light(draw: Draw, scene: Scene, camera: Camera) -> Made:
     middle = np.array([40.0, draw.uniform(150, 400), draw.uniform(150, 400)])
     square = 4 * np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], float)
     corners = middle + square[::-1]
-    radiance = 5 * scene.lamp.radiance.at(WAVELENGTH_NM).mean() * np.exp(-(((WAVELENGTH_NM - 530) / 25) ** 2))
+    radiance = (
+        15 * scene.lamp.radiance.at(WAVELENGTH_NM).mean() * np.exp(-(((WAVELENGTH_NM - 530) / 25) ** 2))
+    )
     truth = Truth("extra-light", None, _centre(camera, middle[None] * [0.0, 1.0, 1.0]))
     return Made(truth, [(scene, camera, 1.0), (_emitting(scene, corners, radiance), camera, 0.06)])
 

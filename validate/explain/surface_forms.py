@@ -97,7 +97,8 @@ def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
             return scaled(inside, excess.signal[band])
 
         n = equations(excess, stained)
-        fit = free_spectrum(n)
+        fits = free_spectrum(n), fixed_spectrum(n, np.ones(len(excess.bands)))
+        fit = max(fits, key=lambda one: one.evidence)  # dirt may be grey
         stain = Form("reflectance-map", "a stain", fit, stained, "reflectance", own, name, local=True)
         if abs(darker_part(excess, changed(excess, stain)) - 0.5) < _BOTH_SIGNS:
             stain = replace(stain, words="a stain, or a bump or dent that is lit on one side")
