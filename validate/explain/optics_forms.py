@@ -19,10 +19,6 @@ __all__ = ["moves_of_bands", "optics_forms", "smears"]
 _ORDER, _ORDER_OF_BLUR = 4, 2
 _RADIUS = 2
 
-#: An uneven blur that gains more than this where it was not fitted, relative to where it was, is none of a picture's
-#: own: those have 0.3 at most, a sensor's tilt 0.97.
-_HOLDS = 0.6
-
 #: Errors of a round blur are round: of a defocus' chi2 at most 0.006 was left along a line in captures of another
 #: simulator, where a smear of 0.7 px along a diagonal left 0.03.
 _ROUND_LEAVES = 0.01
@@ -41,8 +37,7 @@ def optics_forms(excess: Excess) -> Iterator[Form]:
     for words, order in (("the whole picture", 0), ("unevenly over the picture", _ORDER_OF_BLUR)):
         maps, radius = ImageMaps("cosines", order=order), 1 if order else _RADIUS
         made = _near(excess, maps.matrix(excess.shape), radius)
-        alike, *apart = _spectra(equations(excess, made), "blur", words, made, "neighbours", maps, radius)
-        yield from (replace(alike, sharp=order > 0 and alike.fit.heldout > _HOLDS), *apart)
+        yield from _spectra(equations(excess, made), "blur", words, made, "neighbours", maps, radius)
     yield from smears(excess)
     wide = _exchanged(excess, "halo")
     yield from _spectra(equations(excess, wide), "blur", "a wide halo", wide, "halo", ImageMaps("cosines"))
