@@ -134,3 +134,13 @@ def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
     change = np.array([blue, blue, 0.1, 0.1])
     found = explain(small_excess(SIGNAL * place * change[:, None, None]))
     assert found.family == family
+
+
+@pytest.mark.parametrize("spectrum", [np.full(BANDS, 0.2), np.array([0.4, 0.2, 0.1, 0.05])])
+def test_a_stain_has_a_spectrum_only_where_it_shows_one(spectrum):
+    """One number for each band further is paid for; grey dirt does not need them."""
+    excess = small_excess(-SIGNAL * _spot(33, 40, 3) * spectrum[:, None, None])
+    stain = next(f for f in surface_forms(excess, hot_spot(excess)) if f.words == "a stain")
+    sizes = np.abs(stain.fit.coefficients).max(axis=1)
+    assert sizes / sizes[0] == pytest.approx(spectrum / spectrum[0], rel=0.15)
+    assert (np.ptp(sizes) == 0) == (np.ptp(spectrum) == 0)
