@@ -18,7 +18,7 @@ from cboxlab.scenes.errors import InputError
 
 from .llvm import OLDEST_RELEASE, usable_llvm
 
-__all__ = ["HINT", "compiled", "ensure", "not_compiled", "use"]
+__all__ = ["HINT", "compiled", "ensure", "not_compiled", "require_compiled", "use"]
 
 _INSTALL = "Debian/Ubuntu: apt install libllvm19"
 
@@ -71,6 +71,12 @@ def compiled() -> bool:
 def not_compiled(where: str) -> InputError:
     """What to raise where the scalar variant is not enough. where : the computation or option that needs more."""
     return InputError(where, "no compiled variant", "LLVM 16 or newer, or a GPU", _INSTALL)
+
+
+def require_compiled(where: str) -> None:
+    """Raise ``not_compiled`` unless the active variant is compiled."""
+    if not compiled():
+        raise not_compiled(where)
 
 
 @contextmanager

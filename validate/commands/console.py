@@ -53,7 +53,6 @@ __all__ = [
     "options",
     "positive_number",
     "print_table",
-    "require_compiled",
     "require_folder",
     "say",
     "this_run",
@@ -201,14 +200,6 @@ def warn_unless_compiled() -> None:
 
     if not variant.compiled():
         errors.print(Text(variant.HINT))
-
-
-def require_compiled(command: str) -> None:
-    """Raise InputError without a compiled variant."""
-    from cboxlab.render.device import variant
-
-    if not variant.compiled():
-        raise variant.not_compiled(command)
 
 
 def require_folder(path: Path) -> None:

@@ -16,7 +16,6 @@ from .console import (
     give_json,
     model_for,
     options,
-    require_compiled,
     require_folder,
     say,
 )
@@ -49,6 +48,8 @@ def diagnose(
     declare: DeclareOption = None,
 ) -> None:
     """Find the physical effects that the model lacks, add them, and show how the error decreases."""
+    from cboxlab.render.device import variant
+
     from ..predict import default_cache
     from ..results import diagnose as run
     from ..results import write_manifest
@@ -58,7 +59,7 @@ def diagnose(
         require_folder(out)
     declared = declared_files(declare)
     chosen, cache = model_for(model, captures), None if no_cache else default_cache()
-    require_compiled("cbox diagnose")
+    variant.require_compiled("cbox diagnose")
     with options(render="--render"), bar("calibrating") as report:
         result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
@@ -91,6 +92,8 @@ def studio(
     no_cache: NoCacheOption = False,
 ) -> None:  # fmt: skip
     """Compare, move effects and see the error follow, live in the browser."""
+    from cboxlab.render.device import variant
+
     from ..predict import default_cache
 
     try:
@@ -106,7 +109,7 @@ def studio(
         raise InputError(
             capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's"
         )
-    require_compiled("cbox studio")
+    variant.require_compiled("cbox studio")
     bench = Workbench(folder.resolve(), None if no_cache else default_cache())
     serve(
         bench,

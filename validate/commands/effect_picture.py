@@ -46,8 +46,7 @@ def pictured_light() -> Predictor:
 
     Raises InputError without a compiled variant.
     """
-    if not variant.compiled():
-        raise variant.not_compiled("--picture")
+    variant.require_compiled("--picture")
     prepared = prepare(DEMO_CAPTURE, Model())
     settings = RenderSettings(noise=1.0)
     light = solved_light(prepared, settings, ())

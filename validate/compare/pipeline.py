@@ -131,8 +131,7 @@ def validate(
     progress.stage("calibrating")
     prepared = replace(prepare(folder, model), cache=cache)
     if picture is not None:
-        if not variant.compiled():
-            raise variant.not_compiled("render")
+        variant.require_compiled("render")
         prepared = with_picture(prepared, picture, declared, model.render)
     return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
 

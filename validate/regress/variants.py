@@ -100,8 +100,7 @@ def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:
 
     Raises InputError for a scene that is not diffuse, and where nothing can be compiled.
     """
-    if not variant.compiled():
-        raise variant.not_compiled("variants")
+    variant.require_compiled("variants")
     wavelength_nm = _VISIBLE_NM if side.in_colour else side.wavelength_nm
     count = min(_MOST_WAVELENGTHS, wavelength_nm.size)
     index = np.unique(np.linspace(0, wavelength_nm.size - 1, count).round().astype(int))

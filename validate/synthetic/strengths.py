@@ -43,8 +43,7 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
 
     Raises InputError without a compiled variant.
     """
-    if not variant.compiled():
-        raise variant.not_compiled("strength")
+    variant.require_compiled("strength")
     with temporary_folder() as folder:
         place = folder / "capture"
         write_model_capture(place, model, camera, settings, seed, relative_error=5e-3)

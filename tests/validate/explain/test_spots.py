@@ -127,6 +127,13 @@ def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(f
     assert found.family == family
 
 
+@pytest.mark.parametrize(("part", "family"), [(0.5, "object"), (2.5, "extra-light")])
+def test_no_thing_is_much_brighter_than_a_white_one(part, family):
+    """On paint of 0.7, in the light's own colour, a thing would need a reflectance of 1.05 or 2.45."""
+    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    assert explain(small_excess(part * SIGNAL * place)).family == family
+
+
 @pytest.mark.parametrize(("blue", "family"), [(0.05, "extra-light"), (-0.05, "reflectance-map")])
 def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
     """Brighter in all bands it may be lit, and paint is the runner-up."""
