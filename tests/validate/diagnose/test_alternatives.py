@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.alternatives import SelectedEffect
+from cboxlab.validate.diagnose import alternatives
+from cboxlab.validate.diagnose.alternatives import SelectedEffect, confirmed_where_held_out
 from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE, SHAPE_ERROR
 
 
@@ -31,3 +32,12 @@ def test_of_a_large_effect_the_errors_of_shapes_count():
     limit = SHAPE_ERROR * 1e5
     assert _selected(0.99 * limit, 1.0, gain=1e5).indistinguishable
     assert not _selected(1.01 * limit, 1.0, gain=1e5).indistinguishable
+
+
+@pytest.mark.parametrize("of_edges", [True, False])
+def test_what_comes_of_edges_is_dropped(monkeypatch, of_edges):
+    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
+    own = _candidate("own", 1000.0)
+    known = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, of_edges)
+    kept, _ = confirmed_where_held_out(None, [own], [known], [])
+    assert kept == ([] if of_edges else [own])
