@@ -97,8 +97,8 @@ def _refined(
         return rest[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX].ravel()
 
     def derivatives(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        steps = _STEP * np.eye(_UNITS.size)
-        return np.stack([(left(unknowns + h) - left(unknowns - h)) / (2 * _STEP) for h in steps], axis=1)
+        here, steps = left(unknowns), _STEP * np.eye(_UNITS.size)
+        return np.stack([(left(unknowns + h) - here) / _STEP for h in steps], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
     usual = 1.4826 * float(np.median(np.abs(left(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0

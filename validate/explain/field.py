@@ -30,6 +30,7 @@ __all__ = [
     "free_spectrum",
     "normal",
     "solved",
+    "trial",
 ]
 
 _WIDTHS = np.logspace(-8, 6, 57)
@@ -45,6 +46,9 @@ _TOGETHER = 2**15
 
 #: Rounds of the alternating fit of map and spectrum.
 _ROUNDS = 6
+
+#: Change of the largest number of a spectrum's, of itself, below which that fit ends: evidence changes by its square.
+_CONVERGED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,22 +116,25 @@ class FieldFit:
     size: NDArray[np.float64]
 
 
-def solved(
-    h: NDArray[Any], b: NDArray[Any], width: float | None = None
-) -> tuple[NDArray[Any], float, float, float]:
+def solved(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float, float]:
     """Coefficients, 2 ln evidence, effective number, and the width of the prior where the evidence is largest."""
     mu, v = np.linalg.eigh((h + h.T) / 2)
     seen = mu > _UNSEEN * mu.max(initial=0.0)
     mu, v = mu[seen], v[:, seen]
     square = (v.T @ b) ** 2
     scale = 1 / max(float(mu.max(initial=0.0)), 1e-300)
-    widths = _WIDTHS * scale if width is None else np.array([width])
+    widths = _WIDTHS * scale
     inside = 1 + widths[:, None] * mu
     values = (widths[:, None] * square / inside - np.log(inside)).sum(axis=1)
     best = int(np.argmax(values))
     t = widths[best]
     x = v @ (t * (v.T @ b) / (1 + t * mu))
     return x, float(values[best]), float((t * mu / (1 + t * mu)).sum()), float(t)
+
+
+def trial(a: NDArray[Any], b: NDArray[Any], width: float) -> NDArray[Any]:
+    """Coefficients by the pixels that a trial fit sees, under a prior of known width. a, b : of these, no nuisances."""
+    return np.linalg.solve(a + np.eye(len(a)) / width, b)
 
 
 def _gain(h: NDArray[Any], b: NDArray[Any], x: NDArray[Any]) -> float:
@@ -140,8 +147,8 @@ def fixed_spectrum(n: Normal, spectrum: NDArray[Any]) -> FieldFit:
     h, b = _combined(n.a, n.c, s), s @ n.b
     x, evidence, freedom, width = solved(h, b)
     coefficients = s[:, None] * x
-    trial, *_ = solved(np.einsum("b,bjk->jk", s**2, n.own_a), s @ n.own_b, width)
-    return finished(n, coefficients, s[:, None] * trial, evidence, freedom)
+    seen = trial(np.einsum("b,bjk->jk", s**2, n.own_a), s @ n.own_b, width)
+    return finished(n, coefficients, s[:, None] * seen, evidence, freedom)
 
 
 def _combined(a: NDArray[Any], c: NDArray[Any], s: NDArray[Any]) -> NDArray[Any]:
@@ -155,7 +162,7 @@ def each_band(n: Normal) -> FieldFit:
     for a, b, c, own_a, own_b in zip(n.a, n.b, n.c, n.own_a, n.own_b, strict=True):
         *_, width = solved(a - c.T @ c, b)
         widths.append(width)
-        trials.append(solved(own_a, own_b, width)[0])
+        trials.append(trial(own_a, own_b, width))
     inner = np.array([np.linalg.inv(a + np.eye(len(a)) / t) for a, t in zip(n.a, widths, strict=True)])
     alone = np.einsum("bjk,bk->bj", inner, n.b)
     passed = n.c @ inner
@@ -203,20 +210,23 @@ def _in_turn(n: Normal, start: NDArray[Any]) -> FieldFit:
         largest = np.abs(s).max()
         if not largest > 0:
             break
-        s = s / largest
+        before, s = s, s / largest
+        if np.abs(s - before).max() < _CONVERGED:
+            break
     x, evidence, freedom, width = solved(_combined(n.a, n.c, s), s @ n.b)
-    trial, *_ = solved(np.einsum("b,bjk->jk", s**2, n.own_a), s @ n.own_b, width)
+    seen = trial(np.einsum("b,bjk->jk", s**2, n.own_a), s @ n.own_b, width)
     free = len(s) - 1
     penalty = free * np.log(max(_gain(_combined(n.a, n.c, s), s @ n.b, x), 2.0))
-    return finished(n, s[:, None] * x, s[:, None] * trial, evidence - penalty, freedom + free)
+    return finished(n, s[:, None] * x, s[:, None] * seen, evidence - penalty, freedom + free)
 
 
-def finished(n: Normal, x: NDArray[Any], trial: NDArray[Any], evidence: float, freedom: float) -> FieldFit:
+def finished(n: Normal, x: NDArray[Any], seen: NDArray[Any], evidence: float, freedom: float) -> FieldFit:
+    """A fit of coefficients x (band, k); seen : those by the pixels that the trial fit sees."""
     size = (x[:, None] @ n.a @ x[..., None]).ravel()
     nuisance = np.einsum("bmk,bk->m", n.c, x)
     gain = float(2 * np.sum(x * n.b) - size.sum() + nuisance @ nuisance)
-    own = _plain(n.own_a, n.own_b, trial)
-    other = _plain(n.a - n.own_a, n.b - n.own_b, trial)
+    own = _plain(n.own_a, n.own_b, seen)
+    other = _plain(n.a - n.own_a, n.b - n.own_b, seen)
     heldout = other / own if own > 0 else 0.0
     return FieldFit(x, gain, evidence, heldout, freedom, size)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..fields import ImageMaps
 from .excess import Excess
-from .field import FieldFit, Normal, finished, fixed_spectrum, solved
+from .field import FieldFit, Normal, finished, fixed_spectrum, solved, trial
 from .form import Form, equations
 
 __all__ = ["order_forms"]
@@ -108,5 +108,5 @@ def _shaped(n: Normal, shapes: NDArray[Any], more: float) -> FieldFit:
     size = np.linalg.norm(shapes, axis=0)
     shapes = shapes / np.where(size > 0, size, 1)
     x, evidence, freedom, width = solved(shapes.T @ h @ shapes, shapes.T @ n.b[:, 0])
-    trial, *_ = solved(shapes.T @ own @ shapes, shapes.T @ n.own_b[:, 0], width)
-    return finished(n, (shapes @ x)[:, None], (shapes @ trial)[:, None], evidence + more, freedom)
+    seen = trial(shapes.T @ own @ shapes, shapes.T @ n.own_b[:, 0], width)
+    return finished(n, (shapes @ x)[:, None], (shapes @ seen)[:, None], evidence + more, freedom)
