@@ -126,10 +126,10 @@ class Explanation:
 
 def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     """Fit all families to the excess and judge them."""
-    spot, of_one_band = hot_spot(excess), spot_of_one_band(excess)
-    spots = [one for one in (spot, of_one_band) if one is not None]
+    spot = hot_spot(excess)
     kinds = (
-        sensor_forms(excess, spots), optics_forms(excess), order_forms(excess), surface_forms(excess, spot),
+        sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess),
+        surface_forms(excess, spot),
     )  # fmt: skip
     forms: list[Form] = []
     for done, some in enumerate(kinds):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,10 +26,12 @@ _BY_TIME = {"sensor-offset": "that grows with the exposure", "sensor-gain": "as 
 _ACTS: dict[str, Acts] = {"sensor-offset": "offset", "sensor-gain": "gain"}
 
 
-def sensor_forms(excess: Excess, spots: Sequence[NDArray[np.bool_]]) -> Iterator[Form]:
+def sensor_forms(
+    excess: Excess, spot: NDArray[np.bool_] | None, of_one_band: NDArray[np.bool_] | None
+) -> Iterator[Form]:
     """All offsets and gains: over rows, columns, smoothly, as waves or rings, in a spot; in all bands or in each.
 
-    spots : (y, x) each, the pixels of it.
+    spot, of_one_band : (y, x) where the excess of all bands, and where that of one band, is densest.
     """
     bases = {
         "rows": ImageMaps("rows"), "columns": ImageMaps("columns"),
@@ -48,8 +50,12 @@ def sensor_forms(excess: Excess, spots: Sequence[NDArray[np.bool_]]) -> Iterator
             yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
             each = each_band(n)
             yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
-    for spot in spots:
+    if spot is not None:
         yield from _both(excess, "a spot", cells(spot), local=True)
+    if of_one_band is not None:
+        # alike in all bands it would have fewer cells than families that are fitted where all bands are off
+        alone = _both(excess, "a spot", cells(of_one_band), local=True)
+        yield from (form for form in alone if form.sharp)
     yield _by_level(excess)
 
 

@@ -24,11 +24,21 @@ def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
     assert alone[10, 12] and not alone[20, 36]
 
 
+def test_where_one_band_is_off_nothing_is_fitted_to_all_bands():
+    excess = small_excess(70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None])
+    spot = spot_of_one_band(excess)
+    alone, both = (
+        [form for form in sensor_forms(excess, *spots) if form.local] for spots in ((None, spot), (spot, spot))
+    )
+    assert {form.words for form in alone} == {"a spot in one band"}
+    assert {form.words for form in both} == {"a spot", "a spot in one band"}
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(sign):
     def odds(x, y):
         excess = small_excess(np.broadcast_to(sign * 60.0 * _spot(x, y, 3), (BANDS, SIZE, SIZE)))
-        forms = sensor_forms(excess, [hot_spot(excess)])
+        forms = sensor_forms(excess, hot_spot(excess), None)
         glow = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
         return fits_the_place(excess, glow, soft=True)
 
@@ -40,7 +50,7 @@ def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(s
 def test_a_stain_is_seen_in_more_than_one_band():
     def odds(bands, words):
         excess = small_excess(-0.08 * SIGNAL * _spot(20, 20, 3) * bands[:, None, None])
-        forms = sensor_forms(excess, [hot_spot(excess)])
+        forms = sensor_forms(excess, hot_spot(excess), None)
         gain = next(f for f in forms if (f.family, f.words) == ("sensor-gain", words))
         return fits_the_place(excess, replace(gain, family="reflectance-map"), soft=False)
 
@@ -50,7 +60,7 @@ def test_a_stain_is_seen_in_more_than_one_band():
 def test_light_makes_no_place_darker():
     def odds(shape):
         excess = small_excess(np.broadcast_to(60.0 * shape, (BANDS, SIZE, SIZE)))
-        forms = sensor_forms(excess, [hot_spot(excess)])
+        forms = sensor_forms(excess, hot_spot(excess), None)
         added = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
         return fits_the_place(excess, replace(added, family="reflection-lobe"), soft=True)
 
