@@ -54,8 +54,8 @@ def sensor_forms(
         yield from _both(excess, "a spot", cells(spot), local=True)
     if of_one_band is not None:
         # alike in all bands it would have fewer cells than families that are fitted where all bands are off
-        alone = _both(excess, "a spot", cells(of_one_band), local=True)
-        yield from (form for form in alone if form.sharp)
+        fitted = _both(excess, "a spot", cells(of_one_band), local=True)
+        yield from (form for form in fitted if form.sharp)
     yield _by_level(excess)
 
 
