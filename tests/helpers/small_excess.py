@@ -43,7 +43,7 @@ def small_excess(change, repeats=None, seed=3):
     )  # fmt: skip
     return Excess(
         residual=residual.astype(np.float32), weighed=residual,
-        used=np.ones(SIGNAL.shape, bool), sigma=SIGMA, signal=SIGNAL,
+        used=np.ones(SIGNAL.shape, bool), sigma=SIGMA, signal=SIGNAL, noise=np.zeros(SIGNAL.shape),
         nuisances=lamp[..., None], unknown=1, moved=-np.array([right, down], np.float32),
         flat=np.ones(SIGNAL.shape), surface=surface, names=("floor", "wall"), materials=("grey", "pale"),
         bands=("b0", "b1", "b2", "b3"), nm=np.array([450.0, 520, 590, 660]), minutes=np.array([2.0, 0, 1, 3]),

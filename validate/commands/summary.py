@@ -70,8 +70,12 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     for r in diagnosis.ranking[:6]:
         table.add_row(r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
     print_table(table)
+    say(
+        "χ²/dof above: camera and lamp refitted with each effect, errors that the render itself may have counted as "
+        "noise. Below: noise alone."
+    )
     path = data_table(
-        "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp: deviation, σ"
+        "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ"
     )
     for step in diagnosis.path:
         c = step.comparison

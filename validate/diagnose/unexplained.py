@@ -93,7 +93,7 @@ def stands_out(
         return False
     least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
     seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
-    return seen and _gain(explanation, model, residual) > least
+    return seen and min(_gain(explanation, model, residual), explanation.gain) > least
 
 
 def _holds_inside(change: NDArray[np.float64], model: LinearModel, residual: NDArray[np.float64]) -> bool:
@@ -135,12 +135,14 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
     used, image = model.used, rendered.image
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
+    draw = np.random.default_rng(predictor.settings.seed).standard_normal(used.shape)
     return Excess(
         residual=_filled(residual[: model.count], used).astype(np.float32),
         weighed=_filled(left, used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,
+        noise=linearised.scale * np.sqrt(rendered.variance) * draw,
         nuisances=nuisances,
         unknown=model.basis.shape[1],
         moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),

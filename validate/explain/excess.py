@@ -61,6 +61,7 @@ class Excess:
     used: NDArray[np.bool_]
     sigma: NDArray[np.float64]
     signal: NDArray[np.float64]
+    noise: NDArray[np.float64]
     nuisances: NDArray[np.float32]
     unknown: int
     moved: NDArray[np.float32]

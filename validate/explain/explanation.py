@@ -14,7 +14,7 @@ from ..fields import FittedField
 from .as_field import fitted_field
 from .excess import Excess
 from .form import Form, changed
-from .optics_forms import moves_of_bands, optics_forms, smears
+from .optics_forms import moves_of_bands, optics_forms, smears, uneven_blurs
 from .order_forms import order_forms
 from .sensor_forms import sensor_forms
 from .spot_cells import hot_spot, spot_of_one_band
@@ -140,9 +140,9 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
 
 
 def hidden(excess: Excess) -> tuple[Explanation, ...]:
-    """Fit blurs along a line, and displacements that differ between bands, each alone: errors of the picture, which
-    explain more, hide them."""
-    kinds = smears(excess), moves_of_bands(excess)
+    """Fit blurs along a line and uneven ones, and displacements that differ between bands, each alone: errors of the
+    picture, which explain more, hide them."""
+    kinds = smears(excess), uneven_blurs(excess), moves_of_bands(excess)
     return tuple(_judged(excess, [*forms], least_share=0.0) for forms in kinds)
 
 

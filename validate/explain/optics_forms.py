@@ -14,7 +14,7 @@ from .excess import Excess
 from .field import FieldFit, Normal, beside_common, each_band, fixed_spectrum
 from .form import Columns, Form, equations
 
-__all__ = ["moves_of_bands", "optics_forms", "smears"]
+__all__ = ["moves_of_bands", "optics_forms", "smears", "uneven_blurs"]
 
 _ORDER, _ORDER_OF_BLUR = 4, 2
 _RADIUS = 2
@@ -36,8 +36,8 @@ def optics_forms(excess: Excess) -> Iterator[Form]:
         yield from _spectra(equations(excess, made), "displacement", words, made, "displacement", maps)
     for words, order in (("the whole picture", 0), ("unevenly over the picture", _ORDER_OF_BLUR)):
         maps, radius = ImageMaps("cosines", order=order), 1 if order else _RADIUS
-        made = _near(excess, maps.matrix(excess.shape), radius)
-        yield from _spectra(equations(excess, made), "blur", words, made, "neighbours", maps, radius)
+        n, made = _blurred(excess, maps, radius)
+        yield from _spectra(n, "blur", words, made, "neighbours", maps, radius)
     yield from smears(excess)
     wide = _exchanged(excess, "halo")
     yield from _spectra(equations(excess, wide), "blur", "a wide halo", wide, "halo", ImageMaps("cosines"))
@@ -78,6 +78,20 @@ def smears(excess: Excess) -> Iterator[Form]:
         fit = replace(form.fit, coefficients=form.fit.coefficients @ parts)
         words = form.words.replace("along a line", f"along {_direction(form.fit)}")
         yield replace(form, words=words, fit=fit, columns=made, sharp=True, effects_leave=_ROUND_LEAVES)
+
+
+def uneven_blurs(excess: Excess) -> Iterator[Form]:
+    """The picture blurred here more than there, in all bands alike, less what a blur of the whole gains and needs:
+    errors of the rendered picture's edges are alike everywhere."""
+    words, ones = "unevenly over the picture", np.ones(len(excess.bands))
+    forms = []
+    for order in (_ORDER_OF_BLUR, 0):
+        maps = ImageMaps("cosines", order=order)
+        n, made = _blurred(excess, maps, 1)
+        forms.append(Form("blur", words, fixed_spectrum(n, ones), made, "neighbours", maps, sharp=True))
+    uneven, even = forms
+    gain, evidence = uneven.fit.gain - even.fit.gain, uneven.fit.evidence - even.fit.evidence
+    yield replace(uneven, fit=replace(uneven.fit, gain=gain, evidence=evidence))
 
 
 def moves_of_bands(excess: Excess) -> Iterator[Form]:
@@ -129,6 +143,15 @@ def _moves(excess: Excess, basis: NDArray[Any]) -> Columns:
         return np.concatenate([way[band].ravel() * basis for way in excess.moved]).astype(np.float32)
 
     return made
+
+
+def _blurred(excess: Excess, maps: ImageMaps, radius: int) -> tuple[Normal, Columns]:
+    """The equations of exchanges with neighbours, less what they gain by averaging the rendered picture's noise."""
+    basis = maps.matrix(excess.shape)
+    noise = replace(excess, signal=excess.noise, weighed=-excess.noise * excess.weight)
+    made = _near(excess, basis, radius)
+    n, own = equations(excess, made), equations(noise, _near(noise, basis, radius))
+    return Normal(n.a - own.a, n.b - own.b, n.c, n.own_a - own.own_a, n.own_b - own.own_b), made
 
 
 def _near(excess: Excess, basis: NDArray[Any], radius: int) -> Columns:

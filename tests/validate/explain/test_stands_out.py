@@ -122,9 +122,36 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step,
     ):
         excess = small_excess(change)
         model = _model(excess)
-        found, _ = hidden(excess)
+        found, *_ = hidden(excess)
         assert stands_out(found, model, model.residual, by_effects) == seen
         assert change is blur or found.words.startswith(f"along {line}")
+
+
+def _blurred_by(share):
+    """The picture with a share (y, x) or a number of each pixel's light spread over its four neighbours."""
+    around = sum(
+        shift(SIGNAL, (0, *step), order=0, mode="nearest") for step in ((0, 1), (0, -1), (1, 0), (-1, 0))
+    )
+    return share * (around / 4 - SIGNAL)
+
+
+def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_not():
+    for share, seen in ((0.3 * (COLUMNS / SIZE) ** 2, True), (0.2, False)):
+        excess = small_excess(_blurred_by(share))
+        model = _model(excess)
+        _, uneven, _ = hidden(excess)
+        assert stands_out(uneven, model, model.residual, 0.0) == seen
+
+
+def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
+    """A picture half of which is as noisy as the photograph; its noise is known by its size, not as it is."""
+    half = (COLUMNS < SIZE / 2) * SIGMA
+    own, draw = (half * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
+    for noise, seen in ((draw, False), (0 * draw, True)):
+        excess = replace(small_excess(-own), signal=SIGNAL + own, noise=noise)
+        model = _model(excess)
+        _, uneven, _ = hidden(excess)
+        assert stands_out(uneven, model, model.residual, 0.0) == seen
 
 
 def _turned(size):
