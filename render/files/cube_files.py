@@ -125,7 +125,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     require_numbers(picture, path)
     require_light(picture, path)
     negative = negative_pixels(picture)
-    return with_notes(picture, [f"{negative} pixels have negative radiance"] if negative else [])
+    return with_notes(picture, [f"pixels of negative radiance: {negative}"] if negative else [])
 
 
 @contextmanager

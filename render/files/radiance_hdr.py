@@ -75,7 +75,7 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
     notes = [_STEPS]
     if outside:
         notes.append(
-            f"{outside} pixels have a channel at 0: colours outside the primaries are cut off there, and what may be "
+            f"pixels with a channel at 0: {outside}; colours outside the primaries are cut off there, and what may be "
             "lacking is in the uncertainty"
         )
     return told(

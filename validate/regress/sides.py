@@ -168,7 +168,7 @@ def _one(cube: xr.Dataset, source: str) -> Side:
     if bad.any():
         row, column, _ = (int(i[0]) for i in np.nonzero(bad))
         found = (
-            f"{int(bad.any(axis=-1).sum())} pixels without a finite value, the first at x {column}, y {row}"
+            f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
         )
         raise InputError(f"{source}: radiance", found, "a finite radiance in every pixel and wavelength")
     notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]

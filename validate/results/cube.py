@@ -135,7 +135,7 @@ class CubeResult(Result):
         ]
         if self.firefly_pixels:
             lines.append(
-                f"{self.firefly_pixels} pixels owe much to a single pass (fireflies); their error is understated"
+                f"pixels that owe much to a single pass (fireflies): {self.firefly_pixels}; their error is understated"
             )
         if self.left_out:
             lines.append(f"not in a cube, since they act behind the scene: {', '.join(self.left_out)}")

@@ -183,7 +183,7 @@ def test_negative_radiance_is_told(tmp_path):
     values = GREY.copy()
     values[1, 1] = -1
     write_cube(tmp_path / "a.exr", as_cube(values, [400.0, 500.0, 600.0]))
-    assert "1 pixels have negative radiance" in read_cube(tmp_path / "a.exr").attrs["reading_notes"]
+    assert "pixels of negative radiance: 1" in read_cube(tmp_path / "a.exr").attrs["reading_notes"]
 
 
 @pytest.mark.parametrize("values", [-GREY, GREY - GREY.mean()], ids=["opposite sign", "a difference"])

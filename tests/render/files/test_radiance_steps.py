@@ -80,7 +80,7 @@ def test_what_is_cut_off_outside_the_primaries_is_uncertain(tmp_path):
     assert np.all(np.abs(error) < 2 * picture["rounding"].values)
     assert np.all(picture["rounding_shared"].values[..., 2] > 0.9 * picture["rounding"].values[..., 2])
     assert np.all(picture["rounding"].values[..., 2] < picture["xyz"].values[..., 2])
-    assert "100 pixels have a channel at 0" in picture.attrs["reading_notes"]
+    assert "pixels with a channel at 0: 100;" in picture.attrs["reading_notes"]
 
 
 def test_black_is_exact(tmp_path):
