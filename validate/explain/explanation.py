@@ -38,6 +38,9 @@ _LEVELS = ("time-order", "lamp-spectrum")
 #: exchange between patches and first derivatives are no better.
 _SHAPE_ERROR = 0.03
 
+#: The same of a form in one place: all of these are made of the same bells, and have the errors of an outline in common.
+_SHAPE_ERROR_OF_PLACE = 0.01
+
 #: Two families whose scores differ by less than this, or by this part of the gain, cannot be told apart.
 _TOLD_APART, _TOLD_APART_PART = 12.0, 0.002
 
@@ -221,7 +224,8 @@ def _scores(excess: Excess, forms: Sequence[Form]) -> list[float]:
     found = []
     for form in forms:
         complexity = form.fit.gain - form.evidence
-        lacks = max(most - form.fit.gain - _SHAPE_ERROR * most, 0.0)
+        forgiven = _SHAPE_ERROR_OF_PLACE if form.local else _SHAPE_ERROR
+        lacks = max(most - form.fit.gain - forgiven * most, 0.0)
         found.append(most - lacks - complexity + fits_the_place(excess, form, soft))
     return found
 

@@ -41,6 +41,9 @@ _BROAD = 0.05
 #: reflectance does that a thing would need, and that one is off its line by this much, rms.
 _OF_THE_SURFACE = 0.2
 
+#: Light of the box's own colour brightens no band by so many times the part of another.
+_OF_THE_BOX = 2.0
+
 #: No thing is brighter than a white one, but for one nearer to the lamp by so much.
 _BRIGHTEST = 2.0
 
@@ -122,8 +125,9 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         darker_part(excess, change) > _DARKER or _a_band_is_darker(excess, change)
     ):
         found -= _TOO_DEEP
+    if form.family in ("reflectance-map", "extra-light") and strongest > 0:
+        found -= _ODD if (form.family == "extra-light") == _alike(relative) else 0.0
     if form.family == "reflectance-map":
-        found -= _ODD if strongest > 0 else 0.0
         found -= _UNLIKELY if one_band else 0.0
     if form.family == "sensor-gain":
         found -= _UNLIKELY if strongest > 0 else 0.0
@@ -131,6 +135,12 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         if not rounder_in_the_picture(excess, weight):
             found -= _ODD
     return found
+
+
+def _alike(relative: NDArray[np.float64]) -> bool:
+    """Whether all bands are brighter by about the same part (band,), as where a paint is fresh or clean: other light
+    has another colour than the box's own."""
+    return bool(relative.min() > 0 and relative.max() < _OF_THE_BOX * relative.min())
 
 
 def _lit(excess: Excess, weight: NDArray[Any], relative: NDArray[np.float64]) -> bool:

@@ -205,6 +205,15 @@ def test_a_sensor_takes_no_counts_away_in_one_place():
     assert explain(small_excess(-between)).family == "sensor-gain"
 
 
+def test_colours_of_one_place_are_told_apart_by_two_hundredths():
+    """All forms in one place have the same bells, and so the same errors of its outline."""
+    added = 120.0 * np.reshape((1.15, 0.85, 1.15, 0.85), (BANDS, 1, 1))
+    found = explain(small_excess(added * np.exp(-((COLUMNS - 20) ** 2 + (ROWS - 20) ** 2) / 18)))
+    gains = {rival.family: rival.share for rival in found.rivals}
+    assert gains["reflection-lobe"] == pytest.approx(gains[found.family], rel=0.04)
+    assert found.family == "reflectance-map"
+
+
 def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     """Relative changes have no meaning there, and a gain changes nothing."""
     seen = (COLUMNS < 20) | (COLUMNS > 60)

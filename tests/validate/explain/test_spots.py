@@ -170,3 +170,15 @@ def test_light_through_a_seam_that_shows_on_one_wall_alone_is_no_stain():
     found = explain(small_excess(SIGNAL * line * np.array([0.5, 0.2, 0.1, 0.06])[:, None, None]))
     assert (found.family, found.surface) == ("extra-light", "wall")
     assert found.runner_up == "reflectance-map" and not found.told_apart
+
+
+@pytest.mark.parametrize(
+    ("parts", "likelier"),
+    [((0.08, 0.07, 0.065, 0.06), "reflectance-map"), ((0.12, 0.09, 0.05, 0.02), "extra-light")],
+    ids=["fresh paint", "bluer light"],
+)
+def test_other_light_has_another_colour_and_fresh_paint_brightens_all_bands_alike(parts, likelier):
+    excess = small_excess(np.reshape(parts, (BANDS, 1, 1)) * SIGNAL * _spot(20, 20, 3))
+    forms = surface_forms(excess, hot_spot(excess))
+    odds = {form.family: fits_the_place(excess, form, soft=False) for form in forms if form.local}
+    assert odds[likelier] == 0 > min(odds["reflectance-map"], odds["extra-light"])
