@@ -38,7 +38,7 @@ _LEVELS = ("time-order", "lamp-spectrum")
 #: exchange between patches and first derivatives are no better.
 _SHAPE_ERROR = 0.03
 
-#: The same of a form in one place: all of these are made of the same bells, and have the errors of an outline in common.
+#: The same of a form in one place: all are made of the same bells, and have the errors of an outline in common.
 _SHAPE_ERROR_OF_PLACE = 0.01
 
 #: Two families whose scores differ by less than this, or by this part of the gain, cannot be told apart.
