@@ -38,6 +38,9 @@ _WIDTHS = np.logspace(-8, 6, 57)
 #: Relative eigenvalue of the information below which a combination of coefficients is not seen.
 _UNSEEN = 1e-7
 
+#: The same below which a number is rounding.
+_ROUNDING = 1e-13
+
 #: Part of a nuisance that a field may leave at the least: below it products of single precision tell nothing.
 _LEAST_LEFT = 1e-5
 
@@ -133,8 +136,11 @@ def solved(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float
 
 
 def trial(a: NDArray[Any], b: NDArray[Any], width: float) -> NDArray[Any]:
-    """Coefficients by the pixels that a trial fit sees, under a prior of known width. a, b : of these, no nuisances."""
-    return np.linalg.solve(a + np.eye(len(a)) / width, b)
+    """Coefficients by the pixels that a trial fit sees, under a prior of known width. a, b : of these, no nuisances.
+
+    The prior keeps a field that these do not see from being singular, and rounding where it is too wide for that.
+    """
+    return np.linalg.solve(a + (1 / width + _ROUNDING * np.trace(a)) * np.eye(len(a)), b)
 
 
 def _gain(h: NDArray[Any], b: NDArray[Any], x: NDArray[Any]) -> float:

@@ -47,3 +47,11 @@ def _fitted(residual, columns):
     columns = np.hstack(columns)
     best = np.linalg.lstsq(columns, residual, rcond=None)[0]
     return best, residual @ residual - np.sum((residual - columns @ best) ** 2)
+
+
+def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
+    """Two numbers that do the same, as camera and lamp do."""
+    a = np.ones((1, 2, 2))
+    n = Normal(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
+    found = fixed_spectrum(n, np.ones(1))
+    assert found.gain == 0 and np.isfinite(found.heldout)
