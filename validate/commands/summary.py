@@ -71,8 +71,8 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
         table.add_row(r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
     print_table(table)
     say(
-        "χ²/dof above: camera and lamp refitted with each effect, errors that the render itself may have counted as "
-        "noise. Below: noise alone."
+        "Above, χ²/dof counts what the render itself may be wrong by as noise, and camera and lamp are refitted with "
+        "each effect; below it counts the noise alone."
     )
     path = data_table(
         "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ"

@@ -54,8 +54,7 @@ def sensor_forms(
         yield from _both(excess, "a spot", cells(spot), local=True)
     if of_one_band is not None:
         # alike in all bands it would have fewer cells than families that are fitted where all bands are off
-        fitted = _both(excess, "a spot", cells(of_one_band), local=True)
-        yield from (form for form in fitted if form.sharp)
+        yield from _both(excess, "a spot", cells(of_one_band), local=True, together=False)
     yield _by_level(excess)
 
 
@@ -81,8 +80,9 @@ def _columns(operator: NDArray[Any], basis: NDArray[Any] | csr_matrix) -> Column
 
 
 def _both(
-    excess: Excess, words: str, maps: ImageMaps, local: bool = False, sharp: bool = False
-) -> Iterator[Form]:
+    excess: Excess, words: str, maps: ImageMaps, *, local: bool = False, sharp: bool = False, together: bool = True
+) -> Iterator[Form]:  # fmt: skip
+    """Offsets, then gains, by the same maps. together : in all bands alike, too."""
     bands, basis = len(excess.bands), maps.matrix(excess.shape)
     opened = 1 / excess.exposure_s - 1 / excess.flat_exposure_s
     by_time = {"sensor-offset": excess.exposure_s, "sensor-gain": opened}
@@ -90,9 +90,9 @@ def _both(
         acts = _ACTS[family]
         made = _columns(operator, basis)
         n = equations(excess, made)
-        yield Form(
-            family, words, fixed_spectrum(n, np.ones(bands)), made, acts, maps, local=local, sharp=sharp
-        )
+        if together:
+            alike = fixed_spectrum(n, np.ones(bands))
+            yield Form(family, words, alike, made, acts, maps, local=local, sharp=sharp)
         each = each_band(n)
         strongest = int(np.argmax(each.size))
         one = fixed_spectrum(n, np.eye(bands)[strongest])

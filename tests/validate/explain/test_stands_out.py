@@ -7,6 +7,8 @@ import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
 from cboxlab.validate.diagnose.unexplained import reported, stands_out
 from cboxlab.validate.explain import explain, hidden
+from cboxlab.validate.explain.optics_forms import _blurred, uneven_blurs
+from cboxlab.validate.fields import ImageMaps
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 
@@ -139,8 +141,21 @@ def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_no
     for share, seen in ((0.3 * (COLUMNS / SIZE) ** 2, True), (0.2, False)):
         excess = small_excess(_blurred_by(share))
         model = _model(excess)
-        _, uneven, _ = hidden(excess)
+        (form,), (_, uneven, _) = uneven_blurs(excess), hidden(excess)
+        assert (form.evidence > 0) == seen
         assert stands_out(uneven, model, model.residual, 0.0) == seen
+        # what an even blur gains does not count: the least gain is 0.004 of each of these samples
+        assert not stands_out(replace(uneven, gain=0.003 * excess.count), model, model.residual, 0.0)
+
+
+def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_informs_of_one():
+    own, draw = (SIGMA * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
+    excess = replace(small_excess(-own), signal=np.mean(SIGNAL, axis=(1, 2), keepdims=True) + own)
+    plain, known = (
+        _blurred(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw)
+    )
+    for with_noise, without in ((plain.a, known.a), (plain.b, known.b), (plain.own_b, known.own_b)):
+        assert np.all(np.abs(without.sum(axis=0)) < 0.1 * np.abs(with_noise.sum(axis=0)).max())
 
 
 def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
