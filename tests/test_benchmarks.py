@@ -1,8 +1,10 @@
 """Every benchmark can be loaded: none imports what has moved. Hidden effects fit every box of the blind
 practice, and answers are scored as its tables say."""
 
+import ast
 import importlib
 import math
+import subprocess
 import sys
 
 import pytest
@@ -81,3 +83,17 @@ def test_a_state_of_the_code_is_what_it_does(tmp_path):
         states.append(code_state(tmp_path))
     assert states[0] == states[1]
     assert len(set(states)) == 3
+    shown = tmp_path / "validate" / "report" / "page.py"
+    shown.parent.mkdir(parents=True)
+    shown.write_text("width = 3\n")
+    assert code_state(tmp_path) == states[-1]
+
+
+def test_what_a_state_leaves_out_no_diagnosis_imports():
+    listing = "import sys, blind_diagnosis as b; print(b.SHOWING); print([n for n in sys.modules if 'cboxlab.v' in n])"
+    run = subprocess.run(
+        [sys.executable, "-c", listing], cwd=BENCHMARKS, capture_output=True, text=True, check=True
+    )
+    left_out, loaded = (ast.literal_eval(line) for line in run.stdout.splitlines())
+    assert {name.split(".")[2] for name in loaded if name.count(".") > 1}.isdisjoint(left_out)
+    assert all((ROOT / "validate" / room).is_dir() for room in left_out)

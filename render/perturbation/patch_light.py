@@ -76,7 +76,11 @@ class PatchLight:
         cut = None if self.max_bounces is None else self.max_bounces - 1
         if cut is not None and cut < 1:
             return self.patch_emission
-        return solve(exchange, self.patch_reflectance, first + emitted, cut) + self.patch_emission
+        arriving = first + emitted
+        return self.patch_emission + self.transport.kept(
+            ("solution", cut, self.patch_reflectance, arriving),
+            lambda: solve(exchange, self.patch_reflectance, arriving, cut),
+        )
 
     def picture(self) -> NDArray[np.float64]:
         """(w, y, x) radiance relative to the lamps' mean."""

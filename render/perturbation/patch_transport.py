@@ -11,8 +11,10 @@ patches, so G is sparse, and is traced by strips of pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
@@ -31,6 +33,9 @@ _COVERAGE_SAMPLES = 512
 
 #: Entries of G, fragments times patches, that are traced at once: 32 MiB.
 _ENTRIES = 2**23
+
+#: Solutions and traced changes that are kept: those of the effect found, while others are tried beside it.
+_MOST_KEPT = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +60,16 @@ class PatchTransport:
     escape: NDArray[np.float32]
     covered: NDArray[np.float64]
     lamp_radiance: NDArray[np.float64]
+    _kept: dict[tuple[Any, ...], NDArray[Any]] = field(default_factory=dict, init=False, repr=False)
+
+    def kept(self, of: tuple[Any, ...], made: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        """What ``made`` computes for this geometry, or computed before from the same numbers and arrays ``of``."""
+        key = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in of)
+        result = self._kept.pop(key) if key in self._kept else made()
+        self._kept[key] = result  # the last one used comes last
+        if len(self._kept) > _MOST_KEPT:
+            del self._kept[next(iter(self._kept))]
+        return result
 
     @property
     def material(self) -> NDArray[np.int64]:

@@ -55,17 +55,14 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
 
     samples = 2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2)))
-    added = changed_reflection(
-        transport.light,
-        transport.camera,
-        changed.patch_radiance(),
-        rho,
-        light.lamp_shares,
-        Reflection(base, coat, means),
-        material=own,
-        samples=(samples, max(light.samples, samples // 4)),
-        seen_in=transport.pixels_of(own),
-    )
+    radiance, each = changed.patch_radiance(), (samples, max(light.samples, samples // 4))
+    added = transport.kept(
+        ("gloss", own, specular, roughness, *each, radiance, rho, light.lamp_shares),
+        lambda: changed_reflection(
+            transport.light, transport.camera, radiance, rho, light.lamp_shares, Reflection(base, coat, means),
+            material=own, samples=each, seen_in=transport.pixels_of(own),
+        ),
+    )  # fmt: skip
     return changed.change(added=changed.added + added)
 
 

@@ -67,17 +67,14 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
         return constant + back * (low + part * (high - low)), mi.Float(0)
 
-    added = changed_reflection(
-        transport.light,
-        transport.camera,
-        changed.patch_radiance(),
-        rho,
-        light.lamp_shares,
-        Reflection(base, albedo=means),
-        material=own,
-        samples=(light.samples, light.samples),
-        seen_in=transport.pixels_of(own),
-    )
+    radiance, each = changed.patch_radiance(), (light.samples, light.samples)
+    added = transport.kept(
+        ("rough-diffuse", own, sigma_rad, *each, radiance, rho, light.lamp_shares),
+        lambda: changed_reflection(
+            transport.light, transport.camera, radiance, rho, light.lamp_shares, Reflection(base, albedo=means),
+            material=own, samples=each, seen_in=transport.pixels_of(own),
+        ),
+    )  # fmt: skip
     return changed.change(added=changed.added + added)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -129,17 +131,16 @@ class Explanation:
 
 def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     """Fit all families to the excess and judge them."""
-    spot = hot_spot(excess)
-    kinds = (
-        sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess),
-        surface_forms(excess, spot),
-    )  # fmt: skip
-    forms: list[Form] = []
-    for done, some in enumerate(kinds):
-        for form in some:
+    spot, forms = hot_spot(excess), []
+    of_camera = chain(
+        sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess)
+    )
+    with ThreadPoolExecutor(1) as beside:  # half of the work is on surfaces
+        others = beside.submit(list, of_camera)
+        for form in surface_forms(excess, spot):
             forms.append(form)
-            progress.part(done / len(kinds))  # again and again: how many forms there are is not known before
-    return _judged(excess, forms)
+            progress.part(0.0)  # again and again: how many forms there are is not known before
+        return _judged(excess, [*others.result(), *forms])
 
 
 def hidden(excess: Excess) -> tuple[Explanation, ...]:

@@ -124,3 +124,39 @@ def test_where_light_is_reflected_once_patches_reflect_nothing():
     light = fake_patch_light(max_bounces=1)
     after = with_albedo(light, 0, lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
     assert not after.patch_emission.any()
+
+
+def test_what_is_known_of_the_same_numbers_is_not_computed_again():
+    """The solution of equal reflectances and sources is kept, of one changed number it is another; old ones go."""
+    transport = fake_patch_light().transport
+    computed = []
+
+    def of(*numbers):
+        def made():
+            computed.append(numbers)
+            return np.sum(numbers)
+
+        return transport.kept(("sum", np.array(numbers)), made)
+
+    assert [of(1.0, 2.0), of(1.0, 2.0), of(1.0, 2.5), of(1.0, 2.0)] == [3.0, 3.0, 3.5, 3.0]
+    assert computed == [(1.0, 2.0), (1.0, 2.5)]
+    for number in range(100):
+        of(number)
+        assert of(1.0, 2.0) == 3.0, "the one in use stays"
+    assert of(1.0, 2.5) == 3.5
+    assert computed.count((1.0, 2.0)) == 1
+    assert computed.count((1.0, 2.5)) == 2
+    assert len(transport._kept) < 20
+
+
+@pytest.mark.parametrize("changed", ["patch_reflectance", "patch_emission", "surround", "max_bounces"])
+def test_a_solution_follows_whatever_changes_it(changed):
+    """One light after another of the same geometry, as by a transport of its own."""
+    light = everything_added()
+    light.patch_radiance()
+    value = 3 if changed == "max_bounces" else 1.1 * getattr(light, changed)
+    other = light.change(**{changed: value})
+    fresh = replace(other, transport=replace(other.transport))
+    assert fresh.transport._kept == {}
+    np.testing.assert_array_equal(other.patch_radiance(), fresh.patch_radiance())
+    assert np.any(other.patch_radiance() != light.patch_radiance())

@@ -102,3 +102,25 @@ def test_narrow_lobes_take_more_samples(monkeypatch, roughness, times):
     monkeypatch.setattr(gloss, "changed_reflection", lambda *_, **options: given.update(options) or 0.0)
     apply("gloss", before, material="white", specular=0.5, roughness=roughness)
     assert given["samples"] == (times * before.samples, max(1, times // 4) * before.samples)
+
+
+def test_rays_are_traced_again_only_for_another_coat_or_another_light(monkeypatch):
+    """Light emitted by the picture's own points changes no ray's; patches that emit, and another coat, do."""
+    traced, before = [], fake_patch_light()
+    monkeypatch.setattr(gloss, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
+    coat = {"material": "white", "specular": 0.5, "roughness": 0.3}
+    seen = before.change(fragment_emission=before.fragment_emission + 0.1)
+    glowing = before.change(patch_emission=before.patch_emission + 0.1)
+    shares = before.change(lamp_shares=2 * before.lamp_shares)
+    for light, values, times in (
+        (before, coat, 1),
+        (seen, coat, 1),
+        (glowing, coat, 2),
+        (shares, coat, 3),
+        (before, coat | {"roughness": 0.4}, 4),
+        (before, coat | {"specular": 0.6}, 5),
+        (before, coat | {"material": "red"}, 6),
+        (before.change(samples=2 * before.samples), coat, 7),
+    ):
+        apply("gloss", light, **values)
+        assert len(traced) == times
