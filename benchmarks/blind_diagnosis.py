@@ -152,13 +152,11 @@ def code_state(root: Path = Path(__file__).parents[1]) -> str:
     rooms = ("scenes", "calibration", "render", "validate")
     whole = hashlib.sha256()
     for path in sorted(path for room in rooms for path in (root / room).rglob("*.py")):
-        if any(path.is_relative_to(root / "validate" / room) for room in SHOWING):
-            continue
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-                del node.body[0]
-        whole.update(f"{path.relative_to(root)} {ast.dump(tree)}".encode())
+        if not any(path.is_relative_to(root / "validate" / room) for room in SHOWING):
+            for node in ast.walk(tree := ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                    del node.body[0]
+            whole.update(f"{path.relative_to(root)} {ast.dump(tree)}".encode())
     return whole.hexdigest()[:12]
 
 
