@@ -45,6 +45,9 @@ _IMITATED = " Camera and lamp can imitate all of it: only the survey and the lam
 #: Standard deviations between two causes that count as told apart.
 _TOLD_APART = 5.0
 
+#: Probabilities below this are 0.0 % in the tables.
+_LEAST_STATED = 0.0005
+
 
 def pooled(values: NDArray) -> NDArray[np.float64]:
     """(y, x) the sum of (band, y, x) over the bands used, over its standard deviation; NaN with none."""
@@ -170,7 +173,7 @@ def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
     first, *others = diagnosis.causes
     words = evidence_sentences(diagnosis)
     if diagnosis.selected[0] == first.effect:
-        words += [_why_not(first, other, diagnosis.indistinguishable) for other in others]
+        words += [_why_not(first, other, diagnosis) for other in others]
     words.append(
         "Below, the difference and what each cause alone would make of it: the same bands, the same scale, without "
         "what a change of camera and lamp can imitate. A cosine of 1 means the same pattern; noise keeps it below 1."
@@ -178,15 +181,18 @@ def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
     return ReportSection("What is missing", words, (*_signatures(diagnosis, bands), _ranking(diagnosis)))
 
 
-def _why_not(first: Cause, other: Cause, groups: Sequence[Sequence[str]]) -> str:
+def _why_not(first: Cause, other: Cause, diagnosis: Diagnosis) -> str:
+    stated = next((r.probability for r in diagnosis.ranking if r.effect == other.effect), 0.0)
     told = "This capture tells them apart."
+    if stated > _LEAST_STATED:
+        told += f" Its probability of {100 * stated:.1f} % counts the errors of the computed patterns, too."
     if other.behind_sigma <= _TOLD_APART or any(
-        {first.effect, other.effect} <= set(group) for group in groups
+        {first.effect, other.effect} <= set(group) for group in diagnosis.indistinguishable
     ):
         told = "This capture does not tell them apart; what would is said below."
     return (
         f"Why not {other.effect} in place of {first.effect}? It fits worse by {other.behind_sigma:.1f} standard "
-        f"deviations; the cosine between the two patterns is {number(other.cosine_with_first)}. {told}"
+        f"deviations of the noise; the cosine between the two patterns is {number(other.cosine_with_first)}. {told}"
     )
 
 
@@ -270,7 +276,7 @@ def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         first = diagnosis.causes[0].effect
         steps += [
             f"No further capture is needed to tell {first} from {other.effect}: this one does, by "
-            f"{other.behind_sigma:.0f} standard deviations."
+            f"{other.behind_sigma:.0f} standard deviations of the noise."
             for other in diagnosis.causes[1:2]
             if other.behind_sigma > _TOLD_APART
         ]

@@ -22,6 +22,9 @@ CANCELLED = "cancelled"
 #: Events that a slow listener may lag behind; older ones are dropped.
 _LAG = 256
 
+#: Between two reports of a computation the time gone is told every so many seconds.
+_TICK_S = 1.0
+
 
 class Jobs:
     """Runs computations and tells listeners of them. All methods belong to the event loop's thread.
@@ -100,7 +103,7 @@ class Jobs:
             loop.call_soon_threadsafe(self._progress, name, stages, stage, part, background)
 
         teller = Teller(told)
-        task = asyncio.create_task(self._run(name, function, teller, done))
+        task = asyncio.create_task(self._run(name, function, teller, done, stages))
         self._running = (teller, task, background)
         self._progress(name, stages, "", 0.0, background)
 
@@ -112,14 +115,19 @@ class Jobs:
             }  # fmt: skip
             self.tell({"event": "progress", **self.told})
 
+    async def _tick(self, stages: Stages) -> None:
+        """Tell the time gone between reports, too."""
+        while True:
+            await asyncio.sleep(_TICK_S)
+            if self.told is not None:
+                self.told["times"] = stages.times()
+                self.tell({"event": "progress", **self.told})
+
     async def _run(
-        self,
-        name: str,
-        function: Callable[[Progress], Any],
-        teller: Teller,
-        done: Callable[[], Awaitable[None]],
-    ) -> None:
-        loop, error = asyncio.get_running_loop(), ""
+        self, name: str, function: Callable[[Progress], Any], teller: Teller, done: Callable[[], Awaitable[None]],
+        stages: Stages,
+    ) -> None:  # fmt: skip
+        loop, error, ticking = asyncio.get_running_loop(), "", asyncio.create_task(self._tick(stages))
         try:
             await loop.run_in_executor(self._pool, function, teller)
         except Cancelled:
@@ -128,6 +136,7 @@ class Jobs:
             error = str(fault)
         except Exception as fault:  # the page must tell it; the server goes on
             error = f"{type(fault).__name__}: {fault}. This is a fault of the program"
+        ticking.cancel()
         background = self._running is not None and self._running[2]
         self._running, self.told = None, None
         self.error = "" if error == CANCELLED else error

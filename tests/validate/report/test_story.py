@@ -60,7 +60,8 @@ def test_the_first_sentence_is_the_cause_and_its_size():
 def test_the_runner_up_is_answered():
     told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     (why,) = [text for text in told.missing.paragraphs if text.startswith("Why not")]
-    assert "dark-offset in place of veiling-glare" in why and "21.4 standard deviations" in why
+    assert "dark-offset in place of veiling-glare" in why and "21.4 standard deviations of the noise" in why
+    assert why.endswith("Its probability of 40.0 % counts the errors of the computed patterns, too.")
     assert "cosine between the two patterns is 0.38" in why
     rows = [block for block in told.missing.blocks if isinstance(block, MapRow)]
     assert len(rows) == 3
