@@ -72,11 +72,20 @@ class PatchTransport:
         return result
 
     @property
+    def _triangle(self) -> NDArray[np.int64]:
+        """(f,) a triangle of each fragment's face."""
+        tracer = self.light.tracer
+        return np.array([np.argmax(tracer.facet == f) for f in range(len(tracer.facet_surface))])[self.face]
+
+    @property
     def material(self) -> NDArray[np.int64]:
         """(f,) index of each fragment's material."""
-        tracer = self.light.tracer
-        first = np.array([np.argmax(tracer.facet == f) for f in range(len(tracer.facet_surface))])
-        return tracer.material[first][self.face]
+        return self.light.tracer.material[self._triangle]
+
+    @property
+    def normal(self) -> NDArray[np.float64]:
+        """(f, 3) normal of each fragment's face."""
+        return self.light.tracer.normals[self._triangle]
 
     @property
     def surface(self) -> NDArray[np.int64]:

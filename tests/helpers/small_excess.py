@@ -16,6 +16,10 @@ EXPOSURE_S = np.array([1.0, 2.0, 8.0, 3.0])
 
 #: What a coat would mirror, relative to the lamp's radiance: reddish towards the right, bluish towards the left.
 COAT = 0.4 * (0.5 + np.array([-0.3, -0.1, 0.1, 0.3])[:, None, None] * (COLUMNS - 24) / 24)
+
+#: Cosines towards camera and lamp: different functions of the place on either surface.
+VIEW = np.where(FLOOR, 0.2 + 0.01 * (ROWS - 30), 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2)
+INCIDENCE = np.where(FLOOR, 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2, 0.25 + 0.02 * ROWS)
 SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
@@ -38,7 +42,9 @@ def small_excess(change, repeats=None, seed=3):
         gather=csr_array(np.full((SIZE * SIZE, 4), 0.05, np.float32)), patch_surface=np.array([0, 0, 1, 1]),
         patch_material=np.array([0, 0, 1, 1]), patch_position=patches,
         form_factors=np.full((4, 4), 0.05, np.float32), reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
-        arriving=ones, patch_arriving=np.ones((4, BANDS)), picture=SIGNAL / 1000, roughness=(0.1,),
+        arriving=ones, direct=0.8 * ones, view=VIEW.ravel(), incidence=INCIDENCE.ravel(),
+        patch_arriving=np.ones((4, BANDS)), patch_direct=np.full((4, BANDS), 0.8),
+        patch_incidence=np.array([0.7, 0.9, 0.4, 0.6]), picture=SIGNAL / 1000, roughness=(0.1,),
         coats=COAT[None].astype(np.float32),
     )  # fmt: skip
     return Excess(

@@ -228,15 +228,32 @@ def _transport(linearised: LinearisedFit) -> Transport:
     shares = predictor.lamp_shares
     first = exchange.direct @ shares
     radiance = solve(exchange, reflectance[patches.material], first).astype(np.float32)
-    arriving = traced.direct @ shares + traced.gather @ radiance
+    direct = traced.direct @ shares
+    arriving = direct + traced.gather @ radiance
+    lamps = [lamp.centre for lamp in traced.light.lamps]
     return Transport(
         pixel=traced.pixel, coverage=traced.coverage, surface=traced.surface, material=traced.material,
         position=traced.position, gather=traced.gather, patch_surface=patches.surface,
         patch_material=patches.material, patch_position=patches.centre, form_factors=exchange.form_factors,
-        reflectance=reflectance, arriving=arriving, patch_arriving=first + exchange.form_factors @ radiance,
+        reflectance=reflectance, arriving=arriving, direct=direct,
+        view=_cosine(traced.position, traced.normal, [traced.camera.position_mm], np.ones((len(direct), 1))),
+        incidence=_cosine(traced.position, traced.normal, lamps, traced.direct),
+        patch_arriving=first + exchange.form_factors @ radiance, patch_direct=first,
+        patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
         picture=traced.pixels(reflectance[traced.material] * arriving), roughness=_COATS,
         coats=np.array([_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COATS], np.float32),
     )  # fmt: skip
+
+
+def _cosine(
+    position: NDArray[Any], normal: NDArray[Any], places: Sequence[NDArray[Any]], weight: NDArray[Any]
+) -> NDArray[np.float64]:
+    """(n,) cosine, 0 to 1, of the angles between normals (n, 3) and the ways to some places: their mean by weights (n,
+    places), of all alike where they are 0."""
+    way = np.array(places)[:, None] - position
+    each = np.abs(np.einsum("kni,ni->kn", way, normal)) / np.maximum(np.linalg.norm(way, axis=2), 1e-9)
+    parts = weight.T + np.float32(1e-9)
+    return np.sum(parts * each, axis=0) / parts.sum(axis=0)
 
 
 def _coated(

@@ -18,7 +18,9 @@ class Transport:
 
     pixel, coverage, surface, material, position : (f,) flat pixel index, share of the pixel, indices, (f, 3) mm of
     each fragment. gather : (f, p). patch_surface, patch_material, patch_position : of the patches. form_factors :
-    (p, p). reflectance : (material, band). arriving, patch_arriving : (f, band), (p, band) irradiance over pi.
+    (p, p). reflectance : (material, band). arriving, patch_arriving : (f, band), (p, band) irradiance over pi; direct,
+    patch_direct : what of it comes from the lamps. view, incidence, patch_incidence : (f,), (f,), (p,) cosines of the
+    angles between normal and camera, and between normal and lamps (mean over those that light it).
     picture : (band, y, x). coats : (roughness, band, y, x) what a specular coat of index 1.5 on all surfaces would add,
     for each of several roughnesses (GGX alpha).
     """
@@ -35,7 +37,12 @@ class Transport:
     form_factors: NDArray[np.float32]
     reflectance: NDArray[np.float64]
     arriving: NDArray[np.float64]
+    direct: NDArray[np.float64]
+    view: NDArray[np.float64]
+    incidence: NDArray[np.float64]
     patch_arriving: NDArray[np.float64]
+    patch_direct: NDArray[np.float64]
+    patch_incidence: NDArray[np.float64]
     picture: NDArray[np.float64]
     coats: NDArray[np.float32]
     roughness: tuple[float, ...]

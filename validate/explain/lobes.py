@@ -1,4 +1,4 @@
-"""Light that a surface mirrors: a sheen all over it, or a glossy place on it."""
+"""Light that a surface mirrors, all over it or in one place, and paints that are matte but not as Lambert's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .field import fixed_spectrum
 from .form import Form, equations, scaled
 from .surface_bases import Maps, lamp_dn
 
-__all__ = ["glossy_places", "sheens"]
+__all__ = ["glossy_places", "matte_lobe", "sheens"]
 
 #: Part of the light that what is beneath a coat loses: Fresnel's parts of index 1.5 on the way in and out, of one face
 #: or of the two of a film.
@@ -51,6 +51,27 @@ def sheens(excess: Excess, maps: Maps, own: Sequence[int], name: str, several: i
             "reflection-lobe", f"a coat, {words}", fit, of_all, "radiance", maps_of_coat, name,
             choices=several * kinds, mirrored=mirrored,
         )  # fmt: skip
+
+
+def matte_lobe(excess: Excess, maps: Maps, material: int, own: Sequence[int]) -> Form:
+    """A paint whose brightness depends on the angles of view and incidence, on all of its surfaces alike: a reflection
+    that is not Lambert's, as of rough paint, fibres or dust.
+
+    own : the maps that are 1 on one of its surfaces each.
+    """
+
+    def lobe(band: int) -> NDArray[Any]:
+        even = maps.reflectance(band, own).sum(axis=0, keepdims=True)
+        return np.concatenate([even, maps.lobe(band, material)])
+
+    fit = fixed_spectrum(equations(excess, lobe), np.ones(len(excess.bands)))
+    words = (
+        f"the paint {excess.materials[material]} is not Lambertian: its brightness changes with the angles"
+    )
+    return Form(
+        "reflection-lobe", words, fit, lobe, "radiance", tuple(maps.waves[i] for i in own),
+        choices=len(excess.materials), mirrored=excess.signal,
+    )  # fmt: skip
 
 
 def glossy_places(excess: Excess, inside: csr_matrix, bells: ImageMaps, name: str) -> Iterator[Form]:

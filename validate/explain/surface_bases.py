@@ -20,6 +20,9 @@ __all__ = ["Maps", "lamp_dn", "surface_maps"]
 
 _ORDER, _CORNER = 4, 2.0
 
+#: In a matte lobe the reflection is known at so many angles from 0 to 90 degrees, with straight lines between them.
+_ANGLES = 7
+
 #: Relative extent below which a surface is flat in a direction.
 _FLAT = 0.01
 
@@ -50,6 +53,22 @@ class Maps(OwnMappings):
     def light(self, band: int, some: Sequence[int]) -> NDArray[np.float32]:
         """(some, pixel) DN of a band for irradiance over pi by some of the maps, relative to the lamp's radiance."""
         return self._changed("light", band, some, np.ones(len(self._nearest)))
+
+    def lobe(self, band: int, material: int) -> NDArray[np.float32]:
+        """(k, pixel) DN of a band for relative changes of a paint's reflection at some angles of view and of incidence.
+
+        Those of incidence act on direct light, and on what is reflected further on: light from all sides has no angle.
+        """
+        t = self._transport
+        own = t.material == material
+        rho, direct = t.reflectance[t.material, band], t.direct[:, band]
+        columns = slice(material * _ANGLES, (material + 1) * _ANGLES)
+        further = (self._coarse @ self._onward["incidence"][band][:, columns])[self._nearest]
+        by_view = own * _centred(_at_angles(t.view), own) * t.arriving[:, band]
+        by_both = own * _centred(t.view * t.incidence, own) * direct
+        by_incidence = own * _at_angles(t.incidence) * direct + further.T
+        changes = [*by_view, by_both, *by_incidence]
+        return np.array([self.dn[band] * self._picture(rho * change) for change in changes], np.float32)
 
     def seen(self, some: Sequence[int]) -> NDArray[np.float32]:
         """(some, pixel) the maps as the camera sees them, without further reflections."""
@@ -100,26 +119,46 @@ def surface_maps(excess: Excess) -> Maps:
     height, width = excess.shape
     some, nearest = _every_fourth(t, width)
     bands = range(len(excess.bands))
-    onward = _reflected_on(t, np.array(on_patches).T, len(bands))
+    paints = np.arange(len(t.reflectance))[:, None] == t.patch_material
+    incidence = np.concatenate([paint * _at_angles(t.patch_incidence) for paint in paints]).T
+    onward = _reflected_on(t, np.array(on_patches).T, incidence, len(bands))
     return Maps(
         np.array(surfaces), tuple(waves), np.array([lamp_dn(excess, band) for band in bands]), t, height * width,
         fragments, tuple(values), onward, t.gather[some], nearest,
     )  # fmt: skip
 
 
-def _reflected_on(t: Transport, patches: NDArray[np.float64], bands: int) -> dict[str, NDArray[np.float32]]:
+def _reflected_on(
+    t: Transport, patches: NDArray[np.float64], incidence: NDArray[np.float64], bands: int
+) -> dict[str, NDArray[np.float32]]:
     """(band, p, k) radiance that maps (p, k) add to the patches' after all reflections, as changes of reflectance and
-    as light."""
-    found = {name: np.empty((bands, *patches.shape), np.float32) for name in ("reflectance", "light")}
+    as light, and maps of the incidence as changes of the reflectance for direct light."""
+    maps = {"reflectance": patches, "light": patches, "incidence": incidence}
+    found = {name: np.empty((bands, *each.shape), np.float32) for name, each in maps.items()}
     for band in range(bands):
         rho = t.reflectance[t.patch_material, band]
         factors = lu_factor(
             np.eye(len(rho), dtype=np.float32) - rho.astype(np.float32)[:, None] * t.form_factors
         )
-        for name, there in (("reflectance", t.patch_arriving[:, band]), ("light", np.ones(len(rho)))):
-            source = (patches * (rho * there)[:, None]).astype(np.float32)
+        light = {
+            "reflectance": t.patch_arriving[:, band],
+            "light": np.ones(len(rho)),
+            "incidence": t.patch_direct[:, band],
+        }
+        for name, there in light.items():
+            source = (maps[name] * (rho * there)[:, None]).astype(np.float32)
             found[name][band] = lu_solve(factors, source)
     return found
+
+
+def _at_angles(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(angle, n) of a function known at ``_ANGLES`` from 0 to 90 degrees, the share of each in its value at cosines."""
+    place = np.arccos(np.clip(cosine, 0, 1)) * (_ANGLES - 1) / (np.pi / 2)
+    return np.maximum(1 - np.abs(place - np.arange(_ANGLES)[:, None]), 0.0)
+
+
+def _centred(values: NDArray[np.float64], own: NDArray[np.bool_]) -> NDArray[np.float64]:
+    return values - values[..., own].mean(axis=-1, keepdims=True)
 
 
 def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

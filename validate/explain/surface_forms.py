@@ -15,7 +15,7 @@ from ..fields import ImageMaps
 from .excess import Excess
 from .field import each_band, fixed_spectrum, free_spectrum
 from .form import Columns, Form, changed, equations, scaled
-from .lobes import glossy_places, sheens
+from .lobes import glossy_places, matte_lobe, sheens
 from .spot_cells import cells
 from .spots import darker_part
 from .surface_bases import Maps, surface_maps
@@ -61,7 +61,7 @@ def _together(maps: Maps, some: Sequence[int]) -> Columns:
 
 
 def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[np.int64]) -> Iterator[Form]:
-    """Free spectra of each surface's paint, and of each material on all of its surfaces."""
+    """Free spectra of each surface's paint, and of each material on all of its surfaces; matte lobes of the latter."""
     t = excess.transport
     paint = np.array([t.material[np.argmax(t.surface == s)] for s in surfaces])
     groups = [(excess.names[s], [i]) for i, s in enumerate(surfaces)]
@@ -69,6 +69,7 @@ def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[n
         same = [i for i, one in enumerate(paint) if one == index]
         if len(same) > 1:
             groups.append((name, same))
+            yield matte_lobe(excess, maps, index, [int(first[i]) for i in same])
     for name, own in groups:
         made = _together(maps, [int(first[i]) for i in own])
         n = equations(excess, made)

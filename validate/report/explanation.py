@@ -24,7 +24,7 @@ _WORDS = {
     "lamp-spectrum": "a lamp of another spectrum",
     "extra-light": "light from another source",
     "object": "an object that the model lacks",
-    "reflection-lobe": "light reflected as by a glossy surface",
+    "reflection-lobe": "a reflection that depends on the angle",
 }
 
 #: Bands shown as maps at most.

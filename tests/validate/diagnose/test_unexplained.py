@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.validate.diagnose.linear_model import LinearModel
-from cboxlab.validate.diagnose.unexplained import _repeats, beats
+from cboxlab.validate.diagnose.unexplained import _cosine, _repeats, beats
 from cboxlab.validate.effects import catalogue
 
 #: A residual of chi2 4000, which effects leave.
@@ -107,3 +107,12 @@ def test_levels_of_frames_are_the_lamps_with_their_noise():
     scatter = np.std(np.array(found) - np.mean(found, axis=0), ddof=1)
     assert np.mean(found, axis=0) == pytest.approx(true, rel=0.02, abs=4 * scatter / np.sqrt(50))
     assert np.mean(stated) == pytest.approx(scatter, rel=0.3)
+
+
+def test_a_cosine_towards_several_lamps_is_their_mean_by_the_light_of_each():
+    """Straight above and at 45 degrees; whichever side of the surface the normal points to."""
+    position, normal = np.zeros((3, 3)), np.array([[0.0, 0, 1], [0, 0, -1], [0, 0, 1]])
+    places = [np.array([0.0, 0, 500]), np.array([300.0, 0, 300])]
+    light = np.array([[1.0, 0.0], [0.3, 0.1], [0.0, 0.0]])
+    wanted = [1.0, 0.75 + 0.25 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)]
+    np.testing.assert_allclose(_cosine(position, normal, places, light), wanted, rtol=1e-6)

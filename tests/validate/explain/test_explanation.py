@@ -14,10 +14,12 @@ from helpers.small_excess import (
     COLUMNS,
     EXPOSURE_S,
     FLOOR,
+    INCIDENCE,
     ROWS,
     SIGMA,
     SIGNAL,
     SIZE,
+    VIEW,
     small_excess,
 )
 from scipy.ndimage import gaussian_filter, shift
@@ -54,6 +56,29 @@ def test_a_cause_is_given_its_family(family):
     assert found.share > 0.7
     assert found.rivals[0].family == family
     assert found.runner_up != family
+
+
+def _of_one_paint(change):
+    """Floor and wall have the same paint, of reflectance 0.5; four fifths of their light come from the lamp."""
+    excess = small_excess(change)
+    return replace(excess, transport=replace(excess.transport, material=np.zeros(SIZE * SIZE, int)))
+
+
+@pytest.mark.parametrize(
+    "lobe", [0.1 * np.log(VIEW) + 0.08 * np.log(INCIDENCE), 0.2 * (1 - VIEW) ** 3, 0.16 * INCIDENCE**2]
+)
+def test_a_paint_that_is_matte_but_not_as_lamberts_is_a_lobe_on_all_of_its_surfaces(lobe):
+    found = explain(_of_one_paint(500.0 * np.broadcast_to(lobe, SIGNAL.shape)))
+    assert (found.family, found.field.acts) == ("reflection-lobe", "radiance")
+    assert found.rivals[0].surface is None
+    assert found.rivals[0].words == "the paint grey, not Lambertian"
+    assert found.share > 0.8
+    assert {one.surface for one in found.field.surfaces} == {"floor", "wall"}
+
+
+def test_a_pattern_that_does_not_follow_the_angles_is_no_lobe():
+    found = explain(_of_one_paint(SIGNAL * FLOOR * 0.03 * np.cos(np.pi * COLUMNS / 48)))
+    assert found.family == "reflectance-map"
 
 
 @pytest.mark.parametrize(

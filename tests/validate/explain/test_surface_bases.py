@@ -65,3 +65,32 @@ def test_normal_equations_are_the_same_from_blocks_of_pixels(excess, monkeypatch
     monkeypatch.setattr(field, "_TOGETHER", 501)
     for one, other in zip(whole, field.normal(excess, columns, 1), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+
+
+def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the_view(excess):
+    """Paint 1 reflects as known at 0, 15 .. 90 degrees, with straight lines between; what it lights follows."""
+    t, band = excess.transport, 2
+    t = replace(
+        t,
+        direct=np.full(t.arriving.shape, LIGHT),
+        patch_direct=np.repeat(PATCH_LIGHT[:, None], len(excess.bands), 1),
+    )
+    degrees, knots = np.linspace(0, 90, 7), np.eye(7)
+    excess = replace(excess, transport=t)
+    dn, own = lamp_dn(excess, band), t.material == 1
+    found = surface_maps(excess).lobe(band, 1)
+    rho, patch_rho = t.reflectance[t.material, band], t.reflectance[t.patch_material, band]
+    system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
+    assert len(found) == 15
+    for at_angle, by_view, by_incidence in zip(knots, found[:7], found[8:], strict=True):
+        view, incidence, of_patches = (
+            np.interp(np.degrees(np.arccos(cosine)), degrees, at_angle)
+            for cosine in (t.view, t.incidence, t.patch_incidence)
+        )
+        exact = own * (view - view[own].mean()) * t.arriving[:, band]
+        np.testing.assert_allclose(by_view, dn * rho * exact, atol=1e-4 * dn)
+        brighter = np.linalg.solve(system, patch_rho * PATCH_LIGHT * of_patches * (t.patch_material == 1))
+        exact = own * incidence * LIGHT + t.gather @ brighter
+        np.testing.assert_allclose(by_incidence, dn * rho * exact, atol=1e-4 * dn)
+    both = t.view * t.incidence
+    np.testing.assert_allclose(found[7], dn * rho * own * (both - both[own].mean()) * LIGHT, atol=1e-4 * dn)
