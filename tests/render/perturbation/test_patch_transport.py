@@ -52,11 +52,12 @@ def test_a_fragment_lies_where_the_pixels_central_ray_meets_its_face():
     assert (
         np.mean(off < 1e-6) > 0.9 and off.max() < 0.1
     )  # points beyond a face's extent are moved to its border
-    inside = np.flatnonzero(alone)[off < 1e-6]
-    for face, point in zip(transport.face[inside], transport.position[inside], strict=True):
-        corners = light.tracer.vertices[light.tracer.facet == face].reshape(-1, 3)
+    for fragment in np.flatnonzero(alone)[off < 1e-6]:
+        corners = light.tracer.vertices[light.tracer.facet == transport.face[fragment]].reshape(-1, 3)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        assert abs((point - corners[0]) @ normal) < 1e-6 * np.linalg.norm(normal)
+        normal /= np.linalg.norm(normal)
+        assert abs((transport.position[fragment] - corners[0]) @ normal) < 1e-6
+        assert abs(transport.normal[fragment] @ normal) == pytest.approx(1, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
