@@ -29,7 +29,7 @@ class Form:
     has one coefficient. radius : of exchanges with neighbours, px. angle_deg : of a streak.
     most_dn : of levels. radiance : (band,) of a thing in front.
     covered : (band,) relative change of the reflectance where another paint of the scene covers a surface.
-    mirrored : (band, y, x) DN that the maps are factors of, of light mirrored by a surface.
+    mirrored : (band, y, x) DN that the maps are factors of, of light that a surface mirrors or reflects by the angle.
     effects_leave : part of the chi2 that effects explain which errors of their shapes may leave in such a pattern.
     """
 

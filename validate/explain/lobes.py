@@ -65,12 +65,9 @@ def matte_lobe(excess: Excess, maps: Maps, material: int, own: Sequence[int]) ->
         return np.concatenate([even, maps.lobe(band, material)])
 
     fit = fixed_spectrum(equations(excess, lobe), np.ones(len(excess.bands)))
-    words = (
-        f"the paint {excess.materials[material]} is not Lambertian: its brightness changes with the angles"
-    )
     return Form(
-        "reflection-lobe", words, fit, lobe, "radiance", tuple(maps.waves[i] for i in own),
-        choices=len(excess.materials), mirrored=excess.signal,
+        "reflection-lobe", f"the paint {excess.materials[material]}, not Lambertian", fit, lobe, "radiance",
+        tuple(maps.waves[i] for i in own), choices=len(excess.materials), mirrored=excess.signal,
     )  # fmt: skip
 
 
