@@ -105,8 +105,12 @@ def test_narrow_lobes_take_more_samples(monkeypatch, roughness, times):
 
 
 def test_rays_are_traced_again_only_for_another_coat_or_another_light(monkeypatch):
-    """Light emitted by the picture's own points changes no ray's; patches that emit, and another coat, do."""
+    """Light emitted by the picture's own points changes no ray's; patches that emit, and another coat, do.
+
+    With one bounce patches are dark, whatever reflects.
+    """
     traced, before = [], fake_patch_light()
+    direct = before.change(max_bounces=1)
     monkeypatch.setattr(gloss, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
     coat = {"material": "white", "specular": 0.5, "roughness": 0.3}
     seen = before.change(fragment_emission=before.fragment_emission + 0.1)
@@ -121,6 +125,8 @@ def test_rays_are_traced_again_only_for_another_coat_or_another_light(monkeypatc
         (before, coat | {"specular": 0.6}, 5),
         (before, coat | {"material": "red"}, 6),
         (before.change(samples=2 * before.samples), coat, 7),
+        (direct, coat, 8),
+        (direct, coat | {"material": "red"}, 9),
     ):
         apply("gloss", light, **values)
         assert len(traced) == times

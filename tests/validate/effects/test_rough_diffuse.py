@@ -85,3 +85,13 @@ def test_patches_reflect_the_means_of_the_formula(applied):
     direct = before.transport.light.exchange.direct[own]
     wanted = direct * (before.patch_reflectance[own] * at_angle - after.patch_reflectance[own])
     np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.03, atol=1e-4)
+
+
+def test_rays_are_traced_again_for_another_roughness_even_where_patches_stay_dark(monkeypatch):
+    traced, direct = [], fake_patch_light(max_bounces=1)
+    monkeypatch.setattr(
+        rough_diffuse, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
+    )
+    for sigma, material, times in ((0.3, "white", 1), (0.3, "white", 1), (0.4, "white", 2), (0.4, "red", 3)):
+        apply("rough-diffuse", direct, material=material, sigma_rad=sigma)
+        assert len(traced) == times

@@ -1,11 +1,13 @@
-"""What coats mirror in an excess: Fresnel's part of an evenly bright box."""
+"""The light exchange of an excess: what coats mirror; angles and direct light."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cboxlab.render.perturbation import build_patch_transport
 from cboxlab.render.radiosity import build_patched_scene
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.diagnose.unexplained import _coated
+from cboxlab.validate.diagnose.unexplained import _coated, _transport
 
 
 def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
@@ -29,3 +31,34 @@ def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
     ratio = seen.ravel()[pixels] / wanted
     assert len(pixels) > 50
     assert np.median(ratio) == pytest.approx(1, abs=0.005) and np.mean(abs(ratio - 1) < 0.02) > 0.8
+
+
+def test_the_floor_sees_camera_and_lamp_under_the_angles_of_its_height():
+    """Fragments and patches of the floor: heights over distances. All direct light is the lamp's form factor."""
+    scene, camera = cornell_box(), cornell_camera(24)
+    traced = build_patch_transport(build_patched_scene(scene, 80.0, 64, 0), camera, 16, 0)
+    predictor = SimpleNamespace(
+        transport=traced,
+        effective_nm=np.array([500.0, 600.0]),
+        scene=scene,
+        included=(),
+        lamp_shares=np.ones((1, 2)),
+    )
+    t = _transport(SimpleNamespace(predictor=predictor))
+    floor = [one.name for one in scene.surfaces].index("floor")
+    own, patches, (lamp,) = t.surface == floor, t.patch_surface == floor, traced.light.lamps
+
+    def cosine(place, position):
+        return (place - position)[:, 1] / np.linalg.norm(place - position, axis=1)
+
+    np.testing.assert_allclose(t.view[own], cosine(camera.position_mm, t.position[own]), atol=1e-6)
+    np.testing.assert_allclose(t.incidence[own], cosine(lamp.centre, t.position[own]), atol=1e-6)
+    np.testing.assert_allclose(
+        t.patch_incidence[patches], cosine(lamp.centre, t.patch_position[patches]), atol=1e-6
+    )
+    np.testing.assert_allclose(t.direct, np.repeat(traced.direct, 2, axis=1))
+    np.testing.assert_allclose(t.patch_direct, np.repeat(traced.light.exchange.direct, 2, axis=1))
+    assert (
+        np.all(t.direct <= t.arriving * (1 + 1e-6))
+        and 0.3 < t.direct[own].sum() / t.arriving[own].sum() < 0.9
+    )
