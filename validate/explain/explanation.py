@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, takewhile
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -135,12 +136,17 @@ def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     of_camera = chain(
         sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess)
     )
+    stopped = Event()
     with ThreadPoolExecutor(1) as beside:  # half of the work is on surfaces
-        others = beside.submit(list, of_camera)
-        for form in surface_forms(excess, spot):
-            forms.append(form)
-            progress.part(0.0)  # again and again: how many forms there are is not known before
-        return _judged(excess, [*others.result(), *forms])
+        others = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), of_camera)))
+        try:
+            for form in surface_forms(excess, spot):
+                forms.append(form)
+                progress.part(0.0)  # again and again: how many forms there are is not known before
+            return _judged(excess, [*others.result(), *forms])
+        except BaseException:  # cancelled: the other thread ends at its next form
+            stopped.set()
+            raise
 
 
 def hidden(excess: Excess) -> tuple[Explanation, ...]:

@@ -1,11 +1,13 @@
 """Which family explains a residual: causes with formulas of their own, far above noise."""
 
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.explain import NONE, explain
+from cboxlab.scenes.progress import Cancelled, Teller
+from cboxlab.validate.explain import NONE, explain, explanation
 from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
 from helpers.small_excess import (
@@ -56,6 +58,24 @@ def test_a_cause_is_given_its_family(family):
     assert found.share > 0.7
     assert found.rivals[0].family == family
     assert found.runner_up != family
+
+
+def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
+    """At the next form of the thread that is not told: not after all of its thousand."""
+    made = []
+
+    def slow(excess):
+        for number in range(1000):
+            made.append(number)
+            time.sleep(0.01)
+            yield None
+
+    stopping = Teller(lambda stage, done: None)
+    stopping.cancel()
+    monkeypatch.setattr(explanation, "optics_forms", slow)
+    with pytest.raises(Cancelled):
+        explain(small_excess(CAUSES["blur"]), stopping)
+    assert len(made) < 1000
 
 
 def _of_one_paint(change):
