@@ -17,7 +17,7 @@ def test_the_time_gone_is_told_between_reports(monkeypatch):
     async def listen():
         all_jobs = jobs.Jobs()
         events = all_jobs.listen()
-        await all_jobs.start("rendering", lambda progress: heard.wait(), nothing)
+        await all_jobs.start("rendering", lambda progress: heard.wait(60), nothing)
         told = [await events.get() for _ in range(4)]
         heard.set()
         while (last := await events.get())["event"] == "progress":
