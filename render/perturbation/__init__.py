@@ -1,6 +1,6 @@
 """Small changes of a picture without rendering it again: camera motion, surfaces, haze, blur."""
 
-from .brdf_change import Coat, Reflection, changed_reflection, fresnel
+from .brdf_change import Coat, Reflection, changed_reflection, fresnel, with_reflection
 from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
 from .patch_light import PatchLight, band_shares, patch_light, with_albedo
@@ -27,4 +27,5 @@ __all__ = [
     "warp_change",
     "warp_derivatives",
     "with_albedo",
+    "with_reflection",
 ]

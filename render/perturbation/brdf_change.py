@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
+from .patch_light import PatchLight
 
-__all__ = ["Coat", "Reflection", "changed_reflection", "fresnel"]
+__all__ = ["Coat", "Reflection", "changed_reflection", "fresnel", "with_reflection"]
 
 #: Angles by which light from all directions is summed.
 _COSINES = 256
@@ -292,3 +293,22 @@ def changed_reflection(
             np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo))
         )
     return change.reshape(bands, camera.height_px, camera.width_px)
+
+
+def with_reflection(
+    light: PatchLight, material: int, reflection: Reflection, *, of: tuple[str | float, ...], samples: tuple[int, int]
+) -> PatchLight:  # fmt: skip
+    """The light with a changed reflection of one material, whose patches have the albedo of it already.
+
+    of : what determines the reflection; where the light is the same as well, rays traced before are used again.
+    """
+    transport, radiance = light.transport, light.patch_radiance()
+    reflectances = light.scene.reflectances(light.wavelength_nm)
+    added = transport.kept(
+        (*of, material, *samples, radiance, reflectances, light.lamp_shares),
+        lambda: changed_reflection(
+            transport.light, transport.camera, radiance, reflectances, light.lamp_shares, reflection,
+            material=material, seen_in=transport.pixels_of(material), samples=samples,
+        ),
+    )  # fmt: skip
+    return light.change(added=light.added + added)

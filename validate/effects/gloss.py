@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import Coat, PatchLight, Reflection, changed_reflection, fresnel, with_albedo
+from cboxlab.render.perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -21,9 +21,7 @@ _BROAD = 0.15
 def _apply(light: PatchLight, material: str, specular: float, roughness: float) -> PatchLight:
     if specular == 0:
         return light
-    transport = light.transport
     own = index_of(material, light.scene.materials, "gloss: material")
-    rho = light.scene.reflectances(light.wavelength_nm)
     coat = Coat(specular, roughness)
     cosine = np.linspace(0.02, 1.0, 50)
     reflected = coat.albedo(cosine)
@@ -55,15 +53,10 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
         return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
 
     samples = 2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2)))
-    radiance, each = changed.patch_radiance(), (samples, max(light.samples, samples // 4))
-    added = transport.kept(
-        ("gloss", own, specular, roughness, *each, radiance, rho, light.lamp_shares),
-        lambda: changed_reflection(
-            transport.light, transport.camera, radiance, rho, light.lamp_shares, Reflection(base, coat, means),
-            material=own, samples=each, seen_in=transport.pixels_of(own),
-        ),
+    return with_reflection(
+        changed, own, Reflection(base, coat, means), of=("gloss", specular, roughness),
+        samples=(samples, max(light.samples, samples // 4)),
     )  # fmt: skip
-    return changed.change(added=changed.added + added)
 
 
 EFFECT = Effect(

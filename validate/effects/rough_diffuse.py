@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import PatchLight, Reflection, changed_reflection, with_albedo
+from cboxlab.render.perturbation import PatchLight, Reflection, with_albedo, with_reflection
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of
@@ -30,7 +30,6 @@ def _lobe_albedo() -> NDArray[np.float64]:
 def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     if sigma_rad == 0:
         return light
-    transport = light.transport
     materials = light.scene.materials
     own = index_of(material, materials, "rough-diffuse: material")
     square = sigma_rad**2
@@ -57,7 +56,6 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
         return constant + back * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
-    rho = light.scene.reflectances(light.wavelength_nm)
     table = mi.Float(lobe.astype(np.float32))
 
     def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
@@ -67,15 +65,10 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
         return constant + back * (low + part * (high - low)), mi.Float(0)
 
-    radiance, each = changed.patch_radiance(), (light.samples, light.samples)
-    added = transport.kept(
-        ("rough-diffuse", own, sigma_rad, *each, radiance, rho, light.lamp_shares),
-        lambda: changed_reflection(
-            transport.light, transport.camera, radiance, rho, light.lamp_shares, Reflection(base, albedo=means),
-            material=own, samples=each, seen_in=transport.pixels_of(own),
-        ),
+    return with_reflection(
+        changed, own, Reflection(base, albedo=means), of=("rough-diffuse", sigma_rad),
+        samples=(light.samples, light.samples),
     )  # fmt: skip
-    return changed.change(added=changed.added + added)
 
 
 EFFECT = Effect(

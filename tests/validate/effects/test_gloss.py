@@ -1,15 +1,13 @@
 """A coat over a paint: what it lets through and reflects, as handed to the patches and to the rays."""
 
-import importlib
-
 import numpy as np
 import pytest
 from cboxlab.render.device import dr, mi
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.perturbation import brdf_change
 from helpers.fakes.patch_light import fake_patch_light
 from helpers.fakes.stages import apply
 
-gloss = importlib.import_module("cboxlab.validate.effects.gloss")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: the coat's kernels")
 
 SPECULAR, ROUGHNESS = 0.8, 0.3
@@ -34,7 +32,7 @@ def applied(monkeypatch):
         np.testing.assert_array_equal(lamp_shares, before.lamp_shares)
         return np.full((3, camera.height_px, camera.width_px), 0.01)
 
-    monkeypatch.setattr(gloss, "changed_reflection", traced)
+    monkeypatch.setattr(brdf_change, "changed_reflection", traced)
     after = apply("gloss", before, material="white", specular=SPECULAR, roughness=ROUGHNESS)
     return before, after, given
 
@@ -99,7 +97,7 @@ def test_narrow_lobes_take_more_samples(monkeypatch, roughness, times):
     """1 + (0.15 / roughness)^2 times as many, at most eight times, to the next power of two; a quarter of them for the
     reflection before, but never fewer than for a broad lobe."""
     given, before = {}, fake_patch_light()
-    monkeypatch.setattr(gloss, "changed_reflection", lambda *_, **options: given.update(options) or 0.0)
+    monkeypatch.setattr(brdf_change, "changed_reflection", lambda *_, **options: given.update(options) or 0.0)
     apply("gloss", before, material="white", specular=0.5, roughness=roughness)
     assert given["samples"] == (times * before.samples, max(1, times // 4) * before.samples)
 
@@ -111,7 +109,9 @@ def test_rays_are_traced_again_only_for_another_coat_or_another_light(monkeypatc
     """
     traced, before = [], fake_patch_light()
     direct = before.change(max_bounces=1)
-    monkeypatch.setattr(gloss, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
+    monkeypatch.setattr(
+        brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
+    )
     coat = {"material": "white", "specular": 0.5, "roughness": 0.3}
     seen = before.change(fragment_emission=before.fragment_emission + 0.1)
     glowing = before.change(patch_emission=before.patch_emission + 0.1)

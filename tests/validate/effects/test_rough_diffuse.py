@@ -1,15 +1,13 @@
 """Oren and Nayar's reflection, written in angles, against what patches and rays are given."""
 
-import importlib
-
 import numpy as np
 import pytest
 from cboxlab.render.device import mi
 from cboxlab.render.device.variant import compiled
+from cboxlab.render.perturbation import brdf_change
 from helpers.fakes.patch_light import fake_patch_light
 from helpers.fakes.stages import apply
 
-rough_diffuse = importlib.import_module("cboxlab.validate.effects.rough_diffuse")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: the reflection's kernels")
 
 SIGMA = 0.5
@@ -40,7 +38,7 @@ def applied(monkeypatch):
         np.testing.assert_array_equal(lamp_shares, before.lamp_shares)
         return np.full((3, camera.height_px, camera.width_px), 0.01)
 
-    monkeypatch.setattr(rough_diffuse, "changed_reflection", traced)
+    monkeypatch.setattr(brdf_change, "changed_reflection", traced)
     return before, apply("rough-diffuse", before, material="white", sigma_rad=SIGMA), given
 
 
@@ -90,7 +88,7 @@ def test_patches_reflect_the_means_of_the_formula(applied):
 def test_rays_are_traced_again_for_another_roughness_even_where_patches_stay_dark(monkeypatch):
     traced, direct = [], fake_patch_light(max_bounces=1)
     monkeypatch.setattr(
-        rough_diffuse, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
+        brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
     )
     for sigma, material, times in ((0.3, "white", 1), (0.3, "white", 1), (0.4, "white", 2), (0.4, "red", 3)):
         apply("rough-diffuse", direct, material=material, sigma_rad=sigma)
