@@ -19,10 +19,10 @@ _CAMERA_ROWS = (
 )  # fmt: skip
 
 
-def _row(name: str, value: float | None, sigma: float | None, unit: str) -> Row:
-    """A row with value and sigma rounded to two significant digits of the sigma."""
+def _row(name: str, value: float | None, sigma: float | None, unit: str, missing: str = "") -> Row:
+    """A row with value and sigma rounded to two significant digits of the sigma; why a value is missing."""
     if value is None or not np.isfinite(value):
-        return name, "–", "", unit
+        return f"{name}, {missing}" if missing else name, "–", "", unit
     if sigma is None or not np.isfinite(sigma) or sigma <= 0:
         return name, f"{value:.6g}", "", unit
     digits = 1 - int(np.floor(np.log10(sigma)))
@@ -73,9 +73,11 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
     transfer, curve = calibration.sensor.transfer, calibration.sensor.curve
     if transfer is not None:
-        rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-"))
-        rows.append(_row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%"))
-        rows.append(_row("full well", transfer.saturation_e, None, "e-"))
+        rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-", "below the noise of the darks"))
+        rows.append(
+            _row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%", "below the noise of the flats")
+        )
+        rows.append(_row("full well", transfer.saturation_e, None, "e-", "reached in no frame"))
     if curve is not None:
         rms, line = 100 * curve.statistics["rms"], 100 * curve.line_rms
         rows.append(
