@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from .waves import strongest_waves
 __all__ = ["sensor_forms"]
 
 _ORDER = 10
+
+#: Cosines by which the strength and the phase of interference vary over the picture.
+_EVENNESS = 8
 
 #: How offsets and gains go with the time of exposure: light that leaks in, and a shutter that opens unevenly.
 _BY_TIME = {"sensor-offset": "that grows with the exposure", "sensor-gain": "as of a shutter's opening"}
@@ -48,14 +52,29 @@ def sensor_forms(
             alone = words if band is None else f"{words} in one band"
             count *= 1 if band is None else len(excess.bands)
             yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
-            each = each_band(n)
-            yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
+            if family == "sensor-gain" and band is not None:
+                yield _interference(excess, replace(maps, order=_EVENNESS, nm=float(excess.nm[band])), count)
+            else:
+                each = each_band(n)
+                yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
     if spot is not None:
         yield from _both(excess, "a spot", cells(spot), local=True)
     if of_one_band is not None:
         # alike in all bands it would have fewer cells than families that are fitted where all bands are off
         yield from _both(excess, "a spot", cells(of_one_band), local=True, together=False)
     yield _by_level(excess)
+
+
+def _interference(excess: Excess, maps: ImageMaps, choices: int) -> Form:
+    """Light reflected to and fro in one gap: waves by the wavelength, weaker where orders differ within a band."""
+
+    def made(band: int) -> NDArray[Any] | csr_matrix:
+        own = maps.at(float(excess.nm[band]))
+        return scaled(own.matrix(excess.shape), excess.signal[band])
+
+    fit = each_band(equations(excess, made))
+    words = f"{'rings' if maps.curvature else 'a wave'} by the wavelength, as of interference"
+    return Form("sensor-gain", words, fit, made, "gain", maps, sharp=True, choices=choices)
 
 
 def _by_level(excess: Excess) -> Form:

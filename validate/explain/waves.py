@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import fft2
 
 from ..fields import ImageMaps
 from .excess import Excess
@@ -17,8 +18,8 @@ __all__ = ["strongest_waves"]
 #: Fewer waves than this over the picture are left to cosines.
 _FEWEST = 3
 
-#: Highest change of frequency across the picture, waves per px.
-_MOST_CURVED = 0.3
+#: Highest change of frequency across the picture, waves per px: from the finest one way to the finest the other.
+_MOST_CURVED = 1.0
 
 #: Pictures of fewer pixels a side hold no rings that are more than a few waves and not too fine.
 _LEAST_FOR_RINGS = 48
@@ -42,7 +43,7 @@ def strongest_waves(excess: Excess, operator: NDArray[Any]) -> Iterator[tuple[Im
             image = images.sum(axis=0) if band is None else images[band]
             _, found, count = _strongest(image, rings)
             frequency, curvature = _refined(image, found, rings)
-            yield ImageMaps("wave", per_px=frequency, curvature=curvature), band, count
+            yield ImageMaps("wave", per_px=frequency, curvature=float(curvature)), band, count
 
 
 def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, float, float], int]:
@@ -50,6 +51,7 @@ def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, fl
     step = -(-max(image.shape) // _COARSE) if rings else 1
     rows, columns = (n // step for n in image.shape)
     coarse = image[: rows * step, : columns * step].reshape(rows, step, columns, step).sum(axis=(1, 3))
+    coarse = coarse.astype(np.float32)
     side = max(rows, columns)
     y, x = np.arange(rows)[:, None], np.arange(columns)
     frequencies = np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)
@@ -58,17 +60,20 @@ def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, fl
     curvatures = np.arange(2 * _FEWEST / side**2, _MOST_CURVED / (2 * side), 1 / side**2) if rings else [0.0]
     best = (-1.0, (0.0, 0.0, 0.0))
     for c in curvatures:
-        straight = coarse * np.exp(-2j * np.pi * c * ((y - rows / 2) ** 2 + (x - columns / 2) ** 2))
-        power = np.abs(np.fft.fft2(straight)) ** 2
+        down, right = (
+            np.exp(-2j * np.pi * c * (place - n / 2) ** 2).astype(np.complex64)
+            for place, n in ((y, rows), (x, columns))
+        )
+        power = np.abs(fft2(coarse * down * right)) ** 2
         if not rings:
             power[slow] = 0
         i, j = np.unravel_index(int(np.argmax(power)), power.shape)
         if power[i, j] > best[0]:
-            down, right = float(frequencies[0][i, 0]), float(frequencies[1][j])
+            own = float(frequencies[0][i, 0]), float(frequencies[1][j])
             # about the picture's corner, as in the maps: (y - m)^2 = y^2 - 2 m y + m^2
-            best = (float(power[i, j]), (down - c * rows, right - c * columns, float(c)))
-    down, right, c = best[1]
-    return best[0], (down / step, right / step, c / step**2), len(curvatures) * rows * columns // 2
+            best = (float(power[i, j]), (own[0] - c * rows, own[1] - c * columns, float(c)))
+    per_row, per_column, c = best[1]
+    return best[0], (per_row / step, per_column / step, c / step**2), len(curvatures) * rows * columns // 2
 
 
 def _refined(

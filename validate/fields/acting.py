@@ -58,9 +58,11 @@ def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[in
     if shape != field.size:
         found, expected = (f"{size[1]} x {size[0]} px" for size in (shape, field.size))
         raise InputError(f"effect {name}", f"a picture of {found}", f"{expected}, for which it was fitted")
-    matrix = field.image.matrix(shape)
-    own = _coefficients(field)[rows].reshape(-1, matrix.shape[0])
-    return np.asarray(own @ matrix).reshape(len(rows), -1, *shape)
+    each = [field.image.at(field.nm[row]) for row in rows]
+    matrices = {maps: maps.matrix(shape) for maps in set(each)}
+    own = zip(_coefficients(field)[rows], each, strict=True)
+    found = [part.reshape(-1, matrices[maps].shape[0]) @ matrices[maps] for part, maps in own]
+    return np.array(found).reshape(len(rows), -1, *shape)
 
 
 def _coefficients(field: FittedField) -> NDArray[np.float64]:

@@ -78,6 +78,7 @@ class _Image(_Strict):
     curvature: float = 0.0
     centres: list[tuple[float, float]] = Field(default_factory=list)
     pitch: float = Field(1.0, gt=0)
+    nm: float = Field(0.0, ge=0)
 
 
 class _Surface(_Strict):
@@ -134,6 +135,8 @@ def _image_record(maps: ImageMaps) -> dict[str, Any]:
     if maps.kind == "wave":
         return {
             "kind": maps.kind,
+            "order": maps.order,
+            "nm": float(maps.nm),
             "per_px": [float(f) for f in maps.per_px],
             "curvature": float(maps.curvature),
         }
@@ -181,7 +184,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         raise InputError(where, "no image or no coefficients", f"both, as acts = '{entry.acts}' needs them")
     image = entry.image
     maps = ImageMaps(
-        image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch
+        image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch, image.nm
     )
     times = _times(entry.acts, entry.radius, len(entry.bands))
     wanted = (len(entry.bands), times * maps.count(entry.size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -24,8 +24,9 @@ class ImageMaps:
 
     kind : "rows" and "columns" (one map each), "cosines" (products with up to ``order`` half waves together), "wave"
     (cosine and sine of ``per_px``, waves per px downwards and to the right, and of ``curvature`` times the squared
-    distance from the first pixel, waves per px^2: rings about some centre), "bells" (about ``centres``, (x, y) px,
-    ``pitch`` px apart).
+    distance from the first pixel, waves per px^2: rings about some centre; each times the cosines up to ``order``),
+    "bells" (about ``centres``, (x, y) px, ``pitch`` px apart). nm : the wavelength for which a wave is given where it
+    goes as the inverse of the wavelength, as interference in one gap does; 0 where it is the same in all bands.
     """
 
     kind: Literal["rows", "columns", "cosines", "wave", "bells"]
@@ -34,14 +35,21 @@ class ImageMaps:
     curvature: float = 0.0
     centres: tuple[tuple[float, float], ...] = ()
     pitch: float = 1.0
+    nm: float = 0.0
+
+    def at(self, nm: float) -> ImageMaps:
+        """The maps of a band of this mean wavelength."""
+        if not self.nm:
+            return self
+        down, right = (self.nm / nm * f for f in self.per_px)
+        return replace(self, per_px=(down, right), curvature=self.nm / nm * self.curvature, nm=nm)
 
     def count(self, shape: tuple[int, int]) -> int:
         """Their number k in a picture of rows and columns."""
         if self.kind == "bells":
             return len(self.centres)
-        if self.kind == "cosines":
-            return (self.order + 1) * (self.order + 2) // 2
-        return {"rows": shape[0], "columns": shape[1], "wave": 2}[self.kind]
+        products = (self.order + 1) * (self.order + 2) // 2
+        return {"rows": shape[0], "columns": shape[1], "cosines": products, "wave": 2 * products}[self.kind]
 
     def matrix(self, shape: tuple[int, int]) -> NDArray[np.float64] | csr_matrix:
         """(k, pixel) the maps' values in a picture of rows and columns."""
@@ -55,7 +63,8 @@ class ImageMaps:
             y, x = np.indices(shape)
             waves = self.per_px[0] * y + self.per_px[1] * x + self.curvature * (y**2 + x**2)
             phase = 2 * np.pi * waves.ravel()
-            return np.array([np.cos(phase), np.sin(phase)])
+            strength = _cosines(shape, self.order)
+            return np.concatenate([strength * np.cos(phase), strength * np.sin(phase)])
         return _bells(shape, self.centres, self.pitch)
 
 

@@ -237,6 +237,16 @@ def test_rings_in_one_band_are_found_about_any_centre(centre):
     assert found.share > 0.7
 
 
+def test_rings_in_all_bands_go_by_the_wavelength():
+    """Newton's rings: the phase is 4 pi gap / wavelength; they fade where a band holds several orders."""
+    square = (COLUMNS - 35.0) ** 2 + (ROWS - 20.0) ** 2
+    nm = small_excess(0 * SIGNAL).nm[:, None, None]
+    phase = 0.012 * square * nm.min() / nm
+    found = explain(small_excess(0.02 * SIGNAL * np.cos(phase) * np.exp(-((phase / 20) ** 2))))
+    assert found.family == "sensor-gain" and found.words.startswith("rings by the wavelength")
+    assert found.share > 0.8 and len(found.bands) == BANDS
+
+
 def test_a_glow_with_wide_flanks_has_its_place_in_the_corner():
     away = np.hypot(ROWS - (SIZE - 1), COLUMNS)
     found = explain(small_excess(np.broadcast_to(40.0 / (1 + (away / 5) ** 2), SIGNAL.shape)))

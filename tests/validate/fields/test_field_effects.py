@@ -39,6 +39,12 @@ def _weighed_wrong():
     return added - SIGNAL * np.sum(added * SIGNAL) / np.sum(SIGNAL**2)
 
 
+def _rings():
+    """Interference in one gap: by the wavelength."""
+    phase = 0.01 * ((COLUMNS - 30.0) ** 2 + (ROWS - 25.0) ** 2) * (NM.min() / NM)[:, None, None]
+    return 0.02 * SIGNAL * np.cos(phase)
+
+
 #: By their family, and what of it.
 CAUSES = {
     "sensor-offset": SIGMA * DRAW.normal(0, 1.5, (BANDS, SIZE, 1)),
@@ -47,6 +53,7 @@ CAUSES = {
     "blur": (_shifted(1, 1) + _shifted(1, -1)) / 5,
     "blur, streaks": _streaked(),
     "sensor-offset, a bit of wrong weight": _weighed_wrong(),
+    "sensor-gain, rings": _rings(),
     "time-order": SIGNAL * np.array([0.02, 0, 0, 0.02])[:, None, None],
 }
 
