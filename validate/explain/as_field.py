@@ -36,6 +36,10 @@ def fitted_field(excess: Excess, form: Form) -> FittedField:
         return FittedField(**common, surfaces=_points(excess, image, form.surface), spectrum=spectrum)
     if not isinstance(form.maps, ImageMaps):
         spectrum, values = _separated(coefficients)
+        if not np.allclose(np.outer(spectrum, values), coefficients, rtol=1e-6, atol=1e-12):
+            each = zip(form.maps, coefficients.T, strict=True)
+            surfaces = tuple(replace(wave, spectrum=own) for wave, own in each)
+            return FittedField(**common, surfaces=surfaces, spectrum=np.ones(len(excess.bands)))
         return FittedField(**common, surfaces=_waves(form.maps, values), spectrum=spectrum)
     if form.acts in ("reflectance", "radiance", "front"):
         spectrum, values = _separated(coefficients)

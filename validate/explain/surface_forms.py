@@ -61,7 +61,8 @@ def _together(maps: Maps, some: Sequence[int]) -> Columns:
 
 
 def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[np.int64]) -> Iterator[Form]:
-    """Free spectra of each surface's paint, and of each material on all of its surfaces; matte lobes of the latter."""
+    """Free spectra of each surface's paint, of each material on all of its surfaces, and of all materials, each its
+    own; matte lobes of materials."""
     t = excess.transport
     paint = np.array([t.material[np.argmax(t.surface == s)] for s in surfaces])
     groups = [(excess.names[s], [i]) for i, s in enumerate(surfaces)]
@@ -70,14 +71,29 @@ def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[n
         if len(same) > 1:
             groups.append((name, same))
             yield matte_lobe(excess, maps, index, [int(first[i]) for i in same])
+    every = tuple(maps.waves[i] for i in first)
+    found = np.unique(paint)
+    if len(found) > 1:
+        together = [_together(maps, [int(i) for i in first[paint == one]]) for one in found]
+        fit = each_band(equations(excess, lambda band: np.concatenate([made(band) for made in together])))
+        by_surface = replace(fit, coefficients=fit.coefficients[:, np.searchsorted(found, paint)])
+        even: Columns = partial(maps.reflectance, some=[int(i) for i in first])
+        yield Form(
+            "paint-spectrum",
+            "all paints, each by a spectrum of its own",
+            by_surface,
+            even,
+            "reflectance",
+            every,
+        )
     for name, own in groups:
         made = _together(maps, [int(first[i]) for i in own])
         n = equations(excess, made)
         surface = name if len(own) == 1 else None
-        even = tuple(maps.waves[i] for i in first[own])
+        some = tuple(every[i] for i in own)
         words = f"the paint of {name}"
         yield Form(
-            "paint-spectrum", words, each_band(n), made, "reflectance", even, surface, choices=len(groups)
+            "paint-spectrum", words, each_band(n), made, "reflectance", some, surface, choices=len(groups)
         )
 
 

@@ -61,8 +61,8 @@ def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[in
     each = [field.image.at(field.nm[row]) for row in rows]
     matrices = {maps: maps.matrix(shape) for maps in set(each)}
     own = zip(_coefficients(field)[rows], each, strict=True)
-    found = [part.reshape(-1, matrices[maps].shape[0]) @ matrices[maps] for part, maps in own]
-    return np.array(found).reshape(len(rows), -1, *shape)
+    sums = [part.reshape(-1, matrices[maps].shape[0]) @ matrices[maps] for part, maps in own]
+    return np.array(sums).reshape(len(rows), -1, *shape)
 
 
 def _coefficients(field: FittedField) -> NDArray[np.float64]:
@@ -152,15 +152,15 @@ def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: fl
     spectrum = _spectrum(field, light.wavelength_nm)
     reflectance = light.fragment_reflectance
     if field.acts == "front":
-        hidden = amplitude * fragments[:, None]
+        hidden = amplitude * fragments
         return light.change(
             fragment_reflectance=reflectance * (1 - hidden),
             fragment_emission=light.fragment_emission * (1 - hidden) + hidden * spectrum,
         )
-    change = amplitude * fragments[:, None] * spectrum
+    change = amplitude * fragments * spectrum
     if field.acts == "radiance":
         return light.change(fragment_emission=light.fragment_emission + change)
-    on_patches = amplitude * patches[:, None] * spectrum
+    on_patches = amplitude * patches * spectrum
     if field.acts == "irradiance":
         return light.change(
             fragment_emission=light.fragment_emission + reflectance * change,
@@ -175,15 +175,18 @@ def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: fl
 def _values(
     field: FittedField, name: str, light: PatchLight
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(p,), (f,) the maps' values. Raises InputError for a surface that the scene lacks."""
+    """(p, w), (f, w) the maps' values. Raises InputError for a surface that the scene lacks."""
     transport, patches = light.transport, light.transport.light.patches
     known = [surface.name for surface in light.scene.surfaces]
-    on_patches, on_fragments = np.zeros(len(patches)), np.zeros(len(transport.pixel))
+    shapes = ((len(patches), len(light.wavelength_nm)), (len(transport.pixel), len(light.wavelength_nm)))
+    on_patches, on_fragments = (np.zeros(shape) for shape in shapes)
+    nearest = _nearest(field, light.wavelength_nm)
     for one in field.surfaces:
         if one.surface not in known:
             raise InputError(f"effect {name}", f"surface '{one.surface}'", f"one of {', '.join(known)}")
         index = known.index(one.surface)
         here, there = transport.surface == index, patches.surface == index
-        on_fragments[here] += one.at(transport.position[here])
-        on_patches[there] += one.over_patches(patches.centre[there], transport.position[here])
+        own = np.ones(len(nearest)) if one.spectrum is None else one.spectrum[nearest]
+        on_fragments[here] += np.outer(one.at(transport.position[here]), own)
+        on_patches[there] += np.outer(one.over_patches(patches.centre[there], transport.position[here]), own)
     return on_patches, on_fragments

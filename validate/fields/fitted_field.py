@@ -88,6 +88,7 @@ class _Surface(_Strict):
     waves: list[tuple[float, float, float]] | None = None
     points: list[tuple[float, float, float]] | None = None
     values: list[float] = Field(min_length=1)
+    spectrum: list[float] | None = None
 
 
 class _Field(_Strict):
@@ -152,6 +153,8 @@ def _surface_record(one: SurfaceMap) -> dict[str, Any]:
     else:
         waves = [_rounded(wave) for wave in one.waves]
         own = {"low": _rounded(one.low), "extent": _rounded(one.extent), "waves": waves}
+        if one.spectrum is not None:
+            own["spectrum"] = _rounded(one.spectrum)
     return {"surface": one.surface, **own, "values": _rounded(one.values)}
 
 
@@ -172,7 +175,9 @@ def field_of_record(record: Any, path: Path) -> FittedField:
         raise InputError(f"{where}.spectrum", found, f"{bands} numbers, one for each band")
     if not entry.surfaces and entry.acts != "lamp":
         raise InputError(f"{where}.surfaces", "nothing", "one map or more")
-    surfaces = tuple(_surface_map(one, f"{where}.surfaces[{i}]") for i, one in enumerate(entry.surfaces))
+    surfaces = tuple(
+        _surface_map(one, f"{where}.surfaces[{i}]", bands) for i, one in enumerate(entry.surfaces)
+    )
     return FittedField(
         entry.acts, tuple(entry.bands), np.array(entry.nm), entry.size, surfaces=surfaces,
         spectrum=np.array(entry.spectrum),
@@ -204,16 +209,21 @@ def _times(acts: Acts, radius: int, bands: int) -> int:
     return several.get(acts, number_of_exchanges(acts, radius))
 
 
-def _surface_map(entry: _Surface, where: str) -> SurfaceMap:
+def _surface_map(entry: _Surface, where: str, bands: int) -> SurfaceMap:
     values = np.array(entry.values)
     places = entry.points if entry.points is not None else entry.waves
     if places is None or len(places) != len(values) or (entry.points is None) == (entry.waves is None):
         raise InputError(where, "values without places", "as many points or waves as values")
+    spectrum = None if entry.spectrum is None else np.array(entry.spectrum)
+    if spectrum is not None and (len(spectrum) != bands or entry.points is not None):
+        expected = f"{bands} numbers, one for each band, of a map of waves"
+        raise InputError(f"{where}.spectrum", f"{len(spectrum)} numbers", expected)
     if entry.points is not None:
         return PointMap(entry.surface, np.array(entry.points), values)
     if entry.low is None or entry.extent is None:
         raise InputError(where, "waves without low and extent", "both, in mm")
-    return WaveMap(entry.surface, np.array(entry.low), np.array(entry.extent), np.array(entry.waves), values)
+    low, extent, waves = (np.array(numbers) for numbers in (entry.low, entry.extent, entry.waves))
+    return WaveMap(entry.surface, low, extent, waves, values, spectrum)
 
 
 def _rounded(values: Sequence[float] | NDArray[np.float64]) -> list[float]:

@@ -17,6 +17,7 @@ class WaveMap:
     """A sum of products of cosines on one surface.
 
     low, extent : (3,) mm of the place where it is defined. waves : (n, 3) half waves along x, y, z. values : (n,).
+    spectrum : (band,) by which it is multiplied beside the field's, where surfaces differ in theirs.
     """
 
     surface: str
@@ -24,6 +25,7 @@ class WaveMap:
     extent: NDArray[np.float64]
     waves: NDArray[np.float64]
     values: NDArray[np.float64]
+    spectrum: NDArray[np.float64] | None = None
 
     def at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at positions (n, 3), mm, on the surface."""
@@ -43,6 +45,7 @@ class PointMap:
     surface: str
     points: NDArray[np.float64]
     values: NDArray[np.float64]
+    spectrum: None = None
 
     def at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at positions (n, 3), mm, on the surface."""

@@ -9,7 +9,17 @@ from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.validate.effects import apply_checked
 from cboxlab.validate.explain import explain
-from cboxlab.validate.fields import FittedField, ImageMaps, PointMap, effect_of_diagnosis, field_effect
+from cboxlab.validate.explain.surface_bases import surface_maps
+from cboxlab.validate.fields import (
+    FittedField,
+    ImageMaps,
+    PointMap,
+    WaveMap,
+    effect_of_diagnosis,
+    field_effect,
+    field_record,
+)
+from cboxlab.validate.fields.fitted_field import field_of_record
 from cboxlab.validate.report.explanation import explanation_record
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
@@ -112,6 +122,37 @@ def test_a_stain_becomes_values_at_points_of_its_surface():
     centre = excess.transport.position.reshape(SIZE, SIZE, 3)[38, 33]
     assert stain.at(centre[None])[0] * field.spectrum == pytest.approx(-depth[:, 0, 0], abs=0.012)
     assert stain.at(np.array([[0.0, 0, 0]]))[0] == 0
+
+
+def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
+    """A spectrophotometer whose wavelengths are off. A factor on both, as the lamp's scale is, is not asked for."""
+    floor, wall = np.array([[0.02, -0.01, 0.015, -0.02], [-0.015, 0.02, 0.01, 0.0]])
+    excess = small_excess(SIGNAL * np.where(ROWS >= 30, floor[:, None, None], wall[:, None, None]))
+    found = explain(excess)
+    assert (found.family, found.surface) == ("paint-spectrum", None) and found.words.startswith("all paints")
+    relative = found.change / SIGNAL
+    asked = relative[:, ROWS >= 30].mean(axis=1) - relative[:, ROWS < 30].mean(axis=1)
+    assert asked == pytest.approx(floor - wall, abs=0.003)
+    field, maps = (
+        field_of_record(json.loads(json.dumps(field_record(found.field))), tmp_path),
+        surface_maps(excess),
+    )
+    first = [int(np.argmax(maps.surface == excess.names.index(one.surface))) for one in field.surfaces]
+    own = np.array([one.spectrum * field.spectrum for one in field.surfaces])
+    again = [own[:, band] @ maps.reflectance(band, first) for band in range(BANDS)]
+    assert np.reshape(again, SIGNAL.shape) == pytest.approx(found.change, rel=1e-3, abs=0.01)
+
+
+@pytest.mark.parametrize("spectrum", [[0.1], [0.1] * 5])
+def test_a_surfaces_spectrum_has_a_number_for_each_band(spectrum, tmp_path):
+    places = WaveMap("floor", np.zeros(3), np.ones(3), np.zeros((1, 3)), np.ones(1), np.ones(4))
+    whole = FittedField(
+        "reflectance", ("a", "b", "c", "d"), NM, (4, 4), surfaces=(places,), spectrum=np.ones(4)
+    )
+    record = field_record(whole)
+    record["surfaces"][0]["spectrum"] = spectrum
+    with pytest.raises(InputError, match=r"surfaces\[0\]\.spectrum: found \d numbers; expected 4 numbers"):
+        field_of_record(record, tmp_path / "mine.toml")
 
 
 def test_values_at_points_are_linear_in_between_and_nothing_beyond():

@@ -1,5 +1,7 @@
 """Fields on surfaces in the exchange of light: against an effect of the catalogue, and a closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cboxlab.render.device.variant import compiled
@@ -98,3 +100,14 @@ def test_a_surface_that_is_not_there_is_named(published):
     scene, transport = published
     with pytest.raises(InputError, match=r"effect found: found surface 'shelf'; expected one of .*floor"):
         _effect("reflectance", _even("shelf"), [0.1] * 3).apply(_light(scene, transport), amplitude=1.0)
+
+
+def test_surfaces_with_spectra_of_their_own_change_as_each_would_alone(published):
+    scene, transport = published
+    light = _light(scene, transport)
+    left, right = np.array([[0.1, -0.05, 0.02], [-0.02, 0.03, 0.08]])
+    own = (replace(_even("left")[0], spectrum=left), replace(_even("right")[0], spectrum=right))
+    both = _effect("reflectance", own, [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
+    one = _effect("reflectance", _even("left"), left * [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
+    then = _effect("reflectance", _even("right"), right * [0.5, 1.0, 1.0]).apply(one, amplitude=1.0)
+    assert both.picture() == pytest.approx(then.picture(), rel=1e-9)
