@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ..compare import Nuisances
+from ..explain import noise_level
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 
@@ -247,11 +248,13 @@ def prior_pull(residual: NDArray) -> float:
 def something_remains(model: LinearModel, residual: NDArray, rendered: NDArray) -> bool:
     """Whether a residual (n + 11,) exceeds noise and the errors of the base picture and of the effects' shapes.
 
-    Errors that a band or a face shares, up to twice their standard deviation, are taken off.
+    Errors that a band or a face shares, up to twice their standard deviation, are taken off. Where sigma counts
+    errors of the picture that it does not have, noise makes less than 1 of chi2 per sample.
     rendered : (n + 11,) with those of the effects only with which the picture is rendered again.
     """
     rendered, residual = (model.without_shared_errors(vector) for vector in (rendered, residual))
-    first, excess = (square(vector) / model.count - 1 for vector in (rendered, residual))
+    noise = noise_level(model.image(residual), model.used)
+    first, excess = (square(vector) / model.count - noise for vector in (rendered, residual))
     return smooth_excess(model, residual) > max(
         _REMAINS, _REMAINS_PART * smooth_excess(model, rendered)
     ) or excess > max(_REMAINS_ANYWHERE, _REMAINS_PART * first)

@@ -38,6 +38,10 @@ from .selection import backward_elimination, best_set, best_singles, pairs_repla
 
 __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
+#: Size found nine times in ten over that to first order: camera, rivals and the picture's own errors ask for more than
+#: noise does. Of 54 effects hidden in sound captures 40 were found at the latter, 52 at 1.5 times.
+_BEYOND_FIRST_ORDER = 1.5
+
 #: So many effects are selected at most; so many candidates are fitted in full for the first of them, and for each
 #: further one.
 _MOST_EFFECTS = 3
@@ -212,15 +216,17 @@ def limits_of(
 
     for known, _ in best.values():
         (number, *others), step = known.hypothesis.free, abs(known.steps[0])
-        near = stated(known)
+        near, power = stated(known), 1.0
         if near is None:
             continue
         there = replace(known.hypothesis, free=(replace(number, step=near.distance), *others))
         close = signature(rough, first.given, first.rendered.used, there)
         if close and (again := stated(close)):
             closer = np.log(again.distance / near.distance)
-            power = 1 + closer / np.log(step / near.distance)
-            near = replace(again, distance=near.distance * float(np.exp(closer / max(1.0, power))))
+            power = max(1.0, float(1 + closer / np.log(step / near.distance)))
+            near = replace(again, distance=near.distance * float(np.exp(closer / power)))
+        more = _BEYOND_FIRST_ORDER ** (2 * power) * near.chi2_per_sample
+        near = replace(near, distance=_BEYOND_FIRST_ORDER * near.distance, chi2_per_sample=more)
         low, high = number.coordinate_bounds
         if number.null_coordinate - near.distance >= low or number.null_coordinate + near.distance <= high:
             found.append(near)

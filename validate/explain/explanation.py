@@ -157,7 +157,7 @@ def hidden(excess: Excess) -> tuple[Explanation, ...]:
 
 
 def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_SHARE) -> Explanation:
-    total = max(excess.chi2 - noise_level(excess) * excess.count, 1.0)
+    total = max(excess.chi2 - noise_level(excess.residual, excess.used) * excess.count, 1.0)
     scores = _scores(excess, forms)
     best: dict[str, tuple[float, Form]] = {}
     for score, form in sorted(zip(scores, forms, strict=True), key=lambda pair: -pair[0]):
@@ -237,9 +237,10 @@ def _scores(excess: Excess, forms: Sequence[Form]) -> list[float]:
     return found
 
 
-def noise_level(excess: Excess) -> float:
-    """Chi2 per sample that noise alone makes: mixed second differences know no rows, columns or smooth patterns."""
-    r, used = excess.residual.astype(float), excess.used
+def noise_level(residual: NDArray[np.floating], used: NDArray[np.bool_]) -> float:
+    """Chi2 per sample that noise alone makes of a residual (band, y, x): mixed second differences know no rows, columns
+    or smooth patterns. 1 at most: noise is no larger than stated."""
+    r = residual.astype(float)
     four = used[:, 1:, 1:] & used[:, 1:, :-1] & used[:, :-1, 1:] & used[:, :-1, :-1]
     mixed = (r[:, 1:, 1:] - r[:, 1:, :-1] - r[:, :-1, 1:] + r[:, :-1, :-1])[four] / 2
     level = (np.median(np.abs(mixed)) / _MEDIAN_OF_NORMAL) ** 2

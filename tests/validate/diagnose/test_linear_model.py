@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validate.compare.nuisances import NuisanceFit
+from cboxlab.validate.diagnose.evidence import something_remains
 from cboxlab.validate.diagnose.linear_model import BandErrors, build_linear_model, smooth_excess
 from cboxlab.validate.diagnose.search import build_problem
 from cboxlab.validate.effects import AppliedEffect, catalogue
@@ -133,6 +134,18 @@ def test_smooth_excess_sees_what_chi2_does_not(parts):
     scatter = np.sqrt(2 * blocks) / np.prod(SHAPE)
     assert abs(smooth_excess(quiet, quiet.residual)) < 5 * scatter
     assert smooth_excess(flawed, flawed.residual) > smooth_excess(quiet, quiet.residual) + 0.005
+
+
+def test_a_line_is_left_though_noise_is_smaller_than_stated(parts):
+    """Noise of 0.9 sigma and one row of 48 off by 3.8 sigma, up and down by turns: 1.11 of chi-square per sample."""
+    generator, base, derivative, camera = parts
+    noise = 4.5 * generator.standard_normal(SHAPE)
+    line = np.zeros(SHAPE)
+    line[:, 20] = 19.0 * (-1) ** (np.arange(SHAPE[2]) // 4)
+    quiet, flawed = (model_of(base + one, base, derivative, camera) for one in (noise, noise + line))
+    assert flawed.chi2 / flawed.count < 1.15
+    assert not something_remains(quiet, quiet.residual, quiet.residual)
+    assert something_remains(flawed, flawed.residual, flawed.residual)
 
 
 def test_shared_errors_have_their_stated_size(parts):
