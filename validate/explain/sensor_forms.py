@@ -22,7 +22,7 @@ __all__ = ["sensor_forms"]
 _ORDER = 10
 
 #: Cosines by which the strength and the phase of interference vary over the picture.
-_EVENNESS = 8
+_ENVELOPE_ORDER = 8
 
 #: How offsets and gains go with the time of exposure: light that leaks in, and a shutter that opens unevenly.
 _BY_TIME = {"sensor-offset": "that grows with the exposure", "sensor-gain": "as of a shutter's opening"}
@@ -53,7 +53,9 @@ def sensor_forms(
             count *= 1 if band is None else len(excess.bands)
             yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
             if family == "sensor-gain" and band is not None:
-                yield _interference(excess, replace(maps, order=_EVENNESS, nm=float(excess.nm[band])), count)
+                yield _interference(
+                    excess, replace(maps, order=_ENVELOPE_ORDER, nm=float(excess.nm[band])), count
+                )
             else:
                 each = each_band(n)
                 yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
@@ -73,7 +75,7 @@ def _interference(excess: Excess, maps: ImageMaps, choices: int) -> Form:
         return scaled(own.matrix(excess.shape), excess.signal[band])
 
     fit = each_band(equations(excess, made))
-    words = f"{'rings' if maps.curvature else 'a wave'} by the wavelength, as of interference"
+    words = f"{'rings' if maps.curvature else 'a wave'} by the wavelength"
     return Form("sensor-gain", words, fit, made, "gain", maps, sharp=True, choices=choices)
 
 

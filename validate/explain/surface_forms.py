@@ -72,20 +72,14 @@ def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[n
             groups.append((name, same))
             yield matte_lobe(excess, maps, index, [int(first[i]) for i in same])
     every = tuple(maps.waves[i] for i in first)
-    found = np.unique(paint)
-    if len(found) > 1:
-        together = [_together(maps, [int(i) for i in first[paint == one]]) for one in found]
+    materials = np.unique(paint)
+    if len(materials) > 1:
+        together = [_together(maps, [int(i) for i in first[paint == one]]) for one in materials]
         fit = each_band(equations(excess, lambda band: np.concatenate([made(band) for made in together])))
-        by_surface = replace(fit, coefficients=fit.coefficients[:, np.searchsorted(found, paint)])
+        by_surface = replace(fit, coefficients=fit.coefficients[:, np.searchsorted(materials, paint)])
         even: Columns = partial(maps.reflectance, some=[int(i) for i in first])
-        yield Form(
-            "paint-spectrum",
-            "all paints, each by a spectrum of its own",
-            by_surface,
-            even,
-            "reflectance",
-            every,
-        )
+        words = "all paints, each otherwise"
+        yield Form("paint-spectrum", words, by_surface, even, "reflectance", every)
     for name, own in groups:
         made = _together(maps, [int(first[i]) for i in own])
         n = equations(excess, made)

@@ -153,8 +153,8 @@ def _surface_record(one: SurfaceMap) -> dict[str, Any]:
     else:
         waves = [_rounded(wave) for wave in one.waves]
         own = {"low": _rounded(one.low), "extent": _rounded(one.extent), "waves": waves}
-        if one.spectrum is not None:
-            own["spectrum"] = _rounded(one.spectrum)
+    if one.spectrum is not None:
+        own["spectrum"] = _rounded(one.spectrum)
     return {"surface": one.surface, **own, "values": _rounded(one.values)}
 
 
@@ -215,11 +215,11 @@ def _surface_map(entry: _Surface, where: str, bands: int) -> SurfaceMap:
     if places is None or len(places) != len(values) or (entry.points is None) == (entry.waves is None):
         raise InputError(where, "values without places", "as many points or waves as values")
     spectrum = None if entry.spectrum is None else np.array(entry.spectrum)
-    if spectrum is not None and (len(spectrum) != bands or entry.points is not None):
-        expected = f"{bands} numbers, one for each band, of a map of waves"
+    if spectrum is not None and len(spectrum) != bands:
+        expected = f"{bands} numbers, one for each band"
         raise InputError(f"{where}.spectrum", f"{len(spectrum)} numbers", expected)
     if entry.points is not None:
-        return PointMap(entry.surface, np.array(entry.points), values)
+        return PointMap(entry.surface, np.array(entry.points), values, spectrum)
     if entry.low is None or entry.extent is None:
         raise InputError(where, "waves without low and extent", "both, in mm")
     low, extent, waves = (np.array(numbers) for numbers in (entry.low, entry.extent, entry.waves))

@@ -40,12 +40,12 @@ class WaveMap:
 
 @dataclass(frozen=True, eq=False)
 class PointMap:
-    """Values (n,) at points (n, 3), mm, of one surface: linear in between, 0 beyond them."""
+    """Values (n,) at points (n, 3), mm, of one surface: linear in between, 0 beyond them. spectrum : as of waves."""
 
     surface: str
     points: NDArray[np.float64]
     values: NDArray[np.float64]
-    spectrum: None = None
+    spectrum: NDArray[np.float64] | None = None
 
     def at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at positions (n, 3), mm, on the surface."""

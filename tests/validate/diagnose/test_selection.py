@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import alternatives, selection
+from cboxlab.validate.diagnose import alternatives, selection, stepwise
 from cboxlab.validate.diagnose.alternatives import (
     SelectedEffect,
     confirmed_where_held_out,
@@ -323,6 +323,13 @@ def test_limits_of_what_grows_with_a_square():
     limit, (found,) = limits_alone(drawn(0.0), Squares({"grey": waves(1, 1)}), "filter")
     assert found.distance == pytest.approx(found.chi2_per_sample**0.25, rel=1e-3)
     assert limit.distance > 3 * found.distance
+
+
+def test_stated_sizes_are_one_and_a_half_times_those_to_first_order(monkeypatch):
+    given = beside_errors()[1](0.0), Squares({"grey": waves(1, 1)}), "filter"
+    (said,) = limits_alone(*given)[1]
+    monkeypatch.setattr(stepwise, "_BEYOND_FIRST_ORDER", 1.0)
+    assert said.distance == pytest.approx(1.5 * limits_alone(*given)[1][0].distance)
 
 
 class Ripples(Patterns):

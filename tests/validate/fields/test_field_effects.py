@@ -124,6 +124,18 @@ def test_a_stain_becomes_values_at_points_of_its_surface():
     assert stain.at(np.array([[0.0, 0, 0]]))[0] == 0
 
 
+def test_interference_goes_by_the_wavelength():
+    """A gap of so many um between a curved and a tilted face: cos(4 pi gap / wavelength), in two bands by one map."""
+    gap_um = 0.2 + 0.01 * COLUMNS + 0.0008 * ((COLUMNS - 30) ** 2 + (ROWS - 25) ** 2)
+    # 2 gap / 0.45 um in waves: what goes with rows, with columns, and with squares
+    per_px = np.array([-50 * 0.0008, 0.01 - 60 * 0.0008]) * 2 / 0.45
+    maps = ImageMaps("wave", per_px=tuple(per_px), curvature=0.0008 * 2 / 0.45, nm=450.0)
+    for nm in (450.0, 600.0):
+        waves = np.cos(4 * np.pi * gap_um / (nm / 1000)).ravel()
+        left = np.linalg.lstsq(maps.at(nm).matrix((SIZE, SIZE)).T, waves, rcond=None)[1]
+        assert left.item() < 1e-18 * len(waves)
+
+
 def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
     """A spectrophotometer whose wavelengths are off. A factor on both, as the lamp's scale is, is not asked for."""
     floor, wall = np.array([[0.02, -0.01, 0.015, -0.02], [-0.015, 0.02, 0.01, 0.0]])
