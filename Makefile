@@ -6,7 +6,6 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-ROOMS := scenes calibration render validate
 TYPECHECK := build/typecheck
 
 .PHONY: demo test lint
@@ -21,9 +20,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@# the rooms are packages inside cboxlab, which mypy sees only in a tree of that shape
-	@mkdir -p $(TYPECHECK)/cboxlab
-	@for room in $(ROOMS); do ln -sfn ../../../$$room $(TYPECHECK)/cboxlab/$$room; done
-	@for file in cboxlab/*.*; do ln -sfn ../../../$$file $(TYPECHECK)/$$file; done
+	@rm -rf $(TYPECHECK) && mkdir -p $(TYPECHECK)/cboxlab
+	@ln -s $(CURDIR)/cboxlab/* $(CURDIR)/scenes $(CURDIR)/calibration $(TYPECHECK)/cboxlab
+	@ln -s $(CURDIR)/render $(TYPECHECK)/cboxlab/rendering
+	@ln -s $(CURDIR)/validate $(TYPECHECK)/cboxlab/validation
 	MYPYPATH=$(TYPECHECK) $(BIN)/mypy --namespace-packages --explicit-package-bases $(TYPECHECK)/cboxlab
 
 $(INSTALLED): pyproject.toml .ci/prepare

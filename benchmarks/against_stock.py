@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Medium, Scene, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from contenders import BANDS, REFERENCE_BANDS

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import NEAR_PATCHES, gather, render_final_gather, solve_light
-from cboxlab.render.visibility.primary import facet_coverage
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import NEAR_PATCHES, gather, render_final_gather, solve_light
+from cboxlab.rendering.visibility.primary import facet_coverage
+from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Lamp, Material, Scene, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
 from contenders import BANDS, REFERENCE_BANDS

@@ -32,29 +32,29 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from blind_places import BOXES, INSTRUMENTS, scene_of
 from blind_scores import named, print_tables, summary
-from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.chain.stages import PHOTOGRAPHED, stages_between
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.integrators.passes import Job
-from cboxlab.render.integrators.precision import render_to_precision
-from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.chain.stages import PHOTOGRAPHED, stages_between
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.integrators.passes import Job
+from cboxlab.rendering.integrators.precision import render_to_precision
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.compare.pipeline import validate
-from cboxlab.validate.diagnose.diagnosis import Diagnosis, diagnose
-from cboxlab.validate.effects import AppliedEffect, catalogue
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.synthetic.blind import draw_effect
-from cboxlab.validate.synthetic.model_capture import (
+from cboxlab.validation.compare.pipeline import validate
+from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
+from cboxlab.validation.effects import AppliedEffect, catalogue
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.synthetic.blind import draw_effect
+from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
     photograph_image,
     photographed_scene,
     write_model_capture,
 )
-from cboxlab.validate.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
-from cboxlab.validate.synthetic.varied import BlockOffset, block_offsets, settled, varied_settings
+from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
+from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, settled, varied_settings
 from made_causes import CAUSES
 from outside_effects import OUTSIDE
 from unknown_causes import run as run_unknown

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from cboxlab.validate.synthetic.strengths import STRENGTHS
+from cboxlab.validation.synthetic.strengths import STRENGTHS
 from scipy.stats import binomtest
 
 __all__ = ["exact", "named", "print_tables", "summary", "with_groups"]

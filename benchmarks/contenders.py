@@ -28,8 +28,8 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
     Radiance is relative to the lamp's. Sets Mitsuba's variant, so one contender per process.
     """
-    from cboxlab.render.integrators.path_tracer import render_path_tracer
-    from cboxlab.render.radiosity.final_gather import render_final_gather
+    from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+    from cboxlab.rendering.radiosity.final_gather import render_final_gather
 
     white = scene.with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2), "zero"))
     if name == "specfilm":
@@ -50,8 +50,8 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
 def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
     """Each band 10 nm wide with (nearly) upright edges: together they use every sampled wavelength once."""
-    from cboxlab.render.device import mi
-    from cboxlab.render.integrators.stock import scene_dict
+    from cboxlab.rendering.device import mi
+    from cboxlab.rendering.integrators.stock import scene_dict
 
     mi.set_variant("llvm_ad_spectral")
     grid = np.linspace(360.0, 830.0, 471)
@@ -65,8 +65,8 @@ def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
 
 
 def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
-    from cboxlab.render.device import mi
-    from cboxlab.render.integrators.stock import scene_dict
+    from cboxlab.rendering.device import mi
+    from cboxlab.rendering.integrators.stock import scene_dict
 
     mi.set_variant("llvm_ad_mono")
     runs = []
@@ -81,9 +81,9 @@ def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
 
 
 def _stock(loaded: Any, camera: Camera, film: dict[str, Any], samples: int) -> Render:
-    from cboxlab.render.device import mi
-    from cboxlab.render.integrators.stock import sensor_dict
-    from cboxlab.render.visibility.pinhole import film_for
+    from cboxlab.rendering.device import mi
+    from cboxlab.rendering.integrators.stock import sensor_dict
+    from cboxlab.rendering.visibility.pinhole import film_for
 
     sensor = mi.load_dict(sensor_dict(film_for(camera, 1), camera, film))
     integrator = mi.load_dict({"type": "path", "max_depth": -1})

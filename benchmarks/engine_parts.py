@@ -12,14 +12,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from cboxlab.render.device import dr
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.integrators.derivatives import render_derivatives
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.radiosity.final_gather import render_final_gather
-from cboxlab.render.sensor.cameras import load_camera
-from cboxlab.render.sensor.simulation import auto_exposure, expected_electrons
+from cboxlab.rendering.device import dr
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.integrators.derivatives import render_derivatives
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.sensor.cameras import load_camera
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons
 from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera
 from contenders import BANDS
 from sensor_speed import plain, random_cube
@@ -101,7 +101,7 @@ def start() -> dict[str, Any]:
     """Wall seconds from nothing to a 16 x 16 picture in a new process, kernels in the cache; best of three."""
     program = (
         "import numpy as np\n"
-        "from cboxlab.render.{module} import {function} as render\n"
+        "from cboxlab.rendering.{module} import {function} as render\n"
         "from cboxlab.scenes import cornell_box, cornell_camera\n"
         "render(cornell_box(), cornell_camera(16), np.linspace(400, 700, 31), samples=4, batches=1)\n"
     )

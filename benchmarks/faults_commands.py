@@ -12,7 +12,7 @@ BOX = ("cornell-box", "--with", "mitsuba", *SMALL, "--wavelengths", "500,600,700
 #: What the workbench writes at "save".
 STUDY = """
 import cboxlab
-from cboxlab.validate.predict import default_cache
+from cboxlab.validation.predict import default_cache
 study = cboxlab.Study.open("../../input/capture", cache=default_cache()).add("veiling-glare", fraction=0.01)
 study.write("out/study")
 study.write_report("out/study/report")
@@ -22,8 +22,8 @@ UNKNOWN = f"""
 import json, sys
 sys.path.insert(0, {str(Path(__file__).resolve().parents[1] / "tests")!r})
 import numpy as np
-from cboxlab.validate.explain import explain
-from cboxlab.validate.report.explanation import explanation_record
+from cboxlab.validation.explain import explain
+from cboxlab.validation.report.explanation import explanation_record
 from helpers.small_excess import BANDS, SIGMA, SIZE, small_excess
 rows = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((BANDS, 1, 1))
 record = {{"selected": ["unknown"], "explanation": explanation_record(explain(small_excess(rows)))}}

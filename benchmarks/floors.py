@@ -24,14 +24,14 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.compare import validate
-from cboxlab.validate.diagnose.evidence import Limit, least_gain_of, limit_of
-from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.stepwise import limits_of, signatures_of, tolerated_changes
-from cboxlab.validate.model import Model
-from cboxlab.validate.model.model_file import load_model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
-from cboxlab.validate.synthetic.varied import varied_settings
+from cboxlab.validation.compare import validate
+from cboxlab.validation.diagnose.evidence import Limit, least_gain_of, limit_of
+from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.stepwise import limits_of, signatures_of, tolerated_changes
+from cboxlab.validation.model import Model
+from cboxlab.validation.model.model_file import load_model
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validation.synthetic.varied import varied_settings
 
 #: Standard deviations at which 90 % lie beyond five.
 _FIVE_NINE_TIMES_IN_TEN = 6.2816

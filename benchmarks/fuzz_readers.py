@@ -76,17 +76,17 @@ def readers() -> dict[str, Reader]:
     from cboxlab.calibration.capture.frames import read_frame
     from cboxlab.calibration.capture.labels import read_labels
     from cboxlab.calibration.geometry.surveyed_points import read_points
-    from cboxlab.render.files import read_cube, write_cube
-    from cboxlab.render.files.cube_checks import as_cube
-    from cboxlab.render.files.raw_files import write_raw
-    from cboxlab.render.sensor.cameras import load_camera
+    from cboxlab.rendering.files import read_cube, write_cube
+    from cboxlab.rendering.files.cube_checks import as_cube
+    from cboxlab.rendering.files.raw_files import write_raw
+    from cboxlab.rendering.sensor.cameras import load_camera
     from cboxlab.scenes.files import keep, kept
     from cboxlab.scenes.scene_file import load_scene
     from cboxlab.scenes.spectra import read_spectra
-    from cboxlab.validate.model.model_file import load_model
-    from cboxlab.validate.references.stored import read_reference
-    from cboxlab.validate.study.study_file import read_study
-    from cboxlab.validate.synthetic.blind import open_seal, read_diagnosis
+    from cboxlab.validation.model.model_file import load_model
+    from cboxlab.validation.references.stored import read_reference
+    from cboxlab.validation.study.study_file import read_study
+    from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
 
     root = Path(__file__).parents[1]
     demo = root / "validate" / "data" / "demo-capture"

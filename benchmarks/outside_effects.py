@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain.light import Light
+from cboxlab.rendering.chain.light import Light
 from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.validate.effects import Effect, Parameter
+from cboxlab.validation.effects import Effect, Parameter
 from numpy.typing import NDArray
 
 __all__ = ["OUTSIDE"]

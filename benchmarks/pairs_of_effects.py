@@ -16,12 +16,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.compare import validate
-from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE
-from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.selection import NormalEquations
-from cboxlab.validate.diagnose.stepwise import signatures_of
-from cboxlab.validate.model import Model
+from cboxlab.validation.compare import validate
+from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
+from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.selection import NormalEquations
+from cboxlab.validation.diagnose.stepwise import signatures_of
+from cboxlab.validation.model import Model
 
 
 def main() -> None:

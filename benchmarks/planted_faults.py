@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("scenes", "calibration", "render", "validate")
+#: Folder and package inside cboxlab.
+ROOMS = {"scenes": "scenes", "calibration": "calibration", "render": "rendering", "validate": "validation"}
 #: Copied beside the rooms: what the tests read.
 BESIDE = (
     "tests",
@@ -213,10 +214,10 @@ def copy_tree(folder: Path) -> None:
             shutil.copytree(source, folder / name, ignore=ignore)
         elif source.exists():
             shutil.copy2(source, folder / name)
-    inside = [folder / room for room in ROOMS]
-    inside += list((folder / "cboxlab").glob("*")) if (folder / "cboxlab").is_dir() else []
-    for path in inside:
-        (folder / "tree" / "cboxlab" / path.name).symlink_to(path)
+    links = {package: folder / room for room, package in ROOMS.items()}
+    links |= {path.name: path for path in (folder / "cboxlab").glob("*")}
+    for name, path in links.items():
+        (folder / "tree" / "cboxlab" / name).symlink_to(path)
 
 
 def run_tests(folder: Path, paths: Sequence[str], limit_s: float | None = None) -> str | None:

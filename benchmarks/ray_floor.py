@@ -8,12 +8,12 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from cboxlab.render.device import dr, mi
-from cboxlab.render.integrators.path_points import PathPoints
-from cboxlab.render.integrators.path_tracer import trace_paths
-from cboxlab.render.radiosity import final_gather
-from cboxlab.render.visibility.flat_faces import FlatFaces
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.integrators.path_points import PathPoints
+from cboxlab.rendering.integrators.path_tracer import trace_paths
+from cboxlab.rendering.radiosity import final_gather
+from cboxlab.rendering.visibility.flat_faces import FlatFaces
+from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Camera, Scene
 
 __all__ = ["bare_seconds", "own_rays"]

@@ -29,16 +29,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.export import FORMATS, ExportSettings, exported_scene, write_export
-from cboxlab.render.files import xyz_weights
-from cboxlab.render.integrators import render
-from cboxlab.render.perturbation import PatchLight
+from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, write_export
+from cboxlab.rendering.files import xyz_weights
+from cboxlab.rendering.integrators import render
+from cboxlab.rendering.perturbation import PatchLight
 from cboxlab.scenes import Camera, Scene, cornell_box, cornell_camera
-from cboxlab.validate.model import labelled_cube
-from cboxlab.validate.regress import Side, regress_sides, side_of, transport_explanations
-from cboxlab.validate.regress.naming import named_changes
-from cboxlab.validate.regress.variants import Variants, build_variants
-from cboxlab.validate.renderers import missing, run_renderer
+from cboxlab.validation.model import labelled_cube
+from cboxlab.validation.regress import Side, regress_sides, side_of, transport_explanations
+from cboxlab.validation.regress.naming import named_changes
+from cboxlab.validation.regress.variants import Variants, build_variants
+from cboxlab.validation.renderers import missing, run_renderer
 from numpy.typing import NDArray
 from scipy.stats import norm
 

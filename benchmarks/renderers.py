@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.export import ExportSettings, exported_scene
+from cboxlab.rendering.export import ExportSettings, exported_scene
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.renderers import compare_renderers
+from cboxlab.validation.renderers import compare_renderers
 
 WAVELENGTHS = np.array([450.0, 500.0, 550.0, 600.0, 650.0, 700.0])
 WITHIN, SIGMA = 0.002, 0.001

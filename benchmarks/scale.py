@@ -19,10 +19,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.rendering.laboratory import CaptureSettings
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 #: Captures of a batch that differ; the others are copies of them.
 _DISTINCT = 20

@@ -12,11 +12,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import xarray as xr
-from cboxlab.render.files.cube_files import open_cube, write_cube
-from cboxlab.render.image.spectral_basis import principal_components, to_basis
-from cboxlab.render.sensor.cameras import load_camera
-from cboxlab.render.sensor.light import integration_weights
-from cboxlab.render.sensor.simulation import auto_exposure, expected_electrons, simulate
+from cboxlab.rendering.files.cube_files import open_cube, write_cube
+from cboxlab.rendering.image.spectral_basis import principal_components, to_basis
+from cboxlab.rendering.sensor.cameras import load_camera
+from cboxlab.rendering.sensor.light import integration_weights
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons, simulate
 from numpy.typing import NDArray
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)

@@ -25,16 +25,16 @@ from cboxlab.calibration.radiometry.spectral_sensitivity import (
     least_squares,
     wiener,
 )
-from cboxlab.render.image.spectral_basis import principal_components, spectral_error, to_basis
-from cboxlab.render.sensor.cameras import load_camera
-from cboxlab.render.sensor.colour_correction import (
+from cboxlab.rendering.image.spectral_basis import principal_components, spectral_error, to_basis
+from cboxlab.rendering.sensor.cameras import load_camera
+from cboxlab.rendering.sensor.colour_correction import (
     chart_reflectances,
     demosaic,
     fit_correction,
     linear_counts,
 )
-from cboxlab.render.sensor.detector import SensorCamera, noisy_counts
-from cboxlab.render.sensor.simulation import auto_exposure, expected_counts, simulate
+from cboxlab.rendering.sensor.detector import SensorCamera, noisy_counts
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, simulate
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 from oracles import verification_chart as chart

@@ -20,15 +20,15 @@ from pathlib import Path
 
 import numpy as np
 from blind_diagnosis import drawn
-from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.rendering.laboratory import CaptureSettings
 from cboxlab.scenes.camera import Camera
-from cboxlab.validate.compare import validate
-from cboxlab.validate.diagnose import Diagnosis, diagnose
-from cboxlab.validate.effects import AppliedEffect, catalogue
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
-from cboxlab.validate.synthetic.model_capture import photographed_scene
-from cboxlab.validate.synthetic.strengths import scale_of
+from cboxlab.validation.compare import validate
+from cboxlab.validation.diagnose import Diagnosis, diagnose
+from cboxlab.validation.effects import AppliedEffect, catalogue
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
+from cboxlab.validation.synthetic.model_capture import photographed_scene
+from cboxlab.validation.synthetic.strengths import scale_of
 
 SIZE_PX = 128
 

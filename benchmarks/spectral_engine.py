@@ -115,8 +115,8 @@ class Contender:
 
 def _without_lamp(size: int) -> np.ndarray:
     """(y, x) whether a pixel sees surfaces and no lamp."""
-    from cboxlab.render.visibility.primary import facet_coverage
-    from cboxlab.render.visibility.tracer import build_tracer
+    from cboxlab.rendering.visibility.primary import facet_coverage
+    from cboxlab.rendering.visibility.tracer import build_tracer
 
     coverage = facet_coverage(build_tracer(cornell_box()), cornell_camera(size), samples=256)
     return (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 from cboxlab.calibration.detector.nonlinearity import CalibrationCurve, LightSeries, fit_curve
-from cboxlab.render.sensor.cameras import load_camera
+from cboxlab.rendering.sensor.cameras import load_camera
 from numpy.typing import NDArray
 
 EXPOSURES_S = (1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8, 1 / 4, 1 / 2, 1.0)

@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
-from cboxlab.validate.predict import default_cache
-from cboxlab.validate.studio import Workbench
-from cboxlab.validate.studio.wire import view
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
+from cboxlab.validation.predict import default_cache
+from cboxlab.validation.studio import Workbench
+from cboxlab.validation.studio.wire import view
 
 
 def seconds(step: Callable[[], object]) -> tuple[float, float]:

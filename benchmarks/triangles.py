@@ -19,8 +19,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import trimesh
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Scene, Surface, cornell_box, cornell_camera
 from contenders import BANDS
 from rich.progress import track

@@ -19,17 +19,21 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import Job, render_to_precision
-from cboxlab.render.laboratory import CaptureSettings, write_photographs
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.integrators import Job, render_to_precision
+from cboxlab.rendering.laboratory import CaptureSettings, write_photographs
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.compare import validate
-from cboxlab.validate.diagnose import diagnose
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic.model_capture import perturbed_camera, photographed_light, photographed_scene
-from cboxlab.validate.synthetic.varied import settled, varied_settings
+from cboxlab.validation.compare import validate
+from cboxlab.validation.diagnose import diagnose
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic.model_capture import (
+    perturbed_camera,
+    photographed_light,
+    photographed_scene,
+)
+from cboxlab.validation.synthetic.varied import settled, varied_settings
 from made_causes import CAUSES, SIZE_PX, Made, Stack, Truth
 
 #: Relative error of a picture, and of one that adds a tenth of itself or less.

@@ -16,8 +16,8 @@ from pathlib import Path
 import oracles_path  # noqa: F401
 from blind_diagnosis import Case, run
 from blind_scores import named
-from cboxlab.validate.commands.effect_picture import pictured_light, write_effect_picture
-from cboxlab.validate.effects import catalogue
+from cboxlab.validation.commands.effect_picture import pictured_light, write_effect_picture
+from cboxlab.validation.effects import catalogue
 from helpers.installed_effects import own_effects
 
 

@@ -14,9 +14,9 @@ from typing import Union, get_args, get_origin
 
 import typer
 from cboxlab.calibration.capture.manifest import Manifest
-from cboxlab.render.chain import STAGES
-from cboxlab.validate.commands.app import app
-from cboxlab.validate.effects import Effect, Parameter, catalogue
+from cboxlab.rendering.chain import STAGES
+from cboxlab.validation.commands.app import app
+from cboxlab.validation.effects import Effect, Parameter, catalogue
 from pydantic import BaseModel
 
 __all__ = ["GENERATED", "fill_in"]

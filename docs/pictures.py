@@ -29,8 +29,8 @@ def small_png(path: Path) -> None:
 
 def effect_pictures(names: Sequence[str] = ()) -> None:
     """The effects of these names, or of the whole catalogue, at the example values of their parameters."""
-    from cboxlab.validate.commands.effect_picture import pictured_light, write_effect_picture
-    from cboxlab.validate.effects import catalogue
+    from cboxlab.validation.commands.effect_picture import pictured_light, write_effect_picture
+    from cboxlab.validation.effects import catalogue
 
     light = pictured_light()
     for effect in [catalogue()[name] for name in names or catalogue()]:
@@ -43,9 +43,9 @@ def effect_pictures(names: Sequence[str] = ()) -> None:
 def readme_pictures() -> None:
     """The bundled capture against the published box, and against that with the hidden effect fitted to it."""
     import cboxlab
-    from cboxlab.validate.commands.demo import DEMO_CAPTURE
-    from cboxlab.validate.predict import default_cache
-    from cboxlab.validate.synthetic import open_seal
+    from cboxlab.validation.commands.demo import DEMO_CAPTURE
+    from cboxlab.validation.predict import default_cache
+    from cboxlab.validation.synthetic import open_seal
 
     before = cboxlab.Study.open(DEMO_CAPTURE, cache=default_cache())
     after = before.add(open_seal(DEMO_CAPTURE).effects[0][0]).fit().render()
@@ -55,7 +55,7 @@ def readme_pictures() -> None:
 
 def draw(path: Path, before, after) -> None:
     """Photograph, render, and residual over noise before and after."""
-    from cboxlab.validate.compare.colour_difference import srgb_preview
+    from cboxlab.validation.compare.colour_difference import srgb_preview
     from matplotlib.figure import Figure
 
     maps, white = before.comparison.maps, before.comparison.white

@@ -1,5 +1,7 @@
 """The exception for bad input. The command line prints it and ends with exit code 2."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 __all__ = ["InputError"]
@@ -20,3 +22,7 @@ class InputError(ValueError):
         self.where, self.found, self.expected, self.hint = str(where), found, expected, hint
         text = f"{where}: found {found}; expected {expected}"
         super().__init__(f"{text}. {hint}" if hint else text)
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
+        """Pickle the four parts, so that the error passes from one process to another."""
+        return type(self), (self.where, self.found, self.expected, self.hint)

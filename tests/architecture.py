@@ -11,6 +11,8 @@ from helpers.places import ROOT
 
 #: From the lowest room to the highest.
 ROOMS = ("scenes", "calibration", "render", "validate")
+#: Names of packages inside cboxlab that are not the name of their folder.
+INSTALLED = {"render": "rendering", "validate": "validation"}
 MODULES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 DRAWING = ROOT / "docs" / "figures" / "architecture.svg"
 
@@ -31,8 +33,17 @@ def imported(source: str, package: str) -> set[str]:
             names = [f"{stem}.{alias.name}" for alias in node.names]
         else:
             continue
-        found |= {name.removeprefix("cboxlab.") for name in names if name.split(".")[0] == "cboxlab"}
+        found |= {
+            _by_folder(name.removeprefix("cboxlab.")) for name in names if name.split(".")[0] == "cboxlab"
+        }
     return found
+
+
+def _by_folder(name: str) -> str:
+    """``rendering.chain`` as ``render.chain``."""
+    first, *others = name.split(".")
+    folders = {package: folder for folder, package in INSTALLED.items()}
+    return ".".join([folders.get(first, first), *others])
 
 
 def package_of(path: Path) -> str:

@@ -10,11 +10,11 @@ import re
 import cboxlab
 import numpy as np
 import pytest
-from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.validate.diagnose import stepwise
-from cboxlab.validate.model import Model
-from cboxlab.validate.results import Result
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.validation.diagnose import stepwise
+from cboxlab.validation.model import Model
+from cboxlab.validation.results import Result
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from helpers.places import ROOT
 
 PAGE = ROOT / "docs" / "api.md"

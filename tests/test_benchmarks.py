@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from cboxlab.render.device.variant import compiled
+from cboxlab.rendering.device.variant import compiled
 from cboxlab.scenes.scene_file import load_scene
 from helpers.places import ROOT
 

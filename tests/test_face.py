@@ -1,7 +1,12 @@
-"""The public face: cheap to import, its names the rooms' own, a room and a function under one name."""
+"""The public face: cheap to import, its names plain functions and classes of the rooms."""
 
+import inspect
+import pickle
+import rlcompleter
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import cboxlab
 import pytest
@@ -39,20 +44,24 @@ def test_every_name_is_there_and_said():
         cboxlab.vallidate  # noqa: B018
 
 
-CALLED = """
-try:
-    cboxlab.validate("nowhere")
-except cboxlab.InputError:
-    print("called")
-from cboxlab.validate.commands import console
-import cboxlab.render.chain as chain
-print(cboxlab.validate.commands.console is console, cboxlab.render.chain is chain, callable(cboxlab.render))
-"""
+@pytest.mark.parametrize("name", ["validate", "render", "calibrate", "diagnose", "simulate"])
+def test_a_public_function_is_a_plain_function(name):
+    function = getattr(cboxlab, name)
+    assert inspect.isfunction(function) and inspect.getdoc(function)
+    first = next(iter(inspect.signature(function).parameters))
+    assert first in {"capture", "captures", "model", "cube"}
+    assert pickle.loads(pickle.dumps(function)) is function
 
 
-@pytest.mark.parametrize("first", ["", "from cboxlab.render.chain import RenderSettings"])
-def test_a_room_and_a_function_have_one_name_whichever_comes_first(first, tmp_path):
-    assert run(f"{first}\nimport cboxlab{CALLED}", tmp_path) == ["called", "True", "True", "True"]
+def test_a_public_function_runs_in_another_process():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        error = pool.submit(cboxlab.validate, "nowhere").exception()
+    assert isinstance(error, cboxlab.InputError) and "nowhere" in error.where
+
+
+def test_a_shell_completes_the_public_names():
+    completions = rlcompleter.Completer({"cboxlab": cboxlab})
+    assert "cboxlab.validate" in (completions.complete("cboxlab.vali", 0) or "")
 
 
 def test_the_rooms_are_found_in_a_checkout(tmp_path):

@@ -53,8 +53,8 @@ def test_other_packages_import_from_a_packages_face():
 @pytest.mark.parametrize(
     ("source", "rooms"),
     [
-        ("from cboxlab.render import tracer", {"render.tracer"}),
-        ("import cboxlab.validate.cli as cli", {"validate.cli"}),
+        ("from cboxlab.rendering import tracer", {"render.tracer"}),
+        ("import cboxlab.validation.cli as cli", {"validate.cli"}),
         ("def f():\n    from ..render.tracer import trace", {"render.tracer.trace"}),
         ("from .. import render", {"render"}),
         ("from cboxlab import render", {"render"}),

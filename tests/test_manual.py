@@ -13,10 +13,10 @@ from pathlib import Path
 import matplotlib
 import pytest
 from cboxlab.calibration.capture.manifest import Manifest
-from cboxlab.validate.commands.app import app
-from cboxlab.validate.diagnose import stepwise
-from cboxlab.validate.effects import catalogue
-from cboxlab.validate.model import load_model
+from cboxlab.validation.commands.app import app
+from cboxlab.validation.diagnose import stepwise
+from cboxlab.validation.effects import catalogue
+from cboxlab.validation.model import load_model
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.manual_commands import NEW_USER, commands, pages
 from helpers.places import ROOT

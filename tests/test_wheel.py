@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from architecture import ROOMS
+from architecture import INSTALLED, ROOMS
 from helpers.places import ROOT
 
 
@@ -29,7 +29,10 @@ def installed(tmp_path_factory) -> set[str]:
 def installed_as(path: Path) -> str:
     """Where a file of the repository lies in an installation."""
     inside = path.relative_to(ROOT)
-    return str(inside if inside.parts[0] == "cboxlab" else Path("cboxlab") / inside)
+    if inside.parts[0] == "cboxlab":
+        return str(inside)
+    room, *others = inside.parts
+    return str(Path("cboxlab", INSTALLED.get(room, room), *others))
 
 
 def test_every_file_of_the_rooms_is_in_the_wheel(installed):

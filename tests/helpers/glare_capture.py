@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 __all__ = ["GLARE", "glare_capture"]
 

@@ -1,7 +1,7 @@
 """Rays asked of an accelerator, and what Embree's tree says of the same ones."""
 
 import numpy as np
-from cboxlab.render.device import mi
+from cboxlab.rendering.device import mi
 
 #: Rays of a test.
 COUNT = 200_000

@@ -7,7 +7,7 @@ import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
-from cboxlab.validate.effects import catalogue
+from cboxlab.validation.effects import catalogue
 
 PACKAGE = Path(__file__).parents[1] / "validate" / "effects" / "own_package"
 

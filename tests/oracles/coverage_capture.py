@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from cboxlab.calibration.colour.radiance_ensemble import measured_reflectances
 from cboxlab.calibration.detector.response import REPEATABILITY
-from cboxlab.render.files.raw_files import write_raw
-from cboxlab.render.laboratory.capture_writer import (
+from cboxlab.rendering.files.raw_files import write_raw
+from cboxlab.rendering.laboratory.capture_writer import (
     sphere_spectrum,
     toml_table,
     tungsten_lamp,
     unit_factors,
     write_photographs,
 )
-from cboxlab.render.laboratory.photographer import (
+from cboxlab.rendering.laboratory.photographer import (
     CaptureSettings,
     Frame,
     FrameHooks,
@@ -34,7 +34,7 @@ from cboxlab.render.laboratory.photographer import (
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.synthetic.model_capture import perturbed_camera
+from cboxlab.validation.synthetic.model_capture import perturbed_camera
 from numpy.typing import NDArray
 from PIL import Image
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from cboxlab.render.device import dr, mi
-from cboxlab.render.integrators.stock import sensor_dict
-from cboxlab.render.visibility.pinhole import film_for
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.integrators.stock import sensor_dict
+from cboxlab.rendering.visibility.pinhole import film_for
 from cboxlab.scenes import Camera, Scene, Spectrum, Surface
 from numpy.typing import NDArray
 

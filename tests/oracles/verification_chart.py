@@ -13,8 +13,8 @@ import colour
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.radiometry.spectral_sensitivity import NarrowBandReadings
-from cboxlab.render.sensor.cameras import PACKAGED
-from cboxlab.render.sensor.detector import SensorCamera
+from cboxlab.rendering.sensor.cameras import PACKAGED
+from cboxlab.rendering.sensor.detector import SensorCamera
 from numpy.typing import NDArray
 
 NM = np.arange(380.0, 731.0)

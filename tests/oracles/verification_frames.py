@@ -16,8 +16,8 @@ import numpy as np
 import xarray as xr
 from cboxlab.calibration.capture.capture import Capture, load_capture
 from cboxlab.calibration.capture.mosaic import band_channels
-from cboxlab.render.sensor.detector import Detector, SensorCamera
-from cboxlab.render.sensor.simulation import expected_counts, expected_electrons
+from cboxlab.rendering.sensor.detector import Detector, SensorCamera
+from cboxlab.rendering.sensor.simulation import expected_counts, expected_electrons
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion

@@ -7,12 +7,12 @@ import sys
 import drjit as dr
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.image import film
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import film
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

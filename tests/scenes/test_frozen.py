@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 
 import pytest
-from cboxlab import calibration, render, scenes, validate
-from cboxlab.render.device import dr, mi
+from cboxlab import calibration, rendering, scenes, validation
+from cboxlab.rendering.device import dr, mi
 from cboxlab.scenes import Material, cornell_box
 from cboxlab.scenes.frozen import OwnMappings
 
@@ -75,7 +75,7 @@ def test_a_scene_keeps_its_paints():
 
 
 def frozen_classes():
-    for room in (scenes, calibration, render, validate):
+    for room in (scenes, calibration, rendering, validation):
         for module in pkgutil.walk_packages(room.__path__, room.__name__ + "."):
             for thing in vars(importlib.import_module(module.name)).values():
                 own = isinstance(thing, type) and thing.__module__ == module.name

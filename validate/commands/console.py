@@ -33,7 +33,7 @@ from ..terminal import (
 )
 
 if TYPE_CHECKING:
-    from cboxlab.render.files import Declared, DeclaredPair
+    from cboxlab.rendering.files import Declared, DeclaredPair
 
     from ..model import Model
 
@@ -87,7 +87,7 @@ def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()])
     """The values of --declare, for both files or, as SIDE:KEY=VALUE, for one. Raises InputError as ``declared_files``,
     and for a scale whose unit is not declared.
     """
-    from cboxlab.render.files import DECLARABLE, DeclaredPair
+    from cboxlab.rendering.files import DECLARABLE, DeclaredPair
 
     keys = f"{', '.join(DECLARABLE)}" + (
         f", and {' or '.join(f'{s}:' for s in sides)} before it" if sides else ""
@@ -109,7 +109,7 @@ def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()])
 
 
 def _declared(values: dict[str, str]) -> Declared:
-    from cboxlab.render.files import Declared
+    from cboxlab.rendering.files import Declared
 
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
     at = _listed_wavelengths(values["wavelengths"]) if "wavelengths" in values else None
@@ -167,7 +167,7 @@ def choose_device(name: str | None) -> None:
         return
     if name not in ("cpu", "cuda"):
         raise InputError("--device", f"'{name}'", "cpu or cuda")
-    from cboxlab.render.device import variant
+    from cboxlab.rendering.device import variant
 
     if variant.use(name).split("_")[0] != "cuda" and name == "cuda":
         raise InputError("--device", "no GPU that Mitsuba can use", "cpu, or a machine with a CUDA GPU")
@@ -196,7 +196,7 @@ def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
 
 def warn_unless_compiled() -> None:
     """Print a warning if no compiled variant is available, since rendering is slow then."""
-    from cboxlab.render.device import variant
+    from cboxlab.rendering.device import variant
 
     if not variant.compiled():
         errors.print(Text(variant.HINT))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.device import variant
+from cboxlab.rendering.device import variant
 
 from ..compare import Predicted, Validation, validate
 from ..diagnose import Diagnosis, diagnose

@@ -48,7 +48,7 @@ def diagnose(
     declare: DeclareOption = None,
 ) -> None:
     """Find the physical effects that the model lacks, add them, and show how the error decreases."""
-    from cboxlab.render.device import variant
+    from cboxlab.rendering.device import variant
 
     from ..predict import default_cache
     from ..results import diagnose as run
@@ -92,7 +92,7 @@ def studio(
     no_cache: NoCacheOption = False,
 ) -> None:  # fmt: skip
     """Compare, move effects and see the error follow, live in the browser."""
-    from cboxlab.render.device import variant
+    from cboxlab.rendering.device import variant
 
     from ..predict import default_cache
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from cboxlab.render.chain import RenderSettings
-from cboxlab.render.device import variant
-from cboxlab.render.perturbation import warp_change
+from cboxlab.rendering.chain import RenderSettings
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.perturbation import warp_change
 from cboxlab.scenes.files import replacing
 from matplotlib.figure import Figure
 

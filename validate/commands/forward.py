@@ -30,8 +30,8 @@ from .console import (
 
 if TYPE_CHECKING:
     import numpy as np
-    from cboxlab.render.laboratory import CaptureSettings
-    from cboxlab.render.photometry import Photometry
+    from cboxlab.rendering.laboratory import CaptureSettings
+    from cboxlab.rendering.photometry import Photometry
     from cboxlab.scenes.camera import Camera
 
     from ..effects import AppliedEffect
@@ -106,7 +106,7 @@ def render(
     or, where it is large, strip (CUBE.strips).
     """
     choose_device(device)
-    from cboxlab.render.files import WRITABLE, files_of
+    from cboxlab.rendering.files import WRITABLE, files_of
     from cboxlab.scenes.cornell_box import cornell_camera
 
     from ..model import load_model
@@ -198,8 +198,8 @@ def capture(
     then contains that model.
     """
     import numpy as np
-    from cboxlab.render.chain import PHOTOGRAPHED
-    from cboxlab.render.laboratory import CaptureSettings
+    from cboxlab.rendering.chain import PHOTOGRAPHED
+    from cboxlab.rendering.laboratory import CaptureSettings
     from cboxlab.scenes.files import replacing_folder
 
     from ..model import load_model, view_of, write_model

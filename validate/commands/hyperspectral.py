@@ -52,7 +52,7 @@ def hyperspectral(
     from cboxlab.calibration.capture import band_channels, load_capture
     from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks, with_full_well
     from cboxlab.calibration.radiometry import as_scene, hyperspectral_cube, region_mask
-    from cboxlab.render.files import WRITABLE, files_of, write_cube
+    from cboxlab.rendering.files import WRITABLE, files_of, write_cube
     from cboxlab.scenes.files import origin
 
     from ..results import write_manifest

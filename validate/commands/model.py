@@ -151,7 +151,7 @@ def _pair(text: str) -> tuple[str, str | float]:
 
 def _print_list(known: Mapping[str, Effect]) -> None:
     """One line for each effect, by the stage of the chain at which it acts, in the order of light."""
-    from cboxlab.render.chain import STAGES
+    from cboxlab.rendering.chain import STAGES
 
     width = max(len(name) for name in known)
     for stage in STAGES:

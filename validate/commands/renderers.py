@@ -60,7 +60,7 @@ def export(
 
     `cbox renderers --collect` makes a cube of what a renderer wrote.
     """
-    from cboxlab.render.export import FORMATS, ExportSettings, write_export
+    from cboxlab.rendering.export import FORMATS, ExportSettings, write_export
 
     from ..model import load_model
     from ..renderers import exported_model
@@ -118,7 +118,7 @@ def renderers(
         raise InputError(
             "MODEL", "no model", "a model file or cornell-box; or --collect FOLDER, or --references"
         )
-    from cboxlab.render.export import ExportSettings
+    from cboxlab.rendering.export import ExportSettings
 
     from ..model import load_model
     from ..renderers import compare_renderers, exported_model
@@ -147,7 +147,7 @@ def renderers(
 
 
 def _names(text: str) -> list[str]:
-    from cboxlab.render.export import FORMATS
+    from cboxlab.rendering.export import FORMATS
 
     names = [name.strip() for name in text.split(",")]
     for name in names:
@@ -159,8 +159,8 @@ def _names(text: str) -> list[str]:
 
 
 def _collect(folder: Path, json: Path | None) -> None:
-    from cboxlab.render.export import FORMATS, read_rendered
-    from cboxlab.render.files import write_cube
+    from cboxlab.rendering.export import FORMATS, read_rendered
+    from cboxlab.rendering.files import write_cube
     from cboxlab.scenes.files import origin
 
     done = [name for name in FORMATS if (folder / name / "out").is_dir()]

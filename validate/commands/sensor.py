@@ -22,7 +22,7 @@ from .console import (
 
 if TYPE_CHECKING:
     import xarray as xr
-    from cboxlab.render.sensor import SensorCamera
+    from cboxlab.rendering.sensor import SensorCamera
 
 __all__ = ["simulate"]
 
@@ -66,8 +66,8 @@ def simulate(
     json: JsonOption = None,
 ) -> None:
     """Simulate raw sensor output from spectral cubes."""
-    from cboxlab.render.files import declared_for, files_of, open_cube, require_used, stated_in
-    from cboxlab.render.sensor import load_camera
+    from cboxlab.rendering.files import declared_for, files_of, open_cube, require_used, stated_in
+    from cboxlab.rendering.sensor import load_camera
 
     targets, pictures = _targets(cubes, out, ("", ".tif", ".tiff", ".dng")), [None] * len(cubes)
     if preview is not None:
@@ -132,7 +132,7 @@ def _one(
     inputs: list[Path],
 ) -> tuple[list[str], dict[str, Any]]:
     """One cube's files, what to tell of them, and the same as a record."""
-    from cboxlab.render.laboratory import write_cube_capture
+    from cboxlab.rendering.laboratory import write_cube_capture
     from cboxlab.scenes.files import replacing_folder
 
     from ..results import simulate as run

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.render.image import LightShares
+from cboxlab.rendering.image import LightShares
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.render.perturbation import Warp
+from cboxlab.rendering.perturbation import Warp
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import keep, kept
 from numpy.typing import NDArray

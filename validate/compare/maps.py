@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import xarray as xr
-from cboxlab.render.files import write_channels
+from cboxlab.rendering.files import write_channels
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from numpy.typing import ArrayLike, NDArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from cboxlab.render.perturbation import Warp, pixels_per_unit, warp_change, warp_derivatives
+from cboxlab.rendering.perturbation import Warp, pixels_per_unit, warp_change, warp_derivatives
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d

@@ -12,12 +12,12 @@ import xarray as xr
 from cboxlab.calibration.colour import LUMINOUS_EFFICACY
 from cboxlab.calibration.correction import Mask, band_images
 from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.render.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
-from cboxlab.render.device import variant
-from cboxlab.render.files import AS_STATED, Declared
-from cboxlab.render.image import RenderedImage, light_shares
-from cboxlab.render.perturbation import warp_change
-from cboxlab.render.radiosity import LightField
+from cboxlab.rendering.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.files import AS_STATED, Declared
+from cboxlab.rendering.image import RenderedImage, light_shares
+from cboxlab.rendering.perturbation import warp_change
+from cboxlab.rendering.radiosity import LightField
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress, share

@@ -12,9 +12,9 @@ from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.geometry import CameraFit
 from cboxlab.calibration.radiometry import BandResponse
 from cboxlab.calibration.result import Calibration, calibrate
-from cboxlab.render.chain import RenderSettings, after_stage
-from cboxlab.render.files import Declared
-from cboxlab.render.radiosity import LightField, solve_light
+from cboxlab.rendering.chain import RenderSettings, after_stage
+from cboxlab.rendering.files import Declared
+from cboxlab.rendering.radiosity import LightField, solve_light
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene

@@ -18,7 +18,7 @@ import xarray as xr
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.radiometry import optical_factor
 from cboxlab.calibration.result import calibrate
-from cboxlab.render.files import (
+from cboxlab.rendering.files import (
     AS_STATED,
     RADIANCE_UNIT,
     READABLE,

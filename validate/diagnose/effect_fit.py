@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import after_stage, stages_between
+from cboxlab.rendering.chain import after_stage, stages_between
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress
 

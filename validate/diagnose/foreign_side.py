@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.render.chain import RenderSettings
+from cboxlab.rendering.chain import RenderSettings
 from numpy.typing import NDArray
 
 from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale, validated, with_picture

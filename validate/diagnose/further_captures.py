@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.render.chain import expected_signal
+from cboxlab.rendering.chain import expected_signal
 from numpy.typing import NDArray
 
 from ..compare import Prepared

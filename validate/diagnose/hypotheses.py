@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cboxlab.render.chain import RenderSettings
+from cboxlab.rendering.chain import RenderSettings
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.scene import Scene
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.calibration.radiometry import tabulation_errors
-from cboxlab.render.chain import stages_between
-from cboxlab.render.device import variant
+from cboxlab.rendering.chain import stages_between
+from cboxlab.rendering.device import variant
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray

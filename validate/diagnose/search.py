@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from cboxlab.render.chain import stages_between
+from cboxlab.rendering.chain import stages_between
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.frozen import OwnMappings

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.render.chain import stages_between
+from cboxlab.rendering.chain import stages_between
 from cboxlab.scenes.errors import InputError
 from numpy.typing import NDArray
 from scipy.linalg import block_diag

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.render.chain import RenderSettings, after_stage, stages_between
+from cboxlab.rendering.chain import RenderSettings, after_stage, stages_between
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 

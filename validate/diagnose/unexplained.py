@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.render.chain import after_stage
-from cboxlab.render.device import mi
-from cboxlab.render.perturbation import Coat, PatchTransport, Reflection, changed_reflection
-from cboxlab.render.radiosity import solve
+from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.device import mi
+from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection
+from cboxlab.rendering.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.chain import Light
-from cboxlab.render.image import blur
+from cboxlab.rendering.chain import Light
+from cboxlab.rendering.image import blur
 from numpy.typing import NDArray
 
 __all__ = ["blurred"]

@@ -10,7 +10,7 @@ from textwrap import shorten
 from typing import Any, Literal
 
 import numpy as np
-from cboxlab.render.chain import Stage
+from cboxlab.rendering.chain import Stage
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.scene import Scene

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.chain import Light
+from cboxlab.rendering.chain import Light
 
 from ._blur import blurred
 from ._effect import Effect, Parameter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cboxlab.render.chain import BandCurves
+from cboxlab.rendering.chain import BandCurves
 
 from ._effect import Effect, Parameter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import BandCurves
+from cboxlab.rendering.chain import BandCurves
 
 from ._effect import Effect, Parameter
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.perturbation import PatchLight
-from cboxlab.render.radiosity import solve
+from cboxlab.rendering.perturbation import PatchLight
+from cboxlab.rendering.radiosity import solve
 from cboxlab.scenes.wavelength_grid import trapezoidal_weights
 
 from ._effect import Effect, Parameter, index_of

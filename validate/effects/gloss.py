@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
+from cboxlab.rendering.perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cboxlab.render.chain import Counts
+from cboxlab.rendering.chain import Counts
 
 from ._effect import Effect, Parameter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import Light
+from cboxlab.rendering.chain import Light
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter

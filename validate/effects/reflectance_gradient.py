@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.perturbation import PatchLight
+from cboxlab.rendering.perturbation import PatchLight
 
 from ._effect import Effect, Parameter, index_of
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from cboxlab.render.device import dr, mi
-from cboxlab.render.perturbation import PatchLight, Reflection, with_albedo, with_reflection
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.perturbation import PatchLight, Reflection, with_albedo, with_reflection
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter, index_of

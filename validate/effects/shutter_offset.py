@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import Counts
+from cboxlab.rendering.chain import Counts
 from numpy.typing import NDArray
 
 from ._effect import Effect, Parameter

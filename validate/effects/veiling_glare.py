@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cboxlab.render.chain import Light
+from cboxlab.rendering.chain import Light
 
 from ._effect import Effect, Parameter
 

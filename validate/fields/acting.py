@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from cboxlab.render.chain import Counts, Light, Stage
-from cboxlab.render.perturbation import PatchLight
+from cboxlab.rendering.chain import Counts, Light, Stage
+from cboxlab.rendering.perturbation import PatchLight
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Lamp, Scene
 from cboxlab.scenes.spectra import Spectrum

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from cboxlab.render.chain import after_stage
-from cboxlab.render.image import RenderedImage
+from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.image import RenderedImage
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene

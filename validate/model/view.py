@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.calibration.geometry import calibrate_camera
-from cboxlab.render.export import read_camera
+from cboxlab.rendering.export import read_camera
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in
-from cboxlab.render.image import RenderedImage, variance_of_neighbours
-from cboxlab.render.radiosity import LightField, gather
-from cboxlab.render.visibility import build_tracer, facet_coverage
+from cboxlab.rendering.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in
+from cboxlab.rendering.image import RenderedImage, variance_of_neighbours
+from cboxlab.rendering.radiosity import LightField, gather
+from cboxlab.rendering.visibility import build_tracer, facet_coverage
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene

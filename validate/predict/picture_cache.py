@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.render.device import dr, mi
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.radiosity import LightField, gather
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.files import keep, kept
 from cboxlab.scenes.progress import QUIET, Progress

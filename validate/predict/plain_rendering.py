@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import render_stock
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.integrators import render_stock
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from cboxlab.calibration.radiometry import sensor_matrix
-from cboxlab.render.chain import (
+from cboxlab.rendering.chain import (
     Light,
     RenderSettings,
     Sensing,
@@ -24,8 +24,8 @@ from cboxlab.render.chain import (
     stages_between,
     with_scene_behind,
 )
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.perturbation import (
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.perturbation import (
     PatchLight,
     PatchTransport,
     Warp,
@@ -35,7 +35,7 @@ from cboxlab.render.perturbation import (
     patch_light,
     warp_change,
 )
-from cboxlab.render.radiosity import LightField, build_patched_scene
+from cboxlab.rendering.radiosity import LightField, build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM

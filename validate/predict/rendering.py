@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.render.chain import render_bands
-from cboxlab.render.image import RenderedImage
+from cboxlab.rendering.chain import render_bands
+from cboxlab.rendering.image import RenderedImage
 from cboxlab.scenes.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 

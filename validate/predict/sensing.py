@@ -9,7 +9,7 @@ from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, chan
 from cboxlab.calibration.correction import Mask
 from cboxlab.calibration.radiometry import capture_factors, optical_factor
 from cboxlab.calibration.result import Calibration
-from cboxlab.render.chain import Sensing, over_field
+from cboxlab.rendering.chain import Sensing, over_field
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import RenderSettings
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import render
-from cboxlab.render.radiosity import LightField, gather
+from cboxlab.rendering.chain import RenderSettings
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.integrators import render
+from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import Progress
 from cboxlab.scenes.scene import Scene

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import after_stage
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
-from cboxlab.render.radiosity import build_patched_scene
+from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.perturbation import PatchLight, build_patch_transport, patch_light
+from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray

@@ -9,7 +9,7 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
-from cboxlab.render.files import COLOUR_SPACES, primaries_matrix
+from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline

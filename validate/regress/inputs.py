@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.files import AS_STATED, Declared, DeclaredPair, files_of
-from cboxlab.render.integrators import BATCHES, render
+from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, files_of
+from cboxlab.rendering.integrators import BATCHES, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError

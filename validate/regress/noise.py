@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.render.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
+from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.render.image import high_pass
+from cboxlab.rendering.image import high_pass
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 from scipy.stats import norm, t

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.colour import LUMINOUS_EFFICACY, OBSERVER_RANGE_NM
-from cboxlab.render.files import (
+from cboxlab.rendering.files import (
     AS_STATED,
     NOTES,
     READABLE,

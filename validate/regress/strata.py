@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.render.image import high_pass
+from cboxlab.rendering.image import high_pass
 from cboxlab.scenes.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, median_filter, minimum_filter

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.render.device import variant
-from cboxlab.render.files import xyz_weights
-from cboxlab.render.perturbation import PatchLight, build_patch_transport, patch_light
-from cboxlab.render.radiosity import build_patched_scene
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.files import xyz_weights
+from cboxlab.rendering.perturbation import PatchLight, build_patch_transport, patch_light
+from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene, Surface
 from numpy.typing import NDArray

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cboxlab.render.export import Exported, as_rendered, read_rendered, write_export
-from cboxlab.render.files import write_cube
+from cboxlab.rendering.export import Exported, as_rendered, read_rendered, write_export
+from cboxlab.rendering.files import write_cube
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import combined
 from cboxlab.scenes.files import origin, replacing, temporary_folder

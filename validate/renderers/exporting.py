@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cboxlab.render.export import Exported, ExportSettings, exported_scene
+from cboxlab.rendering.export import Exported, ExportSettings, exported_scene
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
 

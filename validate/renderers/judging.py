@@ -11,9 +11,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 import xarray as xr
-from cboxlab.render.export import Exported
-from cboxlab.render.files import NOTES
-from cboxlab.render.integrators import BATCHES, render
+from cboxlab.rendering.export import Exported
+from cboxlab.rendering.files import NOTES
+from cboxlab.rendering.integrators import BATCHES, render
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.progress import QUIET, Progress

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from cboxlab.render.integrators import render
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from cboxlab.render.export import FORMATS
+from cboxlab.rendering.export import FORMATS
 from cboxlab.scenes.errors import InputError
 
 __all__ = ["Run", "missing", "run_renderer"]

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.capture import Capture
-from cboxlab.render.chain import stages_between
-from cboxlab.render.device import variant
-from cboxlab.render.files import WRITABLE, strip_cameras, write_cube, write_strips
-from cboxlab.render.integrators import (
+from cboxlab.rendering.chain import stages_between
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.files import WRITABLE, strip_cameras, write_cube, write_strips
+from cboxlab.rendering.integrators import (
     BATCHES,
     MOST_PASSES,
     Job,
@@ -27,7 +27,7 @@ from cboxlab.render.integrators import (
     render_passes,
     render_to_precision,
 )
-from cboxlab.render.photometry import (
+from cboxlab.rendering.photometry import (
     Photometry,
     SurfaceSums,
     surface_illuminance,

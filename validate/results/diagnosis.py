@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.calibration.capture import Capture
-from cboxlab.render.files import AS_STATED, Declared
+from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import QUIET, Progress, share
 

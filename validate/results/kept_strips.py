@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import xarray as xr
-from cboxlab.render.files import read_cube, write_cube
+from cboxlab.rendering.files import read_cube, write_cube
 from cboxlab.scenes.files import beside, keep, kept
 
 __all__ = ["keep_strip", "kept_strip"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from cboxlab.render.files import camera_attribute
+from cboxlab.rendering.files import camera_attribute
 from cboxlab.scenes.camera import Camera
 
 from ..model import Model, model_text

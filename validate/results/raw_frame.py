@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from cboxlab.render.files import open_cube, raw_to_srgb, scene_white, write_dng, write_raw
-from cboxlab.render.sensor import SensorCamera, auto_exposure, load_camera
-from cboxlab.render.sensor import simulate as simulated
+from cboxlab.rendering.files import open_cube, raw_to_srgb, scene_white, write_dng, write_raw
+from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera
+from cboxlab.rendering.sensor import simulate as simulated
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
 from cboxlab.scenes.spectra import Spectrum

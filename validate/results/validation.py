@@ -9,7 +9,7 @@ from typing import Any
 from uuid import uuid4
 
 from cboxlab.calibration.capture import Capture
-from cboxlab.render.files import AS_STATED, Declared
+from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.scenes.progress import QUIET, Progress
 
 from ..compare import Validation, failures

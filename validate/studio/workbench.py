@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cboxlab.render.chain import stages_between
+from cboxlab.rendering.chain import stages_between
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.progress import Progress, share
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from cboxlab.render.device import variant
-from cboxlab.render.perturbation import warp_change
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.perturbation import warp_change
 from numpy.typing import NDArray
 
 from ..compare import (

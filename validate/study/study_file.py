@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cboxlab.render.chain import RenderSettings
+from cboxlab.rendering.chain import RenderSettings
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import combined, faults_of_validation
 from cboxlab.scenes.files import replacing

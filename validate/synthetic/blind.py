@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.render.chain import PHOTOGRAPHED
+from cboxlab.rendering.chain import PHOTOGRAPHED
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.faults import suggestion
 from cboxlab.scenes.files import replacing

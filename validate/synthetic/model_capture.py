@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.render.chain import (
+from cboxlab.rendering.chain import (
     PHOTOGRAPHED,
     Counts,
     after_stage,
@@ -23,10 +23,10 @@ from cboxlab.render.chain import (
     uniform_light,
     with_scene_behind,
 )
-from cboxlab.render.device import variant
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.integrators import Job, render_to_precision
-from cboxlab.render.laboratory import (
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.integrators import Job, render_to_precision
+from cboxlab.rendering.laboratory import (
     CaptureSettings,
     Frame,
     FrameHooks,
@@ -35,8 +35,8 @@ from cboxlab.render.laboratory import (
     unit_factors,
     write_photographs,
 )
-from cboxlab.render.perturbation import build_warp
-from cboxlab.render.visibility import build_tracer
+from cboxlab.rendering.perturbation import build_warp
+from cboxlab.rendering.visibility import build_tracer
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError

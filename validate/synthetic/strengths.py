@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.chain import after_stage
-from cboxlab.render.device import variant
-from cboxlab.render.laboratory import CaptureSettings
+from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.laboratory import CaptureSettings
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import temporary_folder

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.render.image import RenderedImage, light_shares
+from cboxlab.rendering.image import RenderedImage, light_shares
 from numpy.typing import NDArray
 
 from ..compare import Predicted, Validation

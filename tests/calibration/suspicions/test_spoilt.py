@@ -14,8 +14,8 @@ from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.result import calibrate
 from cboxlab.calibration.suspicions import explain_points, find_suspicions
 from cboxlab.calibration.suspicions.sight import radiance_over_lamp, see
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
 from helpers.places import ROOT

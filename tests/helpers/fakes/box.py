@@ -9,8 +9,8 @@ from cboxlab.calibration.correction.band_images import Mask, band_images
 from cboxlab.calibration.radiometry.band_response import BandResponse
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
-from cboxlab.validate.compare.comparison import Comparison, compare
-from cboxlab.validate.report.metrics import Run
+from cboxlab.validation.compare.comparison import Comparison, compare
+from cboxlab.validation.report.metrics import Run
 
 BANDS = ("f450", "f500", "f550", "f600", "f650")
 SURFACES = ("floor", "ceiling", "back wall", "red wall", "green wall", "block")

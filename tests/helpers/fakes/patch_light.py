@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
-from cboxlab.render.perturbation import PatchLight, patch_light
-from cboxlab.render.perturbation.patch_transport import PatchTransport
-from cboxlab.render.radiosity.solution import Exchange
+from cboxlab.rendering.perturbation import PatchLight, patch_light
+from cboxlab.rendering.perturbation.patch_transport import PatchTransport
+from cboxlab.rendering.radiosity.solution import Exchange
 from cboxlab.scenes import Scene, Spectrum, cornell_box, cornell_camera
 from scipy.sparse import csr_array
 

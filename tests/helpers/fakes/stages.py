@@ -3,13 +3,13 @@
 from typing import Any
 
 import numpy as np
-from cboxlab.render.chain.band_curves import BandCurves
-from cboxlab.render.chain.counts import Counts
-from cboxlab.render.chain.light import Light
-from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.rendering.chain.band_curves import BandCurves
+from cboxlab.rendering.chain.counts import Counts
+from cboxlab.rendering.chain.light import Light
+from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID
-from cboxlab.validate.effects import Effect, apply_checked
+from cboxlab.validation.effects import Effect, apply_checked
 
 BANDS = ("f400", "f550", "f700")
 NM = FILTER_GRID.nm

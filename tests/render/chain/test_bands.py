@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from cboxlab.calibration.correction.band_images import Mask
 from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.render.chain import render_bands
-from cboxlab.render.image.image import RenderedImage
+from cboxlab.rendering.chain import render_bands
+from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 
 NM = INTEGRAL_GRID.nm

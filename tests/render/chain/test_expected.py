@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
-from cboxlab.render.chain.bands import render_bands
-from cboxlab.render.chain.expected import expected_signal
-from cboxlab.render.chain.projection import scene_light
-from cboxlab.render.chain.stages import after_stage
-from cboxlab.render.image.image import RenderedImage
+from cboxlab.rendering.chain.bands import render_bands
+from cboxlab.rendering.chain.expected import expected_signal
+from cboxlab.rendering.chain.projection import scene_light
+from cboxlab.rendering.chain.stages import after_stage
+from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.predict.sensing import sensing
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.predict.sensing import sensing
 from helpers.fakes.capture import DEPTH, GAIN, GRID, READ_NOISE, FakeCapture, bell, response, sphere
 from scipy.ndimage import correlate
 

@@ -1,7 +1,7 @@
 """The light on the sensor: a factor on it is a factor on all that is known of it."""
 
 import numpy as np
-from cboxlab.render.chain import Light
+from cboxlab.rendering.chain import Light
 from cboxlab.scenes import cornell_camera
 from helpers.fakes.stages import light
 

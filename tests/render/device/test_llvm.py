@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cboxlab.render.device.variant import compiled
+from cboxlab.rendering.device.variant import compiled
 
 needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 OLD_LLVM = next((str(p) for p in sorted(Path("/usr/lib").glob("*/libLLVM-15.so*"))), None)
@@ -23,8 +23,8 @@ def test_a_library_that_does_not_work_is_passed_over(release, first):
         first
         + """
 import numpy as np
-from cboxlab.render.device import variant
-from cboxlab.render.integrators import render
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 image = render(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2)
 assert image.project(np.eye(4))[0].mean() > 0

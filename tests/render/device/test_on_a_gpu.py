@@ -6,15 +6,15 @@ import sys
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, variant
+from cboxlab.rendering.device import dr, variant
 
 RENDERED = """
 import sys
 import numpy as np
-from cboxlab.render.device import variant
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.radiosity import render_final_gather
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.radiosity import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 
 variant.ensure()

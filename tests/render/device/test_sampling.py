@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, mi
-from cboxlab.render.device.sampling import cosine_hemisphere
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.path_points import PathPoints
-from cboxlab.render.radiosity.lamp import angle_over_sine
-from cboxlab.render.visibility.tracer import pixel_rays
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.device.sampling import cosine_hemisphere
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.path_points import PathPoints
+from cboxlab.rendering.radiosity.lamp import angle_over_sine
+from cboxlab.rendering.visibility.tracer import pixel_rays
 from cboxlab.scenes import Camera
 
 pytestmark = pytest.mark.skipif(

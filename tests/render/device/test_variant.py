@@ -4,13 +4,13 @@ import subprocess
 import sys
 
 import pytest
-from cboxlab.render.device.variant import compiled
+from cboxlab.rendering.device.variant import compiled
 
 IMPORT_ALL = """
 import importlib, os, pkgutil, sys
 before = dict(os.environ)
 imported = set()
-for room in ("scenes", "calibration", "render", "validate"):
+for room in ("scenes", "calibration", "rendering", "validation"):
     package = importlib.import_module("cboxlab." + room)
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
@@ -22,7 +22,7 @@ assert after == before, set(after.items()) ^ set(before.items())
 
 RENDER = """
 import numpy as np
-from cboxlab.render.integrators import render
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 
 def picture():
@@ -51,7 +51,7 @@ def test_imports_settle_nothing_and_a_thread_computes_as_the_first_one_does(devi
 print(len(imported), 'drjit' in sys.modules or 'mitsuba' in sys.modules)
 import threading
 {RENDER}
-from cboxlab.render.device import mi, variant
+from cboxlab.rendering.device import mi, variant
 if {device!r}: variant.use({device!r})
 told = [mi.variant()]
 threads = [threading.Thread(target=lambda: told.append((picture(), mi.variant()))) for _ in range(2)]

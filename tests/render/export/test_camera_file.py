@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cboxlab.render.export import read_camera, write_camera
+from cboxlab.rendering.export import read_camera, write_camera
 from cboxlab.scenes import InputError, cornell_camera
 
 

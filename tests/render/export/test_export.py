@@ -7,8 +7,8 @@ import numpy as np
 import OpenEXR
 import pytest
 import trimesh
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
 from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from helpers.boxes import box_with_lamp, camera_inside

@@ -5,10 +5,10 @@ import OpenEXR
 import pytest
 import tifffile
 import xarray as xr
-from cboxlab.render.files import cube_files, spectral_exr
-from cboxlab.render.files.cube_files import read_cube, write_cube
-from cboxlab.render.files.raw_files import write_raw
-from cboxlab.render.image.image import LAMP
+from cboxlab.rendering.files import cube_files, spectral_exr
+from cboxlab.rendering.files.cube_files import read_cube, write_cube
+from cboxlab.rendering.files.raw_files import write_raw
+from cboxlab.rendering.image.image import LAMP
 from cboxlab.scenes.errors import InputError
 from helpers.raw_frames import read_raw
 from PIL import Image

@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
-from cboxlab.render.files import (
+from cboxlab.rendering.files import (
     Declared,
     declared_for,
     read_cube,
@@ -17,9 +17,9 @@ from cboxlab.render.files import (
     stated_in,
     write_cube,
 )
-from cboxlab.render.files.colour_pictures import COLOUR_SPACES, primaries_matrix
-from cboxlab.render.files.cube_checks import as_cube
-from cboxlab.render.files.declared import spectral_factor
+from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, primaries_matrix
+from cboxlab.rendering.files.cube_checks import as_cube
+from cboxlab.rendering.files.declared import spectral_factor
 from cboxlab.scenes import InputError
 
 RADIANCE = "W m^-2 sr^-1 nm^-1"

@@ -8,7 +8,7 @@ WRITING = """
 import resource, signal, sys
 from pathlib import Path
 import numpy as np, xarray as xr
-from cboxlab.render.files import RADIANCE_UNIT, WRITABLE, write_channels, write_cube, write_raw
+from cboxlab.rendering.files import RADIANCE_UNIT, WRITABLE, write_channels, write_cube, write_raw
 from cboxlab.scenes.errors import InputError
 
 light = np.random.default_rng(1).random((40, 40, 3)).astype(np.float32)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.files import Declared, read_picture
-from cboxlab.render.files.colour_pictures import COLOUR_SPACES, primaries_matrix
+from cboxlab.rendering.files import Declared, read_picture
+from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, primaries_matrix
 from helpers.rgbe import write_rgbe
 
 DECLARED = Declared("cd m^-2", 179.0, colour_space="radiance")

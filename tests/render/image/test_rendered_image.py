@@ -1,7 +1,7 @@
 """A rendered image and its average over batches."""
 
 import numpy as np
-from cboxlab.render.image import RenderedImage
+from cboxlab.rendering.image import RenderedImage
 
 
 def drawn(batches):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.bounces import render_bounces
-from cboxlab.render.integrators.derivatives import render_derivatives
-from cboxlab.render.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.bounces import render_bounces
+from cboxlab.rendering.integrators.derivatives import render_derivatives
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
 from helpers.boxes import BANDS, box_with_lamp, camera_inside
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators import shadow_rays
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.stock import render_stock
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators import shadow_rays
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.scenes import Material, Medium, Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
 from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside

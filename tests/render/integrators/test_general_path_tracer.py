@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.choice import render
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import InputError, Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student

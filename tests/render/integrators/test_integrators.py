@@ -10,12 +10,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.choice import render
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
-from cboxlab.render.visibility.pinhole import film_for, resampling
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
+from cboxlab.rendering.visibility.pinhole import film_for, resampling
 from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.shapes import sphere_mesh
@@ -348,9 +348,9 @@ def test_without_a_compiler_there_is_a_hint_and_a_picture():
 import warnings, numpy as np
 from unittest import mock
 with mock.patch("ctypes.CDLL", side_effect=OSError), mock.patch("drjit.has_backend", return_value=False):
-    from cboxlab.render.device import variant
+    from cboxlab.rendering.device import variant
     assert not variant.compiled()
-from cboxlab.render.integrators import render
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")

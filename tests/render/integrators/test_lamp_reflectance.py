@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.bounces import render_bounces
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.bounces import render_bounces
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student

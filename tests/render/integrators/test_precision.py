@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.files.cube_files import read_cube, write_cube
-from cboxlab.render.files.cube_strips import read_strips, strip_cameras, write_strips
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.integrators import passes, precision
-from cboxlab.render.integrators.choice import render
-from cboxlab.render.integrators.passes import Job, combined, render_pass
-from cboxlab.render.integrators.precision import (
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files.cube_files import read_cube, write_cube
+from cboxlab.rendering.files.cube_strips import read_strips, strip_cameras, write_strips
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.integrators import passes, precision
+from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.passes import Job, combined, render_pass
+from cboxlab.rendering.integrators.precision import (
     BATCHES,
     fireflies,
     relative_error,

@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.image import light_shares
-from cboxlab.render.integrators.bounces import render_bounces
-from cboxlab.render.integrators.derivatives import render_derivatives
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.perturbation.patch_light import patch_light
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import light_shares
+from cboxlab.rendering.integrators.bounces import render_bounces
+from cboxlab.rendering.integrators.derivatives import render_derivatives
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.perturbation.patch_light import patch_light
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import Lamp, Material, Medium, Spectrum
-from cboxlab.validate.effects import apply_checked
+from cboxlab.validation.effects import apply_checked
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, quad, square
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.choice import render
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.integrators.stock import render_stock
-from cboxlab.render.radiosity.final_gather import solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.integrators.stock import render_stock
+from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import InputError, Material, Spectrum, Texture
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
 from scipy.ndimage import map_coordinates

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
-from cboxlab.render.chain.bands import render_bands
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.laboratory.capture_writer import (
+from cboxlab.rendering.chain.bands import render_bands
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.laboratory.capture_writer import (
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
     write_photographs,
 )
-from cboxlab.render.laboratory.photographer import (
+from cboxlab.rendering.laboratory.photographer import (
     EXPOSURE_STEPS,
     CaptureSettings,
     FrameHooks,
@@ -24,10 +24,10 @@ from cboxlab.render.laboratory.photographer import (
     frames_of,
     pixel_maps,
 )
-from cboxlab.render.laboratory.survey import visible_points
+from cboxlab.rendering.laboratory.survey import visible_points
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.synthetic.model_capture import photograph_image
+from cboxlab.validation.synthetic.model_capture import photograph_image
 from scipy import stats
 
 SIZE = 64

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.perturbation import AirTransport
+from cboxlab.rendering.perturbation import AirTransport
 
 
 def grid(low, high, shape):

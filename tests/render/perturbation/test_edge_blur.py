@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.image.blur import blur
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.perturbation.edge_blur import build_edge_blur
-from cboxlab.render.perturbation.warp import build_warp
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image.blur import blur
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.perturbation.edge_blur import build_edge_blur
+from cboxlab.rendering.perturbation.warp import build_warp
+from cboxlab.rendering.visibility.tracer import build_tracer
 from helpers.boxes import BANDS, camera_inside, lamp_and, quad, square
 from scipy.special import erf
 

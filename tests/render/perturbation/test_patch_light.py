@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.perturbation import with_albedo
+from cboxlab.rendering.perturbation import with_albedo
 from helpers.fakes.patch_light import NM, fake_patch_light
 
 

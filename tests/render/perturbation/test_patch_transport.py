@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation.patch_light import patch_light
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import gather, solve_light
-from cboxlab.render.visibility.primary import facet_coverage
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation.patch_light import patch_light
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import gather, solve_light
+from cboxlab.rendering.visibility.primary import facet_coverage
+from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from scipy.ndimage import binary_dilation

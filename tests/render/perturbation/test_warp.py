@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation.warp import build_warp, pixels_per_unit, warp_change, warp_derivatives
-from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation.warp import build_warp, pixels_per_unit, warp_change, warp_derivatives
+from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation

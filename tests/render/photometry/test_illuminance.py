@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.photometry import surface_illuminance, tristimulus_weights
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.photometry import surface_illuminance, tristimulus_weights
 from cboxlab.scenes import InputError, Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
 from helpers.boxes import EDGE, FLAT, box_with_lamp

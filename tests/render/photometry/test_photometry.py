@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.image import RenderedImage
-from cboxlab.render.photometry import (
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.photometry import (
     Photometry,
     SurfaceSums,
     surface_sums,
     tristimulus_weights,
     why_no_luminance,
 )
-from cboxlab.render.radiosity import gather, solve_light
+from cboxlab.rendering.radiosity import gather, solve_light
 from colour import MSDS_CMFS, SDS_ILLUMINANTS
 from helpers.boxes import box_with_lamp, camera_inside
 

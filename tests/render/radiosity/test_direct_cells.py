@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device import SobolPoints, device_array, dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.direct_cells import build_direct_cells
-from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
-from cboxlab.render.radiosity.patches import build_patches, patch_points
-from cboxlab.render.visibility import RAY_OFFSET_MM, build_tracer, intersect
+from cboxlab.rendering.device import SobolPoints, device_array, dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.direct_cells import build_direct_cells
+from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
+from cboxlab.rendering.radiosity.patches import build_patches, patch_points
+from cboxlab.rendering.visibility import RAY_OFFSET_MM, build_tracer, intersect
 from cboxlab.scenes import cornell_box
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import SobolPoints, cosine_hemisphere, device_array, dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.face_controls import CONTROLLED
-from cboxlab.render.radiosity.final_gather import gather, solve_light
-from cboxlab.render.radiosity.gathering import least_variance_shares
-from cboxlab.render.visibility import RAY_OFFSET_MM, FlatFaces
+from cboxlab.rendering.device import SobolPoints, cosine_hemisphere, device_array, dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.face_controls import CONTROLLED
+from cboxlab.rendering.radiosity.final_gather import gather, solve_light
+from cboxlab.rendering.radiosity.gathering import least_variance_shares
+from cboxlab.rendering.visibility import RAY_OFFSET_MM, FlatFaces
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from helpers.boxes import BANDS

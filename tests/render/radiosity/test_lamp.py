@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device import mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.device import mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
+from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Lamp, Scene, Surface
 from cboxlab.scenes.shapes import ring_mesh
 from helpers.boxes import EDGE, FLAT, grey, quad, square, walls

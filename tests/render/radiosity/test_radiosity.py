@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import device_array, dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity import solution
-from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
-from cboxlab.render.radiosity.patch_slopes import PatchSlopes, build_slopes
-from cboxlab.render.radiosity.patches import build_patches, patch_of, patch_points
-from cboxlab.render.radiosity.solution import indirect_basis, solve, trace_exchange
-from cboxlab.render.visibility.tracer import build_tracer
+from cboxlab.rendering.device import device_array, dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity import solution
+from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
+from cboxlab.rendering.radiosity.patch_slopes import PatchSlopes, build_slopes
+from cboxlab.rendering.radiosity.patches import build_patches, patch_of, patch_points
+from cboxlab.rendering.radiosity.solution import indirect_basis, solve, trace_exchange
+from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Scene, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
 from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls

@@ -10,16 +10,16 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.path_points import PathPoints
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.radiosity.final_gather import render_final_gather
-from cboxlab.render.radiosity.lamp import build_lamp_samplers, direct_light
-from cboxlab.render.visibility.primary import facet_coverage, pixel_coverage
-from cboxlab.render.visibility.tracer import RAY_OFFSET_MM, build_tracer
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.path_points import PathPoints
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
+from cboxlab.rendering.visibility.primary import facet_coverage, pixel_coverage
+from cboxlab.rendering.visibility.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.renderers.closed_forms import (
+from cboxlab.validation.renderers.closed_forms import (
     corner_to_rectangle,
     parallel_squares,
     perpendicular_rectangles,

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.files.previews import cube_to_srgb, raw_to_srgb, scene_white
-from cboxlab.render.image.image import LAMP
-from cboxlab.render.sensor.cameras import PACKAGED, load_camera, packaged_cameras
-from cboxlab.render.sensor.detector import Detector, SensorCamera, channel_map, noisy_counts, quantise
-from cboxlab.render.sensor.light import integration_weights, require_radiance
-from cboxlab.render.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
+from cboxlab.rendering.files.previews import cube_to_srgb, raw_to_srgb, scene_white
+from cboxlab.rendering.image.image import LAMP
+from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera, packaged_cameras
+from cboxlab.rendering.sensor.detector import Detector, SensorCamera, channel_map, noisy_counts, quantise
+from cboxlab.rendering.sensor.light import integration_weights, require_radiance
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
 

@@ -6,12 +6,12 @@ import tracemalloc
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.files.cube_files import open_cube, write_cube
-from cboxlab.render.sensor import light as sensor_light
-from cboxlab.render.sensor.cameras import PACKAGED, load_camera
-from cboxlab.render.sensor.charge import leak, spill_columns
-from cboxlab.render.sensor.optics import Blur, Vignetting
-from cboxlab.render.sensor.simulation import expected_counts, expected_electrons, simulate
+from cboxlab.rendering.files.cube_files import open_cube, write_cube
+from cboxlab.rendering.sensor import light as sensor_light
+from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera
+from cboxlab.rendering.sensor.charge import leak, spill_columns
+from cboxlab.rendering.sensor.optics import Blur, Vignetting
+from cboxlab.rendering.sensor.simulation import expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)

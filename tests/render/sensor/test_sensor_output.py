@@ -10,24 +10,24 @@ from cboxlab.calibration.colour.colorimetry import colour_matching_functions
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
 from cboxlab.calibration.radiometry.sensor_equation import band_responses, nominal_constant
-from cboxlab.render.files.cube_files import open_cube, write_cube
-from cboxlab.render.files.dng import write_dng
-from cboxlab.render.image.spectral_basis import from_basis, principal_components, spectral_error, to_basis
-from cboxlab.render.laboratory.cube_capture import write_cube_capture
-from cboxlab.render.sensor.cameras import PACKAGED, load_camera, packaged_cameras
-from cboxlab.render.sensor.colour_correction import (
+from cboxlab.rendering.files.cube_files import open_cube, write_cube
+from cboxlab.rendering.files.dng import write_dng
+from cboxlab.rendering.image.spectral_basis import from_basis, principal_components, spectral_error, to_basis
+from cboxlab.rendering.laboratory.cube_capture import write_cube_capture
+from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera, packaged_cameras
+from cboxlab.rendering.sensor.colour_correction import (
     chart_reflectances,
     demosaic,
     fit_correction,
     linear_counts,
 )
-from cboxlab.render.sensor.detector import channel_map, noisy_counts, quantise
-from cboxlab.render.sensor.optics import Blur
-from cboxlab.render.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
+from cboxlab.rendering.sensor.detector import channel_map, noisy_counts, quantise
+from cboxlab.rendering.sensor.optics import Blur
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.commands.cli import main
+from cboxlab.validation.commands.cli import main
 from helpers.raw_frames import read_raw
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.sensor.cameras import load_camera
-from cboxlab.render.sensor.simulation import expected_counts
+from cboxlab.rendering.sensor.cameras import load_camera
+from cboxlab.rendering.sensor.simulation import expected_counts
 from oracles import verification_chart as chart
 from oracles import verification_frames as frames
 

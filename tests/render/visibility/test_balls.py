@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.visibility.faces_and_tree import FacesAndTree
-from cboxlab.render.visibility.tracer import build_tracer, intersect
+from cboxlab.rendering.device import mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree
+from cboxlab.rendering.visibility.tracer import build_tracer, intersect
 from cboxlab.scenes import Surface
 from cboxlab.scenes.scene import Medium
 from cboxlab.scenes.shapes import moved_on_floor, sphere_mesh

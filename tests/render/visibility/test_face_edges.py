@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.visibility.face_edges import face_edges, pixels_on_edges
+from cboxlab.rendering.visibility.face_edges import face_edges, pixels_on_edges
 from cboxlab.scenes import cornell_camera
 
 SQUARE = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0.0, 0, 0], [1, 1, 0], [0, 1, 0]]])

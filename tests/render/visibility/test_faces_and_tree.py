@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from cboxlab.render.device import mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.visibility.faces_and_tree import FacesAndTree, build_accelerator, in_a_tree
-from cboxlab.render.visibility.flat_faces import FlatFaces
-from cboxlab.render.visibility.tracer import facets
+from cboxlab.rendering.device import mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, build_accelerator, in_a_tree
+from cboxlab.rendering.visibility.flat_faces import FlatFaces
+from cboxlab.rendering.visibility.tracer import facets
 from helpers.hits import COUNT, asked, between_surfaces, blocked_by, differing, directions, normals_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.visibility.faces_and_tree import in_a_tree
-from cboxlab.render.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
-from cboxlab.render.visibility.tracer import build_tracer, facets
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility.faces_and_tree import in_a_tree
+from cboxlab.rendering.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
+from cboxlab.rendering.visibility.tracer import build_tracer, facets
 from cboxlab.scenes import cornell_box
 from helpers.hits import (
     COUNT,

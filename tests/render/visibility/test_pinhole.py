@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.visibility.pinhole import film_for, resampling
+from cboxlab.rendering.visibility.pinhole import film_for, resampling
 from cboxlab.scenes import cornell_camera
 
 WIDTH, HEIGHT = 40, 28

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import device_array, dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.visibility import build_tracer, facet_coverage, intersect, pixel_rays, planar_pixels
+from cboxlab.rendering.device import device_array, dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility import build_tracer, facet_coverage, intersect, pixel_rays, planar_pixels
 from cboxlab.scenes import cornell_box, cornell_camera
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation import pixels_per_unit
-from cboxlab.render.visibility import build_tracer, pixel_coverage
-from cboxlab.render.visibility.faces_and_tree import FacesAndTree, in_a_tree
-from cboxlab.render.visibility.flat_faces import flat_faces
-from cboxlab.render.visibility.polygon_coverage import polygon_coverage
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation import pixels_per_unit
+from cboxlab.rendering.visibility import build_tracer, pixel_coverage
+from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, in_a_tree
+from cboxlab.rendering.visibility.flat_faces import flat_faces
+from cboxlab.rendering.visibility.polygon_coverage import polygon_coverage
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from cboxlab.scenes.scene import Surface

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import device_array, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.visibility import pixel_rays
+from cboxlab.rendering.device import device_array, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility import pixel_rays
 from cboxlab.scenes import cornell_camera
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

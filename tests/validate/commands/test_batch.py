@@ -4,8 +4,8 @@ import csv
 import shutil
 
 import pytest
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.results import is_current, write_manifest
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.results import is_current, write_manifest
 
 
 @pytest.fixture

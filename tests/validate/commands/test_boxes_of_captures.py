@@ -7,9 +7,9 @@ import pytest
 from cboxlab import scenes
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.scenes import InputError
-from cboxlab.validate.commands import console
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.model.model_file import load_model
+from cboxlab.validation.commands import console
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.model.model_file import load_model
 from helpers.command_line import assert_one_line_of_help
 
 

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.render.export.camera_file import write_camera
+from cboxlab.rendering.export.camera_file import write_camera
 from cboxlab.scenes import InputError, cornell_camera
-from cboxlab.validate.commands import console
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.commands.model import _alone as alone
-from cboxlab.validate.model import named_effect
-from cboxlab.validate.model.model_file import load_model
-from cboxlab.validate.synthetic.blind import open_seal
+from cboxlab.validation.commands import console
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.commands.model import _alone as alone
+from cboxlab.validation.model import named_effect
+from cboxlab.validation.model.model_file import load_model
+from cboxlab.validation.synthetic.blind import open_seal
 from helpers.command_line import assert_one_line_of_help
 
 
@@ -122,7 +122,7 @@ def test_a_missing_folder(command, tmp_path, cbox):
 
 def test_the_program_itself_ends_without_a_traceback(tmp_path):
     """In a process of its own, as a user runs it."""
-    program = [sys.executable, "-c", "from cboxlab.validate.commands.cli import main; main()"]
+    program = [sys.executable, "-c", "from cboxlab.validation.commands.cli import main; main()"]
     done = subprocess.run(
         [*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path
     )
@@ -224,7 +224,7 @@ def test_a_model_that_changed_meanwhile_is_not_overwritten(tmp_path, cbox, monke
         path.write_bytes(other)
         return named_effect(*arguments)
 
-    monkeypatch.setattr("cboxlab.validate.model.named_effect", slow)
+    monkeypatch.setattr("cboxlab.validation.model.named_effect", slow)
     assert_one_line_of_help(cbox("add", path, "ghost", "fraction=0.01"), "another content")
     assert path.read_bytes() == other
 
@@ -342,7 +342,7 @@ def test_calibrate_init_writes_a_first_manifest(tmp_path, cbox):
 
 @pytest.mark.parametrize("command", ["diagnose", "studio"])
 def test_what_needs_a_compiler_says_so_before_it_computes(cbox, monkeypatch, command):
-    monkeypatch.setattr("cboxlab.render.device.variant.compiled", lambda: False)
+    monkeypatch.setattr("cboxlab.rendering.device.variant.compiled", lambda: False)
     code, out, told = cbox(command, DEMO_CAPTURE)
     assert code == 2 and not out
     expected = (

@@ -6,11 +6,11 @@ from importlib.metadata import version
 
 import numpy as np
 import pytest
-from cboxlab.render.files.cube_files import read_cube, write_cube
-from cboxlab.validate.commands.cli import main
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.compare.maps import read_map
-from cboxlab.validate.model.model_file import load_model
+from cboxlab.rendering.files.cube_files import read_cube, write_cube
+from cboxlab.validation.commands.cli import main
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.compare.maps import read_map
+from cboxlab.validation.model.model_file import load_model
 from colour import SpectralDistribution, sd_to_XYZ
 from helpers.command_line import assert_one_line_of_help
 from helpers.manual_commands import described

@@ -6,12 +6,12 @@ import re
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
-from cboxlab.render.laboratory.photographer import CaptureSettings
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.synthetic.blind import open_seal
-from cboxlab.validate.synthetic.model_capture import perturbed_camera, write_model_capture
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.synthetic.blind import open_seal
+from cboxlab.validation.synthetic.model_capture import perturbed_camera, write_model_capture
 
 README = DEMO_CAPTURE.parent / "README.md"
 

@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cboxlab.render.files import read_cube
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
+from cboxlab.rendering.files import read_cube
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
 
 #: An ASCII terminal, with nowhere to keep anything and a display that is not there.
 BARE = {

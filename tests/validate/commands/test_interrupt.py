@@ -8,8 +8,8 @@ import sys
 
 import pytest
 from cboxlab.scenes.progress import Cancelled
-from cboxlab.validate.commands import cli, console
-from cboxlab.validate.terminal import stages
+from cboxlab.validation.commands import cli, console
+from cboxlab.validation.terminal import stages
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +53,7 @@ def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, cap
 
 PRESSED_IN_IMPORT = """
 import signal, sys
-from cboxlab.render.device import variant
+from cboxlab.rendering.device import variant
 signal.signal(signal.SIGINT, signal.default_int_handler)
 class Pressing:
     def find_spec(self, name, path, target=None):
@@ -79,7 +79,7 @@ def test_ctrl_c_while_the_renderer_is_imported_interrupts_afterwards():
 
 def test_a_command_goes_on_when_the_reader_of_its_output_has_gone(tmp_path):
     """As before ``| head``: its result is written, and its exit code is its own."""
-    program = [sys.executable, "-c", "from cboxlab.validate.commands.cli import main; main()"]
+    program = [sys.executable, "-c", "from cboxlab.validation.commands.cli import main; main()"]
     arguments = ["effects", "--json", str(tmp_path / "effects.json")]
     reading, writing = os.pipe()
     os.close(reading)
@@ -99,7 +99,7 @@ def test_an_error_that_ctrl_c_became_is_no_fault_of_the_program(monkeypatch, cap
             signal.raise_signal(signal.SIGINT)
         raise NameError("name '_ndimage_api' is not defined")
 
-    monkeypatch.setattr("cboxlab.validate.commands.app.app", importing)
+    monkeypatch.setattr("cboxlab.validation.commands.app.app", importing)
     with pytest.raises(SystemExit) as ended:
         cli.main(["effects"])
     assert ended.value.code == 130
@@ -115,7 +115,7 @@ class Pressing(importlib.abc.MetaPathFinder):
             signal.raise_signal(signal.SIGINT)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.meta_path.insert(0, Pressing())
-from cboxlab.validate.commands.cli import main
+from cboxlab.validation.commands.cli import main
 main(["effects"])
 """
 

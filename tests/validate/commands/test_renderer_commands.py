@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.files import read_cube
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model, write_model
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files import read_cube
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model, write_model
 from helpers.command_line import assert_one_line_of_help
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from types import SimpleNamespace
 
-from cboxlab.validate.commands import summary
+from cboxlab.validation.commands import summary
 from helpers.fakes.box import SURFACES, FakeBox, fake_weights
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cboxlab.render.files import camera_of_attribute
+from cboxlab.rendering.files import camera_of_attribute
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.compare.cameras import Instrument, shift_px
-from cboxlab.validate.compare.stacks import Stack, compare_stacks
+from cboxlab.validation.compare.cameras import Instrument, shift_px
+from cboxlab.validation.compare.stacks import Stack, compare_stacks
 
 CAMERA = cornell_camera(128)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.compare.colour_difference import (
+from cboxlab.validation.compare.colour_difference import (
     White,
     delta_e_2000,
     delta_e_ab,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.correction.band_images import Mask, band_images
-from cboxlab.validate.compare.comparison import ChiSquare, compare
-from cboxlab.validate.report.metrics import metrics
-from cboxlab.validate.report.verdict import verdict, warnings
+from cboxlab.validation.compare.comparison import ChiSquare, compare
+from cboxlab.validation.report.metrics import metrics
+from cboxlab.validation.report.verdict import verdict, warnings
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.compare.excess import regions_of
+from cboxlab.validation.compare.excess import regions_of
 from helpers.fakes.box import BANDS, SURFACES, FakeBox
 
 BOX = FakeBox()

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.image.light_shares import LightShares, light_shares
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image.light_shares import LightShares, light_shares
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.compare.failure import parts, ranked_failures
-from cboxlab.validate.report.table_sections import parts_section
+from cboxlab.validation.compare.failure import parts, ranked_failures
+from cboxlab.validation.report.table_sections import parts_section
 from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 

@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.files import replacing
-from cboxlab.validate.compare.maps import read_map, write_map, write_maps
-from cboxlab.validate.report.metrics import PathStep, metrics, write_metrics
+from cboxlab.validation.compare.maps import read_map, write_map, write_maps
+from cboxlab.validation.report.metrics import PathStep, metrics, write_metrics
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from PIL import Image
 

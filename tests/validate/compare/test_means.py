@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.files import write_cube
-from cboxlab.validate.compare import compare_stacks, read_stack
+from cboxlab.rendering.files import write_cube
+from cboxlab.validation.compare import compare_stacks, read_stack
 
 RELATIVE = 0.05
 

@@ -3,12 +3,12 @@
 from types import SimpleNamespace
 
 import numpy as np
-from cboxlab.render.chain import RenderSettings
-from cboxlab.render.laboratory import CaptureSettings
-from cboxlab.validate.compare import Prepared, pipeline, validate
-from cboxlab.validate.diagnose import diagnose, stepwise
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic import perturbed_camera, write_model_capture
+from cboxlab.rendering.chain import RenderSettings
+from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.validation.compare import Prepared, pipeline, validate
+from cboxlab.validation.diagnose import diagnose, stepwise
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 TRIED = ("interreflection", "haze")
 

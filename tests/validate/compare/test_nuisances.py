@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation import build_warp, pixels_per_unit, warp_change
-from cboxlab.render.radiosity import gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation import build_warp, pixels_per_unit, warp_change
+from cboxlab.rendering.radiosity import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.compare.nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances
+from cboxlab.validation.compare.nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances
 from helpers.boxes import box_with_lamp, camera_inside
 
 

@@ -11,28 +11,28 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.bands import render_bands
-from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.integrators.passes import Job
-from cboxlab.render.integrators.precision import render_to_precision
-from cboxlab.render.laboratory.photographer import CaptureSettings
-from cboxlab.render.photometry import tristimulus_weights
+from cboxlab.rendering.chain.bands import render_bands
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.integrators.passes import Job
+from cboxlab.rendering.integrators.precision import render_to_precision
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.photometry import tristimulus_weights
 from cboxlab.scenes import Camera, InputError, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.compare import pipeline
-from cboxlab.validate.compare.maps import read_map
-from cboxlab.validate.compare.nuisances import NuisanceFit, fit_lamp_scale
-from cboxlab.validate.compare.pipeline import Predicted, rendered_from, validate, validated
-from cboxlab.validate.diagnose.diagnosis import diagnose
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.diagnose.linearised_fit import linearised_fit
-from cboxlab.validate.diagnose.stepwise import refitted
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.report.write import write_validation
-from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+from cboxlab.validation.compare import pipeline
+from cboxlab.validation.compare.maps import read_map
+from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
+from cboxlab.validation.compare.pipeline import Predicted, rendered_from, validate, validated
+from cboxlab.validation.diagnose.diagnosis import diagnose
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.stepwise import refitted
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.report.write import write_validation
+from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 from helpers.browser import open_browser
 from scipy import stats
 
@@ -209,7 +209,7 @@ def test_nothing_is_missing_where_nothing_is_hidden(result, monkeypatch):
     """The diagnosis invents no cause. Those in the scene, which take long to screen, do not compete here."""
     stages = ("camera", "filter", "optics", "counts")
     monkeypatch.setattr(
-        "cboxlab.validate.diagnose.stepwise.hypotheses",
+        "cboxlab.validation.diagnose.stepwise.hypotheses",
         lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
     )
     assert diagnose(result).adequate

@@ -1,7 +1,7 @@
 """Distance of pixels from the edges of the surfaces that they see."""
 
 import numpy as np
-from cboxlab.validate.compare.regions import edge_distance_px, edges, interiors
+from cboxlab.validation.compare.regions import edge_distance_px, edges, interiors
 
 
 def test_regions_of_a_half_plane():

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.validate.compare import stacks
-from cboxlab.validate.compare.stacks import Stack, compare_stacks, read_stack
+from cboxlab.validation.compare import stacks
+from cboxlab.validation.compare.stacks import Stack, compare_stacks, read_stack
 
 SHAPE = (3, 100, 100)
 

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import alternatives
-from cboxlab.validate.diagnose.alternatives import SelectedEffect, confirmed_where_held_out
-from cboxlab.validate.diagnose.evidence import INDISTINGUISHABLE, SHAPE_ERROR
+from cboxlab.validation.diagnose import alternatives
+from cboxlab.validation.diagnose.alternatives import SelectedEffect, confirmed_where_held_out
+from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE, SHAPE_ERROR
 
 
 def _candidate(name, chi2):

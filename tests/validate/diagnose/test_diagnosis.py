@@ -7,36 +7,36 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.image.blur import blur
-from cboxlab.render.perturbation import warp_change
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.image.blur import blur
+from cboxlab.rendering.perturbation import warp_change
 from cboxlab.scenes import cornell_box
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.commands import console
-from cboxlab.validate.commands.demo import run_demo
-from cboxlab.validate.compare.pipeline import validated
-from cboxlab.validate.diagnose.alternatives import SelectedEffect
-from cboxlab.validate.diagnose.diagnosis import _shares
-from cboxlab.validate.diagnose.evidence import first_significant, prior_pull
-from cboxlab.validate.diagnose.fitting import fit
-from cboxlab.validate.diagnose.further_captures import distance, further_captures, separations
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
-from cboxlab.validate.diagnose.search import screen, signature
-from cboxlab.validate.diagnose.selection import best_singles
-from cboxlab.validate.diagnose.unexplained import excess_of
-from cboxlab.validate.effects import AppliedEffect, Effect, apply_checked, catalogue
-from cboxlab.validate.model.model_file import Model, load_model, write_model
-from cboxlab.validate.model.stages import displacement
-from cboxlab.validate.predict.predictor import averaged_on_faces
-from cboxlab.validate.report.diagnosis import (
+from cboxlab.validation.commands import console
+from cboxlab.validation.commands.demo import run_demo
+from cboxlab.validation.compare.pipeline import validated
+from cboxlab.validation.diagnose.alternatives import SelectedEffect
+from cboxlab.validation.diagnose.diagnosis import _shares
+from cboxlab.validation.diagnose.evidence import first_significant, prior_pull
+from cboxlab.validation.diagnose.fitting import fit
+from cboxlab.validation.diagnose.further_captures import distance, further_captures, separations
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
+from cboxlab.validation.diagnose.search import screen, signature
+from cboxlab.validation.diagnose.selection import best_singles
+from cboxlab.validation.diagnose.unexplained import excess_of
+from cboxlab.validation.effects import AppliedEffect, Effect, apply_checked, catalogue
+from cboxlab.validation.model.model_file import Model, load_model, write_model
+from cboxlab.validation.model.stages import displacement
+from cboxlab.validation.predict.predictor import averaged_on_faces
+from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
     path_steps,
     write_diagnosis,
 )
-from cboxlab.validate.report.plots import MapRow
-from cboxlab.validate.report.story import story
-from cboxlab.validate.results import verify
+from cboxlab.validation.report.plots import MapRow
+from cboxlab.validation.report.story import story
+from cboxlab.validation.results import verify
 from helpers.manual_commands import described
 from helpers.raw_frames import read_raw
 from PIL import Image

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.scenes import InputError, cornell_box
-from cboxlab.validate.diagnose import effect_fit
-from cboxlab.validate.effects import AppliedEffect, catalogue
-from cboxlab.validate.model import Model
+from cboxlab.validation.diagnose import effect_fit
+from cboxlab.validation.effects import AppliedEffect, catalogue
+from cboxlab.validation.model import Model
 from helpers.patterns import COUNT, laboratory, waves
 
 PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third": waves(2, 1)}

@@ -8,18 +8,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.chain import RenderSettings
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.files import write_cube
-from cboxlab.render.integrators import render
-from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.chain import RenderSettings
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files import write_cube
+from cboxlab.rendering.integrators import render
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.compare import prepare, validate
-from cboxlab.validate.diagnose.foreign_side import foreign_side
-from cboxlab.validate.model import Model
-from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+from cboxlab.validation.compare import prepare, validate
+from cboxlab.validation.diagnose.foreign_side import foreign_side
+from cboxlab.validation.model import Model
+from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
-foreign_side_module = importlib.import_module("cboxlab.validate.diagnose.foreign_side")
+foreign_side_module = importlib.import_module("cboxlab.validation.diagnose.foreign_side")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, SEED = 32, 3

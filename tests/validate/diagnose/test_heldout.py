@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.alternatives import comes_of_edges, heldout_bands, heldout_pixels
-from cboxlab.validate.diagnose.linear_model import LinearModel
+from cboxlab.validation.diagnose.alternatives import comes_of_edges, heldout_bands, heldout_pixels
+from cboxlab.validation.diagnose.linear_model import LinearModel
 
 SHAPE = (4, 64, 64)
 COUNT = int(np.prod(SHAPE))

@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validate.diagnose.evidence import dispersion, first_significant, least_gain_of_any, penalised
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.diagnose.linear_model import smooth_part
-from cboxlab.validate.diagnose.search import (
+from cboxlab.validation.diagnose.evidence import dispersion, first_significant, least_gain_of_any, penalised
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.diagnose.linear_model import smooth_part
+from cboxlab.validation.diagnose.search import (
     Candidate,
     Signature,
     build_problem,

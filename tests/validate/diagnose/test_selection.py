@@ -5,26 +5,26 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import alternatives, selection, stepwise
-from cboxlab.validate.diagnose.alternatives import (
+from cboxlab.validation.diagnose import alternatives, selection, stepwise
+from cboxlab.validation.diagnose.alternatives import (
     SelectedEffect,
     confirmed_where_held_out,
     groups,
     with_alternatives,
     with_better_alternatives,
 )
-from cboxlab.validate.diagnose.evidence import first_significant, limit_of
-from cboxlab.validate.diagnose.fitting import fit
-from cboxlab.validate.diagnose.hypotheses import Hypothesis
-from cboxlab.validate.diagnose.linearised_fit import residual_with
-from cboxlab.validate.diagnose.search import Candidate, signature
-from cboxlab.validate.diagnose.selection import (
+from cboxlab.validation.diagnose.evidence import first_significant, limit_of
+from cboxlab.validation.diagnose.fitting import fit
+from cboxlab.validation.diagnose.hypotheses import Hypothesis
+from cboxlab.validation.diagnose.linearised_fit import residual_with
+from cboxlab.validation.diagnose.search import Candidate, signature
+from cboxlab.validation.diagnose.selection import (
     backward_elimination,
     best_singles,
     pairs_replaced,
 )
-from cboxlab.validate.diagnose.stepwise import limits_of
-from cboxlab.validate.effects import Effect, Parameter
+from cboxlab.validation.diagnose.stepwise import limits_of
+from cboxlab.validation.effects import Effect, Parameter
 from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, names_of, taken, waves
 
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.diagnose import stepwise
-from cboxlab.validate.diagnose.stepwise import refitted, tolerated_changes
+from cboxlab.validation.diagnose import stepwise
+from cboxlab.validation.diagnose.stepwise import refitted, tolerated_changes
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

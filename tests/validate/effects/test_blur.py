@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.render.image.blur import blur
+from cboxlab.rendering.image.blur import blur
 from helpers.fakes.stages import apply, light
 
 

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.counts import Counts
-from cboxlab.render.chain.light import Light
-from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.image.blur import kernel
+from cboxlab.rendering.chain.counts import Counts
+from cboxlab.rendering.chain.light import Light
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.image.blur import kernel
 from cboxlab.scenes import InputError, Spectrum, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import vector_area
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.effects import catalogue
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.effects import catalogue
 from helpers.fakes.patch_light import NM as FAKE_NM
 from helpers.fakes.patch_light import fake_patch_light
 from helpers.fakes.stages import NM, apply, counts, curves, light

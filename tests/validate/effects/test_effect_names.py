@@ -3,7 +3,7 @@
 import ast
 
 import pytest
-from cboxlab.validate.effects import catalogue
+from cboxlab.validation.effects import catalogue
 from helpers.places import ROOT
 
 ROOMS = ("scenes", "calibration", "render", "validate")

@@ -5,11 +5,11 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.scenes import InputError, Spectrum, cornell_box
-from cboxlab.validate import effects
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.effects import Parameter, apply_checked, catalogue, names_in
+from cboxlab.validation import effects
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.effects import Parameter, apply_checked, catalogue, names_in
 from helpers.fakes.stages import NM, apply, counts, start
 
 #: Identifier, then parameters with their null value; "-" for one that has none or is a name.
@@ -151,7 +151,7 @@ def test_effects_name_what_the_scene_holds():
     [
         ("nowhere:EFFECT", "nowhere"),
         ("math:pi", "a float"),
-        ("cboxlab.validate.effects.ghost:EFFECT", "'ghost'"),
+        ("cboxlab.validation.effects.ghost:EFFECT", "'ghost'"),
     ],
 )
 def test_an_entry_point_that_is_no_new_effect_is_named(monkeypatch, value, found):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation.patch_light import patch_light
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation.patch_light import patch_light
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Spectrum
-from cboxlab.validate.effects import apply_checked
+from cboxlab.validation.effects import apply_checked
 from helpers.boxes import EDGE, box_with_lamp, camera_inside
 from scipy.stats import t as student
 

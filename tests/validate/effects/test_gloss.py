@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr, mi
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation import brdf_change
+from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation import brdf_change
 from helpers.fakes.patch_light import fake_patch_light
 from helpers.fakes.stages import apply
 

@@ -4,12 +4,12 @@ import importlib
 
 import numpy as np
 import pytest
-from cboxlab.render.perturbation import STEPS, AirTransport
-from cboxlab.render.perturbation.haze import AirLamp
+from cboxlab.rendering.perturbation import STEPS, AirTransport
+from cboxlab.rendering.perturbation.haze import AirLamp
 from helpers.fakes.patch_light import fake_patch_light
 from helpers.fakes.stages import apply
 
-haze = importlib.import_module("cboxlab.validate.effects.haze")
+haze = importlib.import_module("cboxlab.validation.effects.haze")
 LAMP = np.array([278.0, 548.0, 279.5])
 
 

@@ -4,10 +4,10 @@ benchmarks/users_effects.py hides each of them in a capture and diagnoses it.
 """
 
 import pytest
-from cboxlab.render.chain.settings import RenderSettings
+from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validate.diagnose.hypotheses import hypotheses
-from cboxlab.validate.effects import catalogue
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.effects import catalogue
 from helpers.installed_effects import own_effects
 
 STAGES = {

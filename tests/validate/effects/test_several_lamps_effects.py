@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.scenes import Spectrum, cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.effects import apply_checked
+from cboxlab.validation.effects import apply_checked
 
 
 def apply(identifier, value, **parameters):

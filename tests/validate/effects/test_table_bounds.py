@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device import dr
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.path_tracer import render_path_tracer
-from cboxlab.render.perturbation.patch_light import patch_light
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import render_final_gather, solve_light
+from cboxlab.rendering.device import dr
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.path_tracer import render_path_tracer
+from cboxlab.rendering.perturbation.patch_light import patch_light
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import render_final_gather, solve_light
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validation.effects import apply_checked, catalogue
 
 pytestmark = pytest.mark.skipif(
     not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation.patch_light import patch_light
-from cboxlab.render.perturbation.patch_transport import build_patch_transport
-from cboxlab.render.radiosity.final_gather import render_final_gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation.patch_light import patch_light
+from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity.final_gather import render_final_gather, solve_light
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from cboxlab.validate.effects import apply_checked, catalogue
+from cboxlab.validation.effects import apply_checked, catalogue
 from oracles import mitsuba_effects
 from scipy.ndimage import binary_dilation
 

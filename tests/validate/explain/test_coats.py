@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.render.perturbation import build_patch_transport
-from cboxlab.render.radiosity import build_patched_scene
+from cboxlab.rendering.perturbation import build_patch_transport
+from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.diagnose.unexplained import _coated, _transport
+from cboxlab.validation.diagnose.unexplained import _coated, _transport
 
 
 def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.scenes.progress import Cancelled, Teller
-from cboxlab.validate.explain import NONE, explain, explanation
-from cboxlab.validate.report.explanation import explanation_record, explanation_sentence
+from cboxlab.validation.explain import NONE, explain, explanation
+from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
 from helpers.small_excess import (
     BANDS,

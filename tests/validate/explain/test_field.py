@@ -1,7 +1,7 @@
 """Fields beside others, against least squares with all columns written out."""
 
 import numpy as np
-from cboxlab.validate.explain.field import Normal, beside_common, fixed_spectrum
+from cboxlab.validation.explain.field import Normal, beside_common, fixed_spectrum
 from numpy.testing import assert_allclose
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.explain import explain
-from cboxlab.validate.explain.sensor_forms import sensor_forms
-from cboxlab.validate.explain.spot_cells import hot_spot, spot_of_one_band
-from cboxlab.validate.explain.spots import fits_the_place
-from cboxlab.validate.explain.surface_forms import surface_forms
+from cboxlab.validation.explain import explain
+from cboxlab.validation.explain.sensor_forms import sensor_forms
+from cboxlab.validation.explain.spot_cells import hot_spot, spot_of_one_band
+from cboxlab.validation.explain.spots import fits_the_place
+from cboxlab.validation.explain.surface_forms import surface_forms
 from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
 
 

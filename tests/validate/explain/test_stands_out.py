@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose.linear_model import LinearModel
-from cboxlab.validate.diagnose.unexplained import reported, stands_out
-from cboxlab.validate.explain import explain, hidden
-from cboxlab.validate.explain.optics_forms import _blurred, uneven_blurs
-from cboxlab.validate.fields import ImageMaps
+from cboxlab.validation.diagnose.linear_model import LinearModel
+from cboxlab.validation.diagnose.unexplained import reported, stands_out
+from cboxlab.validation.explain import explain, hidden
+from cboxlab.validation.explain.optics_forms import _blurred, uneven_blurs
+from cboxlab.validation.fields import ImageMaps
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.explain import field
-from cboxlab.validate.explain.surface_bases import lamp_dn, surface_maps
+from cboxlab.validation.explain import field
+from cboxlab.validation.explain.surface_bases import lamp_dn, surface_maps
 from helpers.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3

@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.explain import explain
-from cboxlab.validate.fields import load_effect_file
-from cboxlab.validate.model import load_model, write_model
-from cboxlab.validate.report.explanation import explanation_record
+from cboxlab.validation.explain import explain
+from cboxlab.validation.fields import load_effect_file
+from cboxlab.validation.model import load_model, write_model
+from cboxlab.validation.report.explanation import explanation_record
 from helpers.command_line import assert_one_line_of_help
 from helpers.small_excess import BANDS, SIGMA, SIZE, small_excess
 

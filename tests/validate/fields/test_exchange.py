@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cboxlab.validate.fields.exchange import with_moments, with_streak
+from cboxlab.validation.fields.exchange import with_moments, with_streak
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter1d
 

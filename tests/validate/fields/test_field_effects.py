@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from cboxlab.render.chain import Counts, Light
+from cboxlab.rendering.chain import Counts, Light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.explain import explain
-from cboxlab.validate.explain.surface_bases import surface_maps
-from cboxlab.validate.fields import (
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.explain import explain
+from cboxlab.validation.explain.surface_bases import surface_maps
+from cboxlab.validation.fields import (
     FittedField,
     ImageMaps,
     PointMap,
@@ -19,8 +19,8 @@ from cboxlab.validate.fields import (
     field_effect,
     field_record,
 )
-from cboxlab.validate.fields.fitted_field import field_of_record
-from cboxlab.validate.report.explanation import explanation_record
+from cboxlab.validation.fields.fitted_field import field_of_record
+from cboxlab.validation.report.explanation import explanation_record
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 

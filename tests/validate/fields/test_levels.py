@@ -1,7 +1,7 @@
 """What depends on the level of a count is linear between levels."""
 
 import numpy as np
-from cboxlab.validate.fields import parts_of_levels
+from cboxlab.validation.fields import parts_of_levels
 from numpy.testing import assert_allclose
 
 

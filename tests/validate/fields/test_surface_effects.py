@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.perturbation import build_patch_transport, patch_light
-from cboxlab.render.radiosity import solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.perturbation import build_patch_transport, patch_light
+from cboxlab.rendering.radiosity import solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.errors import InputError
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.fields import FittedField, WaveMap, field_effect
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.fields import FittedField, WaveMap, field_effect
 from helpers.boxes import camera_inside, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: traces rays")

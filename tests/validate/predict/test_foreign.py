@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.files.cube_files import write_cube
-from cboxlab.render.radiosity.final_gather import gather, render_final_gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files.cube_files import write_cube
+from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.predict.foreign import ForeignPicture, foreign_picture, require_level
+from cboxlab.validation.predict.foreign import ForeignPicture, foreign_picture, require_level
 from scipy.interpolate import interp1d
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

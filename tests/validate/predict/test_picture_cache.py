@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.final_gather import gather, solve_light
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.predict import picture_cache
-from cboxlab.validate.predict.picture_cache import cached_picture, picture_key, sources
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.predict import picture_cache
+from cboxlab.validation.predict.picture_cache import cached_picture, picture_key, sources
 from helpers.places import ROOT
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validate.predict import picture_errors
+from cboxlab.validation.predict import picture_errors
 
 SHAPE = (2, 48, 48)
 

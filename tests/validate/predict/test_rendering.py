@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.predict import predictor, rendering
+from cboxlab.validation.predict import predictor, rendering
 
 
 def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):

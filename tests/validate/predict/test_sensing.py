@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import cboxlab
 import pytest
-from cboxlab.validate.predict.sensing import minutes_of_bands
+from cboxlab.validation.predict.sensing import minutes_of_bands
 from helpers.places import ROOT
 
 

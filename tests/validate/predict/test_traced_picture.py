@@ -10,20 +10,20 @@ from pathlib import Path
 import cboxlab.scenes
 import numpy as np
 import pytest
-from cboxlab.render.chain.settings import RenderSettings
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.render.laboratory.capture_writer import tungsten_lamp
-from cboxlab.render.laboratory.photographer import CaptureSettings
-from cboxlab.render.radiosity.final_gather import solve_light
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
+from cboxlab.rendering.laboratory.capture_writer import tungsten_lamp
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.progress import QUIET
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.compare.pipeline import validate
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.predict.traced_picture import traced_picture
-from cboxlab.validate.report.write import write_validation
-from cboxlab.validate.synthetic.model_capture import perturbed_camera, photograph_image
+from cboxlab.validation.compare.pipeline import validate
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.predict.traced_picture import traced_picture
+from cboxlab.validation.report.write import write_validation
+from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -5,13 +5,13 @@ import sys
 import cboxlab
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.radiosity.final_gather import render_final_gather
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.predict.transported import transported
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.predict.transported import transported
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
     for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_AT_ONCE", 61)):
-        monkeypatch.setattr(sys.modules["cboxlab.validate.predict.transported"], name, value)
+        monkeypatch.setattr(sys.modules["cboxlab.validation.predict.transported"], name, value)
 
 
 def test_transport_reaches_a_picture_of_all_wavelengths():

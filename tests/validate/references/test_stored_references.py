@@ -8,15 +8,15 @@ import cboxlab
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.files import write_cube
+from cboxlab.rendering.files import write_cube
 from cboxlab.scenes import InputError
-from cboxlab.validate.references import (
+from cboxlab.validation.references import (
     measured_reference,
     read_reference,
     require_same_light,
     write_reference,
 )
-from cboxlab.validate.regress import Side, SurfaceMap
+from cboxlab.validation.regress import Side, SurfaceMap
 from helpers.other_suite import run_suite
 
 BANDS, SIZE, SEEDS = np.array([450.0, 550.0, 650.0]), 32, 200

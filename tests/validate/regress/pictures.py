@@ -4,9 +4,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from cboxlab.render.integrators import render
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.regress import Side, SurfaceMap
+from cboxlab.validation.regress import Side, SurfaceMap
 
 SIZE = 48
 WAVELENGTHS = np.arange(420.0, 701.0, 40.0)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.colour import colour_matching_functions
-from cboxlab.render.files import Declared, primaries_matrix, read_picture, write_cube
-from cboxlab.render.files.colour_pictures import COLOUR_SPACES, as_xyz_picture
-from cboxlab.render.files.cube_checks import as_cube
-from cboxlab.validate.compare.stacks import compare_stacks, read_stack
-from cboxlab.validate.regress import regress_sides, side_of
+from cboxlab.rendering.files import Declared, primaries_matrix, read_picture, write_cube
+from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, as_xyz_picture
+from cboxlab.rendering.files.cube_checks import as_cube
+from cboxlab.validation.compare.stacks import compare_stacks, read_stack
+from cboxlab.validation.regress import regress_sides, side_of
 from helpers.rgbe import write_rgbe
 
 SIZE = 40

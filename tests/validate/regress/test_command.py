@@ -5,16 +5,22 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.export import write_camera
-from cboxlab.render.files import COLOUR_SPACES, camera_attribute, primaries_matrix, write_channels, write_cube
-from cboxlab.render.integrators import render
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.export import write_camera
+from cboxlab.rendering.files import (
+    COLOUR_SPACES,
+    camera_attribute,
+    primaries_matrix,
+    write_channels,
+    write_cube,
+)
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
-from cboxlab.validate.commands.cli import main
-from cboxlab.validate.model import labelled_cube
-from cboxlab.validate.regress import NamedChange, assert_same_light, told_change
-from cboxlab.validate.regress.inputs import regress_inputs
-from cboxlab.validate.synthetic import perturbed_camera
+from cboxlab.validation.commands.cli import main
+from cboxlab.validation.model import labelled_cube
+from cboxlab.validation.regress import NamedChange, assert_same_light, told_change
+from cboxlab.validation.regress.inputs import regress_inputs
+from cboxlab.validation.synthetic import perturbed_camera
 from helpers.rgbe import write_rgbe
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 

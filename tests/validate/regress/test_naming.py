@@ -5,17 +5,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cboxlab.render.device import variant
-from cboxlab.render.files import COLOUR_SPACES, primaries_matrix
-from cboxlab.render.integrators import render
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.effects import apply_checked, names_in
-from cboxlab.validate.model import labelled_cube
-from cboxlab.validate.regress import SurfaceMap, regress_pictures, regress_sides, side_of
-from cboxlab.validate.regress.evidence import build_evidence
-from cboxlab.validate.regress.explanations import from_pictures
-from cboxlab.validate.regress.naming import named_changes
-from cboxlab.validate.regress.variants import build_variants, mismatch, with_lamp_size
+from cboxlab.validation.effects import apply_checked, names_in
+from cboxlab.validation.model import labelled_cube
+from cboxlab.validation.regress import SurfaceMap, regress_pictures, regress_sides, side_of
+from cboxlab.validation.regress.evidence import build_evidence
+from cboxlab.validation.regress.explanations import from_pictures
+from cboxlab.validation.regress.naming import named_changes
+from cboxlab.validation.regress.variants import build_variants, mismatch, with_lamp_size
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 from scipy.ndimage import convolve1d
 

@@ -8,8 +8,8 @@ import json
 
 import pytest
 import xarray as xr
-from cboxlab.render.files import write_cube
-from cboxlab.validate.commands.cli import main
+from cboxlab.rendering.files import write_cube
+from cboxlab.validation.commands.cli import main
 from helpers.other_suite import run_suite
 from pictures import noisy, rendered
 

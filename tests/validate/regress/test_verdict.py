@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.integrators import render
+from cboxlab.rendering.integrators import render
 from cboxlab.scenes import InputError, cornell_box, cornell_camera
-from cboxlab.validate.regress import read_side, regress_sides, side_of
+from cboxlab.validation.regress import read_side, regress_sides, side_of
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 from scipy.ndimage import binary_dilation, convolve1d
 
@@ -233,7 +233,7 @@ def cube(side):
 def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
     """X, Y, Z of one side by an integral of its own, trapezoidal over the CIE's functions; the other is a cube."""
     from cboxlab.calibration.colour import colour_matching_functions
-    from cboxlab.render.files.colour_pictures import as_xyz_picture
+    from cboxlab.rendering.files.colour_pictures import as_xyz_picture
     from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 
     other = noisy(1)

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.validate.renderers.closed_forms import (
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.validation.renderers.closed_forms import (
     corner_to_rectangle,
     disk_above,
     parallel_squares,
     perpendicular_rectangles,
     point_to_polygon,
 )
-from cboxlab.validate.renderers.enclosure import FACES, cube_radiosity
-from cboxlab.validate.renderers.references import measure_references
+from cboxlab.validation.renderers.enclosure import FACES, cube_radiosity
+from cboxlab.validation.renderers.references import measure_references
 
 
 def test_lamberts_polygon_is_the_catalogues_rectangle_and_disk():

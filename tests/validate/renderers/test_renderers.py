@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.export import ExportSettings, as_rendered, exported_scene, read_rendered, write_export
 from cboxlab.scenes import InputError, Lamp, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
-from cboxlab.validate.renderers import (
+from cboxlab.validation.renderers import (
     compare_renderers,
     comparing,
     judge,

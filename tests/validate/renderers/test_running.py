@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from cboxlab.validate.renderers import run_renderer, running
+from cboxlab.validation.renderers import run_renderer, running
 
 #: What the scripts of exports do: a part of a picture, and its name when it is whole.
 SCRIPT = """

@@ -7,12 +7,12 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from cboxlab.validate.compare import regions_of
-from cboxlab.validate.compare.comparison import compare
-from cboxlab.validate.report.blocks import Cell, Headline, ReportSection, Story, Table, number, with_error
-from cboxlab.validate.report.page import ReportInputs, build_report
-from cboxlab.validate.report.plots import falling_curve, map_row, residual_scale
-from cboxlab.validate.report.verdict import verdict
+from cboxlab.validation.compare import regions_of
+from cboxlab.validation.compare.comparison import compare
+from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, Story, Table, number, with_error
+from cboxlab.validation.report.page import ReportInputs, build_report
+from cboxlab.validation.report.plots import falling_curve, map_row, residual_scale
+from cboxlab.validation.report.verdict import verdict
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
 from PIL import Image
 

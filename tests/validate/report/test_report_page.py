@@ -5,7 +5,7 @@ import unicodedata
 from io import BytesIO
 
 import pytest
-from cboxlab.validate.report.page import ReportInputs, build_report
+from cboxlab.validation.report.page import ReportInputs, build_report
 from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox, fake_run, fake_weights
 from pypdf import PdfReader

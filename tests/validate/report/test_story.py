@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validate.diagnose import Cause, Diagnosis, FurtherCaptureFound, Limit, Ranked, Separation, Step
-from cboxlab.validate.effects import AppliedEffect, catalogue
-from cboxlab.validate.model import Model
-from cboxlab.validate.report.diagnosis import further_sentences, limit_words
-from cboxlab.validate.report.plots import MapRow
-from cboxlab.validate.report.story import pooled, story
+from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureFound, Limit, Ranked, Separation, Step
+from cboxlab.validation.effects import AppliedEffect, catalogue
+from cboxlab.validation.model import Model
+from cboxlab.validation.report.diagnosis import further_sentences, limit_words
+from cboxlab.validation.report.plots import MapRow
+from cboxlab.validation.report.story import pooled, story
 from helpers.fakes.box import BANDS, FakeBox
 
 BOX = FakeBox(size=32)

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.files import RADIANCE_UNIT, read_cube
-from cboxlab.render.files.cube_strips import ROWS, strip_cameras
-from cboxlab.render.integrators import passes, precision
-from cboxlab.render.integrators.passes import render_pass
-from cboxlab.render.integrators.precision import BATCHES
-from cboxlab.render.photometry import tristimulus_weights
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files import RADIANCE_UNIT, read_cube
+from cboxlab.rendering.files.cube_strips import ROWS, strip_cameras
+from cboxlab.rendering.integrators import passes, precision
+from cboxlab.rendering.integrators.passes import render_pass
+from cboxlab.rendering.integrators.precision import BATCHES
+from cboxlab.rendering.photometry import tristimulus_weights
 from cboxlab.scenes import InputError, cornell_camera
-from cboxlab.validate.results import CubeSettings, cube, render, render_file
-from cboxlab.validate.results.kept_strips import keep_strip, kept_strip
+from cboxlab.validation.results import CubeSettings, cube, render, render_file
+from cboxlab.validation.results.kept_strips import keep_strip, kept_strip
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

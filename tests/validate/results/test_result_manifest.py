@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 from cboxlab.scenes import InputError
-from cboxlab.validate.model import Model
-from cboxlab.validate.results import verify, write_manifest
+from cboxlab.validation.model import Model
+from cboxlab.validation.results import verify, write_manifest
 from helpers.places import ROOT
 
 

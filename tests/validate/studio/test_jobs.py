@@ -3,7 +3,7 @@
 import asyncio
 import threading
 
-from cboxlab.validate.studio import jobs
+from cboxlab.validation.studio import jobs
 
 
 def test_the_time_gone_is_told_between_reports(monkeypatch):

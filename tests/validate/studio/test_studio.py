@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import uvicorn
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.compare import band_centres
-from cboxlab.validate.diagnose import stepwise
-from cboxlab.validate.model import load_model
-from cboxlab.validate.studio import Workbench, build_app
+from cboxlab.validation.compare import band_centres
+from cboxlab.validation.diagnose import stepwise
+from cboxlab.validation.model import load_model
+from cboxlab.validation.studio import Workbench, build_app
 from helpers.browser import open_browser
 from helpers.glare_capture import GLARE, glare_capture
 from starlette.testclient import TestClient

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.scenes import cornell_camera
-from cboxlab.validate.compare import NuisanceFit
-from cboxlab.validate.study import prediction
+from cboxlab.validation.compare import NuisanceFit
+from cboxlab.validation.study import prediction
 
 
 def test_pixels_count_by_the_noise_of_the_measured_light_where_the_model_lacks_it():

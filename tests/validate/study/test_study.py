@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from cboxlab.scenes import InputError
 from cboxlab.scenes.progress import QUIET
-from cboxlab.validate.compare import kept_fits, refitted_picture
-from cboxlab.validate.model import load_model
-from cboxlab.validate.predict import picture_cache
-from cboxlab.validate.results import Study
-from cboxlab.validate.results import study as study_module
+from cboxlab.validation.compare import kept_fits, refitted_picture
+from cboxlab.validation.model import load_model
+from cboxlab.validation.predict import picture_cache
+from cboxlab.validation.results import Study
+from cboxlab.validation.results import study as study_module
 from helpers.glare_capture import GLARE, glare_capture
 
 
@@ -170,7 +170,7 @@ def test_a_damaged_study_is_refused(study, tmp_path, change, message):
 
 
 def test_infinity_comes_back(study, tmp_path):
-    from cboxlab.validate.study import read_study
+    from cboxlab.validation.study import read_study
 
     path = study.add("filter-shift").write(tmp_path)[0]
     assert read_study(path).history.present.effects[0].values["effective_index"] == np.inf

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from cboxlab.render.chain.stages import PHOTOGRAPHED
-from cboxlab.render.laboratory import band_filters
+from cboxlab.rendering.chain.stages import PHOTOGRAPHED
+from cboxlab.rendering.laboratory import band_filters
 from cboxlab.scenes import InputError, cornell_box
-from cboxlab.validate.effects import AppliedEffect, apply_checked, catalogue
-from cboxlab.validate.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
+from cboxlab.validation.effects import AppliedEffect, apply_checked, catalogue
+from cboxlab.validation.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
 from helpers.boxes import box_with_lamp
 
 BANDS = tuple(band_filters())

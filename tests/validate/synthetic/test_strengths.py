@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.render.device.variant import compiled
-from cboxlab.render.laboratory import CaptureSettings, band_filters
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.laboratory import CaptureSettings, band_filters
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model, load_model, write_model
-from cboxlab.validate.synthetic.blind import draw_effect
-from cboxlab.validate.synthetic.strengths import at_strength, scale_of
-from cboxlab.validate.synthetic.varied import settled, varied_settings
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model, load_model, write_model
+from cboxlab.validation.synthetic.blind import draw_effect
+from cboxlab.validation.synthetic.strengths import at_strength, scale_of
+from cboxlab.validation.synthetic.varied import settled, varied_settings
 
 BANDS = tuple(band_filters())
 

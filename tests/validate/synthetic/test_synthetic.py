@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
-from cboxlab.render.chain.expected import expected_signal
-from cboxlab.render.image.image import RenderedImage
-from cboxlab.render.laboratory.capture_writer import tungsten_lamp
-from cboxlab.render.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.chain.expected import expected_signal
+from cboxlab.rendering.image.image import RenderedImage
+from cboxlab.rendering.laboratory.capture_writer import tungsten_lamp
+from cboxlab.rendering.laboratory.photographer import CaptureSettings
 from cboxlab.scenes import InputError, cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validate.effects import apply_checked
-from cboxlab.validate.model.model_file import Model
-from cboxlab.validate.predict.sensing import sensing
-from cboxlab.validate.synthetic.model_capture import (
+from cboxlab.validation.effects import apply_checked
+from cboxlab.validation.model.model_file import Model
+from cboxlab.validation.predict.sensing import sensing
+from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
     photograph_image,
     photographed_scene,

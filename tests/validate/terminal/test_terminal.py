@@ -3,11 +3,11 @@
 import json
 
 import pytest
-from cboxlab.validate.commands.app import app
-from cboxlab.validate.commands.demo import DEMO_CAPTURE
-from cboxlab.validate.commands.model import complete_effect
-from cboxlab.validate.terminal import command_line, console, data_table, give_json, print_table, told_time
-from cboxlab.validate.terminal.stages import Stages
+from cboxlab.validation.commands.app import app
+from cboxlab.validation.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.commands.model import complete_effect
+from cboxlab.validation.terminal import command_line, console, data_table, give_json, print_table, told_time
+from cboxlab.validation.terminal.stages import Stages
 
 
 class Clock:

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.render.image import RenderedImage
-from cboxlab.validate.compare import srgb_preview
-from cboxlab.validate.report.metrics import metrics
-from cboxlab.validate.viewer import changed_data, encoded, picture_data, viewer_fragment
-from cboxlab.validate.viewer.light import pixel_spectra
+from cboxlab.rendering.image import RenderedImage
+from cboxlab.validation.compare import srgb_preview
+from cboxlab.validation.report.metrics import metrics
+from cboxlab.validation.viewer import changed_data, encoded, picture_data, viewer_fragment
+from cboxlab.validation.viewer.light import pixel_spectra
 from helpers.browser import open_browser
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 

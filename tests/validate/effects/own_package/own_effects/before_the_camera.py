@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.scenes import Spectrum
-from cboxlab.validate.effects import Effect, Parameter
+from cboxlab.validation.effects import Effect, Parameter
 
 
 def _washed(scene, where, factor):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from cboxlab.validate.effects import Effect, Parameter
+from cboxlab.validation.effects import Effect, Parameter
 
 FOCUS_BREATHING = Effect(
     id="focus-breathing",
