@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.colour.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.integrators.passes import Job
 from cboxlab.rendering.integrators.precision import render_to_precision
+from cboxlab.rendering.model.model_file import Model
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
-from cboxlab.validation.model.model_file import Model
 from cboxlab.validation.synthetic.model_capture import photographed_scene
 from scipy.ndimage import binary_erosion
 

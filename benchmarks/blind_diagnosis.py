@@ -34,18 +34,18 @@ from blind_places import BOXES, INSTRUMENTS, scene_of
 from blind_scores import named, print_tables, summary
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED, stages_between
+from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators.passes import Job
 from cboxlab.rendering.integrators.precision import render_to_precision
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.model.model_file import Model
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare.pipeline import validate
 from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
-from cboxlab.validation.effects import AppliedEffect, catalogue
-from cboxlab.validation.model.model_file import Model
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,

@@ -21,10 +21,10 @@ import numpy as np
 from blind_diagnosis import Case, code_state, laboratory, write_capture
 from blind_places import BOXES, INSTRUMENTS
 from blind_scores import with_groups
+from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.validation.compare.pipeline import validate
 from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
 from cboxlab.validation.diagnose.evidence import Limit
-from cboxlab.validation.effects import AppliedEffect, catalogue
 from scipy import stats
 
 #: Factors on the stated size that are tried, one after the other until the effect is found.

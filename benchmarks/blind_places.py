@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.laboratory import CaptureSettings, band_filters, tungsten_lamp
+from cboxlab.rendering.synthetic import CaptureSettings, band_filters, tungsten_lamp
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 

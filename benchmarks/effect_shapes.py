@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 import oracles_path  # noqa: F401
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.patch_light import PatchLight, patch_light
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from cboxlab.validation.effects import apply_checked
 from cboxlab.validation.predict import predictor
 from numpy.typing import NDArray
 from oracles import mitsuba_effects

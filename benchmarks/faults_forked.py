@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-from cboxlab.validation.commands.cli import main
+from cboxlab.validation.app.commands.cli import main
 
 #: Packages that commands import while they run. Dr.Jit is none of them: its threads do not survive a fork.
 PACKAGES = (

@@ -16,8 +16,8 @@ from cboxlab.calibration.colour.radiance_ensemble import (
     general_lamps,
     training_radiances,
 )
-from cboxlab.rendering.laboratory.capture_writer import unit_factors
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.synthetic.capture_writer import unit_factors
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 

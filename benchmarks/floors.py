@@ -23,13 +23,13 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from cboxlab.scenes.progress import QUIET
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.model.model_file import load_model
+from cboxlab.utils.progress import QUIET
 from cboxlab.validation.compare import validate
 from cboxlab.validation.diagnose.evidence import Limit, least_gain_of, limit_of
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import limits_of, signatures_of, tolerated_changes
-from cboxlab.validation.model import Model
-from cboxlab.validation.model.model_file import load_model
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from cboxlab.validation.synthetic.varied import varied_settings
 

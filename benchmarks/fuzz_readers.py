@@ -79,12 +79,12 @@ def readers() -> dict[str, Reader]:
     from cboxlab.rendering.files import read_cube, write_cube
     from cboxlab.rendering.files.cube_checks import as_cube
     from cboxlab.rendering.files.raw_files import write_raw
+    from cboxlab.rendering.model.model_file import load_model
     from cboxlab.rendering.sensor.cameras import load_camera
-    from cboxlab.scenes.files import keep, kept
     from cboxlab.scenes.scene_file import load_scene
     from cboxlab.scenes.spectra import read_spectra
-    from cboxlab.validation.model.model_file import load_model
-    from cboxlab.validation.references.stored import read_reference
+    from cboxlab.utils.files import keep, kept
+    from cboxlab.validation.compare_renders.stored_references.stored import read_reference
     from cboxlab.validation.study.study_file import read_study
     from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
 
@@ -238,7 +238,7 @@ def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
 
     with atheris.instrument_imports(include=["cboxlab"]):
         reader = readers()[name]
-    from cboxlab.scenes.errors import InputError
+    from cboxlab.utils.errors import InputError
 
     fuzzed = Fuzzed(reader, InputError, work)
     chance = random.Random(seed)

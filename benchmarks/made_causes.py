@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trimesh
-from cboxlab.rendering.laboratory import Frame, FrameHooks, band_filters
+from cboxlab.rendering.synthetic import Frame, FrameHooks, band_filters
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.spectra import Spectrum

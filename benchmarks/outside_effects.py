@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.rendering.chain.light import Light
+from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.validation.effects import Effect, Parameter
 from numpy.typing import NDArray
 
 __all__ = ["OUTSIDE"]

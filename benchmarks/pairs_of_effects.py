@@ -15,13 +15,13 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from cboxlab.scenes.progress import QUIET
+from cboxlab.rendering.model import Model
+from cboxlab.utils.progress import QUIET
 from cboxlab.validation.compare import validate
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.selection import NormalEquations
 from cboxlab.validation.diagnose.stepwise import signatures_of
-from cboxlab.validation.model import Model
 
 
 def main() -> None:

@@ -74,7 +74,7 @@ FAULTS = (
     ),
     Fault(
         "fresnel", "Fresnel's reflectance of one polarisation", "render/perturbation/brdf_change.py",
-        "return 0.5 * a * (1 + b)", "return a", ("render/perturbation", "validate/effects"),
+        "return 0.5 * a * (1 + b)", "return a", ("render/perturbation", "render/effects"),
     ),
     Fault(
         "survival", "Russian roulette without its weight", "render/integrators/path_tracer.py",
@@ -130,7 +130,7 @@ FAULTS = (
         ("calibration/correction", "calibration/result/test_calibrate.py"),
     ),
     Fault(
-        "quanta", "energy for quanta in the sensor equation", "calibration/radiometry/band_response.py",
+        "quanta", "energy for quanta in the sensor equation", "calibration/instrument/band_response.py",
         "return np.asarray(wavelength_nm, float) * 1e-9", "return 0 * np.asarray(wavelength_nm, float) + 555e-9",
         ("calibration/radiometry",),
     ),
@@ -179,12 +179,12 @@ FAULTS = (
         ("validate/diagnose/test_heldout.py", "validate/diagnose"),
     ),
     Fault(
-        "shift-sign", "pass bands that move to longer wavelengths", "validate/effects/filter_shift.py",
-        "looked_up = grid / np.sqrt", "looked_up = grid * np.sqrt", ("validate/effects",),
+        "shift-sign", "pass bands that move to longer wavelengths", "render/effects/filter_shift.py",
+        "looked_up = grid / np.sqrt", "looked_up = grid * np.sqrt", ("render/effects",),
     ),
     Fault(
         "haze-distance", "inverse distance for inverse square between cells of air", "render/perturbation/haze.py",
-        "(4 * np.pi * away**2)", "(4 * np.pi * away)", ("validate/effects", "render/perturbation"),
+        "(4 * np.pi * away**2)", "(4 * np.pi * away)", ("render/effects", "render/perturbation"),
     ),
     Fault(
         "frame-times", "a band's time without its repeats", "validate/predict/sensing.py",

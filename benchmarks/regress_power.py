@@ -32,13 +32,18 @@ import numpy as np
 from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, write_export
 from cboxlab.rendering.files import xyz_weights
 from cboxlab.rendering.integrators import render
+from cboxlab.rendering.model import labelled_cube
 from cboxlab.rendering.perturbation import PatchLight
 from cboxlab.scenes import Camera, Scene, cornell_box, cornell_camera
-from cboxlab.validation.model import labelled_cube
-from cboxlab.validation.regress import Side, regress_sides, side_of, transport_explanations
-from cboxlab.validation.regress.naming import named_changes
-from cboxlab.validation.regress.variants import Variants, build_variants
-from cboxlab.validation.renderers import missing, run_renderer
+from cboxlab.validation.compare_renders.regress import (
+    Side,
+    regress_sides,
+    side_of,
+    transport_explanations,
+)
+from cboxlab.validation.compare_renders.regress.naming import named_changes
+from cboxlab.validation.compare_renders.regress.variants import Variants, build_variants
+from cboxlab.validation.compare_renders.renderers import missing, run_renderer
 from numpy.typing import NDArray
 from scipy.stats import norm
 

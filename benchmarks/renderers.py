@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.rendering.export import ExportSettings, exported_scene
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validation.renderers import compare_renderers
+from cboxlab.validation.compare_renders.renderers import compare_renderers
 
 WAVELENGTHS = np.array([450.0, 500.0, 550.0, 600.0, 650.0, 700.0])
 WITHIN, SIGMA = 0.002, 0.001

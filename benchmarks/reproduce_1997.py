@@ -19,9 +19,9 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import Calibration, calibrate
 from cboxlab.calibration.result.write import write_calibration
 from cboxlab.rendering.files.raw_files import write_raw
-from cboxlab.rendering.laboratory.capture_writer import sphere_spectrum, unit_factors
-from cboxlab.rendering.laboratory.photographer import CaptureSettings, Shot, photograph, pixel_maps
-from cboxlab.validation.model.model_file import Model
+from cboxlab.rendering.model.model_file import Model
+from cboxlab.rendering.synthetic.capture_writer import sphere_spectrum, unit_factors
+from cboxlab.rendering.synthetic.photographer import CaptureSettings, Shot, photograph, pixel_maps
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, write_model_capture
 
 SIZE, SEED = 64, 1997

@@ -19,9 +19,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.validation.model import Model
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 #: Captures of a batch that differ; the others are copies of them.

@@ -18,7 +18,7 @@ import colour
 import numpy as np
 import oracles_path  # noqa: F401
 import xarray as xr
-from cboxlab.calibration.colour.colorimetry import colour_matching_functions
+from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.radiometry.spectral_sensitivity import (
     band_constant,
     convex_sets,

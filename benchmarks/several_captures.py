@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 from blind_diagnosis import drawn
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.camera import Camera
 from cboxlab.validation.compare import validate
 from cboxlab.validation.diagnose import Diagnosis, diagnose
-from cboxlab.validation.effects import AppliedEffect, catalogue
-from cboxlab.validation.model import Model
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from cboxlab.validation.synthetic.model_capture import photographed_scene
 from cboxlab.validation.synthetic.strengths import scale_of

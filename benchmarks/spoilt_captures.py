@@ -28,7 +28,7 @@ import numpy as np
 from capture_mistakes import MISTAKES, Draft, Mistake, Unsuitable
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.result import calibrate
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 __all__ = ["named", "suspicions_of"]
 

@@ -18,12 +18,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.progress import QUIET
-from cboxlab.validation.commands.demo import DEMO_CAPTURE
-from cboxlab.validation.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
+from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
+from cboxlab.utils.progress import QUIET
+from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.studio import Workbench
+from cboxlab.validation.app.studio.wire import view
 from cboxlab.validation.predict import default_cache
-from cboxlab.validation.studio import Workbench
-from cboxlab.validation.studio.wire import view
 
 
 def seconds(step: Callable[[], object]) -> tuple[float, float]:

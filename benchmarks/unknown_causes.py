@@ -21,13 +21,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import Job, render_to_precision
-from cboxlab.rendering.laboratory import CaptureSettings, write_photographs
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings, write_photographs
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare import validate
 from cboxlab.validation.diagnose import diagnose
-from cboxlab.validation.model import Model
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
     photographed_light,

@@ -3,7 +3,7 @@
     python benchmarks/users_effects.py                      # all of them
     python benchmarks/users_effects.py decentred-lens soot  # some, by name
 
-Installs the package of tests/validate/effects/own_package, hides each of its effects in a capture of 128 x 128 pixels
+Installs the package of tests/render/effects/own_package, hides each of its effects in a capture of 128 x 128 pixels
 as blind_diagnosis.py does, and diagnoses it. Exit code 1 if one is not named first.
 """
 
@@ -16,8 +16,8 @@ from pathlib import Path
 import oracles_path  # noqa: F401
 from blind_diagnosis import Case, run
 from blind_scores import named
-from cboxlab.validation.commands.effect_picture import pictured_light, write_effect_picture
-from cboxlab.validation.effects import catalogue
+from cboxlab.rendering.effects import catalogue
+from cboxlab.validation.app.commands.effect_picture import pictured_light, write_effect_picture
 from helpers.installed_effects import own_effects
 
 

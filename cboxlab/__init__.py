@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cboxlab.calibration.capture import load_capture
     from cboxlab.rendering.files import Declared
-    from cboxlab.scenes import InputError, load_scene
-    from cboxlab.scenes.progress import Cancelled, Progress, Teller
-    from cboxlab.validation.model import load_model
-    from cboxlab.validation.regress import assert_same_light
-    from cboxlab.validation.results import Study, calibrate, diagnose, render, simulate, validate
+    from cboxlab.rendering.model import load_model
+    from cboxlab.scenes import load_scene
+    from cboxlab.utils.errors import InputError
+    from cboxlab.utils.progress import Cancelled, Progress, Teller
+    from cboxlab.validation.api import Study, calibrate, diagnose, render, simulate, validate
+    from cboxlab.validation.compare_renders.regress import assert_same_light
 
     __version__: str
 
@@ -41,21 +42,21 @@ __all__ = [
 
 #: The package that each name comes from.
 _HOMES = {
-    "Cancelled": "scenes.progress",
+    "Cancelled": "utils.progress",
     "Declared": "rendering.files",
     "InputError": "scenes",
-    "Progress": "scenes.progress",
-    "Study": "validation.results",
-    "Teller": "scenes.progress",
-    "assert_same_light": "validation.regress",
-    "calibrate": "validation.results",
-    "diagnose": "validation.results",
+    "Progress": "utils.progress",
+    "Study": "validation.api",
+    "Teller": "utils.progress",
+    "assert_same_light": "validation.compare_renders.regress",
+    "calibrate": "validation.api",
+    "diagnose": "validation.api",
     "load_capture": "calibration.capture",
-    "load_model": "validation.model",
+    "load_model": "rendering.model",
     "load_scene": "scenes",
-    "render": "validation.results",
-    "simulate": "validation.results",
-    "validate": "validation.results",
+    "render": "validation.api",
+    "simulate": "validation.api",
+    "validate": "validation.api",
 }
 
 

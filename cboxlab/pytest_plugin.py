@@ -37,13 +37,13 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
     def check(
         name: str, pictures: str | Path, *, seed: int, samples: int, versions: Mapping[str, str] | None = None
     ) -> None:
-        from cboxlab.validation.references import (
+        from cboxlab.validation.compare_renders.regress import cube_paths, read_side
+        from cboxlab.validation.compare_renders.stored_references import (
             measured_reference,
             read_reference,
             require_same_light,
             write_reference,
         )
-        from cboxlab.validation.regress import cube_paths, read_side
 
         path = folder / f"{name}.json"
         side = read_side(cube_paths(str(pictures)))

@@ -15,8 +15,8 @@ from typing import Union, get_args, get_origin
 import typer
 from cboxlab.calibration.capture.manifest import Manifest
 from cboxlab.rendering.chain import STAGES
-from cboxlab.validation.commands.app import app
-from cboxlab.validation.effects import Effect, Parameter, catalogue
+from cboxlab.rendering.effects import Effect, Parameter, catalogue
+from cboxlab.validation.app.commands.app import app
 from pydantic import BaseModel
 
 __all__ = ["GENERATED", "fill_in"]

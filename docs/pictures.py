@@ -29,8 +29,8 @@ def small_png(path: Path) -> None:
 
 def effect_pictures(names: Sequence[str] = ()) -> None:
     """The effects of these names, or of the whole catalogue, at the example values of their parameters."""
-    from cboxlab.validation.commands.effect_picture import pictured_light, write_effect_picture
-    from cboxlab.validation.effects import catalogue
+    from cboxlab.rendering.effects import catalogue
+    from cboxlab.validation.app.commands.effect_picture import pictured_light, write_effect_picture
 
     light = pictured_light()
     for effect in [catalogue()[name] for name in names or catalogue()]:
@@ -43,7 +43,7 @@ def effect_pictures(names: Sequence[str] = ()) -> None:
 def readme_pictures() -> None:
     """The bundled capture against the published box, and against that with the hidden effect fitted to it."""
     import cboxlab
-    from cboxlab.validation.commands.demo import DEMO_CAPTURE
+    from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
     from cboxlab.validation.predict import default_cache
     from cboxlab.validation.synthetic import open_seal
 

@@ -1,8 +1,9 @@
 """The scene: surfaces, materials, spectra, the lamp, the camera's geometry, scene files."""
 
+from cboxlab.utils.errors import InputError
+
 from .camera import Camera
 from .cornell_box import cornell_box, cornell_camera
-from .errors import InputError
 from .scene import Lamp, Material, Medium, Scene, Surface, Texture
 from .scene_file import load_scene
 from .spectra import Spectrum, read_spectra, read_spectrum

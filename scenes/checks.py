@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.utils.errors import InputError
 
-from .errors import InputError
 from .scene import Material, Surface, Texture
 from .spectra import Spectrum
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
-from .frozen import OwnMappings
 from .spectra import Spectrum
 from .wavelength_grid import WAVELENGTH_NM
 

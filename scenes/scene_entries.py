@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside, referred
+from cboxlab.utils.input_files import read_channels
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from .errors import InputError
-from .faults import path_inside, referred
-from .input_files import read_channels
 from .shapes import (
     Mesh,
     box_mesh,

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, faults_of_validation, referred, suggestion
+from cboxlab.utils.input_files import read_toml
 from pydantic import ValidationError
 
 from .checks import inside_faults, radiance_faults, reflectance_faults, surface_faults, texture_faults
-from .errors import InputError
-from .faults import combined, faults_of_validation, referred, suggestion
-from .input_files import read_toml
 from .scene import Lamp, Material, Medium, Scene, Surface, Texture
 from .scene_entries import (
     LampEntry,

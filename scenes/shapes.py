@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-
-from .errors import InputError
-from .input_files import require_regular_file
 
 __all__ = [
     "Mesh", "box_mesh", "file_mesh", "file_uv", "joined", "moved_on_floor", "plate_mesh", "quad_mesh", "ring_mesh",

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside, suggestion
+from cboxlab.utils.input_files import read_rows, separator_hint
 from numpy.typing import ArrayLike, NDArray
-
-from .errors import InputError
-from .faults import path_inside, suggestion
-from .input_files import read_rows, separator_hint
 
 __all__ = ["Spectrum", "planck", "read_spectra", "read_spectrum"]
 

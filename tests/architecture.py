@@ -10,14 +10,21 @@ from pathlib import Path
 from helpers.places import ROOT
 
 #: From the lowest room to the highest.
-ROOMS = ("scenes", "calibration", "render", "validate")
+ROOMS = ("utils", "scenes", "calibration", "render", "validate")
+FOLDERS = {room: ROOT / ("cboxlab/utils" if room == "utils" else room) for room in ROOMS}
 #: Names of packages inside cboxlab that are not the name of their folder.
 INSTALLED = {"render": "rendering", "validate": "validation"}
-MODULES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+MODULES = [path for folder in FOLDERS.values() for path in sorted(folder.rglob("*.py"))]
 DRAWING = ROOT / "docs" / "figures" / "architecture.svg"
 
-_BOX, _GAP, _MARGIN = (118, 30), (34, 12), 16
-_COLOURS = {"scenes": "#7a6a00", "calibration": "#00607a", "render": "#7a2e00", "validate": "#3d2e7a"}
+_BOX, _GAP, _MARGIN = (232, 30), (34, 12), 16
+_COLOURS = {
+    "utils": "#555555",
+    "scenes": "#7a6a00",
+    "calibration": "#00607a",
+    "render": "#7a2e00",
+    "validate": "#3d2e7a",
+}
 
 
 def imported(source: str, package: str) -> set[str]:
@@ -47,8 +54,16 @@ def _by_folder(name: str) -> str:
 
 
 def package_of(path: Path) -> str:
-    """``room.package`` of a module, or the room alone."""
-    return ".".join(path.relative_to(ROOT).parent.parts)
+    """``room.package`` of a module, ``room.package.package`` of a nested one, or the room alone."""
+    parts = path.relative_to(ROOT).parent.parts
+    return ".".join(parts[1:] if parts[0] == "cboxlab" else parts)
+
+
+def package_in(name: str, packages: set[str]) -> str:
+    """The innermost of ``packages`` that holds an imported name."""
+    parts = name.split(".")
+    prefixes = [".".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    return next((prefix for prefix in prefixes if prefix in packages), parts[0])
 
 
 def imports_of(path: Path) -> set[str]:
@@ -62,10 +77,9 @@ def package_imports() -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for path in MODULES:
         package = package_of(path)
-        if path.name == "__init__.py" and package in ROOMS[1:]:
+        if path.name == "__init__.py" and package in ROOMS and package != "scenes":
             continue
-        names = [".".join(name.split(".")[:2]) for name in imports_of(path)]
-        targets = {name if name in packages else name.split(".")[0] for name in names}
+        targets = {package_in(name, packages) for name in imports_of(path)}
         found.setdefault(package, set()).update(targets - {package})
     return found
 
@@ -117,7 +131,7 @@ def _room(room: str, edges: dict[str, set[str]], top: int) -> tuple[list[str], i
             f'{end[0] + 4:g} {end[1]:g}" fill="none" stroke="{colour}" opacity="0.7" marker-end="url(#arrow)"/>'
         )
     for package, (x, y) in place.items():
-        name = package.split(".")[-1] if "." in package else "(no packages)"
+        name = package.removeprefix(f"{room}.") if "." in package else "(no packages)"
         lines.append(
             f'<rect x="{x:g}" y="{y:g}" width="{_BOX[0]}" height="{_BOX[1]}" rx="4" fill="{colour}"/>'
         )

@@ -10,10 +10,10 @@ import re
 import cboxlab
 import numpy as np
 import pytest
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
+from cboxlab.validation.api import Result
 from cboxlab.validation.diagnose import stepwise
-from cboxlab.validation.model import Model
-from cboxlab.validation.results import Result
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from helpers.places import ROOT
 

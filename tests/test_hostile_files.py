@@ -16,13 +16,13 @@ from cboxlab.calibration.capture.manifest_faults import read_manifest
 from cboxlab.calibration.geometry.surveyed_points import read_points
 from cboxlab.rendering.files import read_cube, write_cube
 from cboxlab.rendering.files.cube_checks import as_cube
+from cboxlab.rendering.model.model_file import load_model
 from cboxlab.rendering.sensor.cameras import load_camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.spectra import read_spectra
-from cboxlab.validation.commands.cli import main
-from cboxlab.validation.model.model_file import load_model
-from cboxlab.validation.references.stored import read_reference
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.app.commands.cli import main
+from cboxlab.validation.compare_renders.stored_references.stored import read_reference
 from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
@@ -263,7 +263,7 @@ def test_a_fault_of_the_program_is_one_line_and_a_trace_file(tmp_path, monkeypat
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("planted")
 
-    monkeypatch.setattr("cboxlab.validation.commands.app.app", fail)
+    monkeypatch.setattr("cboxlab.validation.app.commands.app.app", fail)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(SystemExit) as ended:
         main(["effects"])
@@ -276,7 +276,7 @@ def test_a_fault_of_the_program_is_one_line_and_a_trace_file(tmp_path, monkeypat
 
 
 def test_names_are_printed_as_they_are(tmp_path, capsys):
-    from cboxlab.validation.commands.console import console, data_table, say
+    from cboxlab.validation.app.commands.console import console, data_table, say
 
     table = data_table("t", "a", "b")
     table.add_row("[bold]wall[/]", ":smile: [/]")

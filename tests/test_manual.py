@@ -13,10 +13,10 @@ from pathlib import Path
 import matplotlib
 import pytest
 from cboxlab.calibration.capture.manifest import Manifest
-from cboxlab.validation.commands.app import app
+from cboxlab.rendering.effects import catalogue
+from cboxlab.rendering.model import load_model
+from cboxlab.validation.app.commands.app import app
 from cboxlab.validation.diagnose import stepwise
-from cboxlab.validation.effects import catalogue
-from cboxlab.validation.model import load_model
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.manual_commands import NEW_USER, commands, pages
 from helpers.places import ROOT

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 from cboxlab.scenes import Scene, load_scene
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import path_inside
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside
 from numpy.typing import NDArray
 from PIL import Image
 

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import kind_of
 from cboxlab.scenes.spectra import Spectrum, read_spectra
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import kind_of
 from PIL import Image, UnidentifiedImageError
 
 from .frames import check_frame

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import OwnMappings
 from pydantic import BaseModel
 
 from .foreign_frames import SUFFIXES, ForeignFrame, read_foreign

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 __all__ = ["SUFFIXES", "ForeignFrame", "read_foreign"]

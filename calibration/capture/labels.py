@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import read_rows
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import read_rows
 
 __all__ = ["Label", "read_labels"]
 

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import expectation, shown
-from cboxlab.scenes.input_files import parse_toml, read_text
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import expectation, shown
+from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
 from .manifest import Manifest, example_of

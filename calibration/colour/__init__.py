@@ -1,13 +1,6 @@
 """From band signals to CIE XYZ: filter weights, their colour errors, chart patches."""
 
-from .colorimetry import (
-    LUMINOUS_EFFICACY,
-    OBSERVER_RANGE_NM,
-    FilterWeights,
-    chromaticity,
-    colour_matching_functions,
-    xyz_image,
-)
+from .colorimetry import FilterWeights, xyz_image
 from .colour_error import ColourError
 from .colour_study import ColourStudy, study_colour
 from .patch_colour import ILLUMINANT, PatchErrors, patch_errors, patch_xyz, patches_csv
@@ -15,15 +8,11 @@ from .patches import PatchTable, measure_patches
 
 __all__ = [
     "ILLUMINANT",
-    "LUMINOUS_EFFICACY",
-    "OBSERVER_RANGE_NM",
     "ColourError",
     "ColourStudy",
     "FilterWeights",
     "PatchErrors",
     "PatchTable",
-    "chromaticity",
-    "colour_matching_functions",
     "measure_patches",
     "patch_errors",
     "patch_xyz",

@@ -11,8 +11,8 @@ import numpy as np
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 from numpy.typing import NDArray
 
-from ..radiometry import BandResponse
-from .colorimetry import FilterWeights, colour_matching_functions, train_filter_weights
+from ..instrument import BandResponse, colour_matching_functions
+from .colorimetry import FilterWeights, train_filter_weights
 from .radiance_ensemble import Radiances
 
 __all__ = ["ColourError", "FilterChoice", "choose_filters", "colour_error", "lab_differences"]

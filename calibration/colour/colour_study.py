@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes import Scene
-from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture
-from ..radiometry import BandResponse
+from ..instrument import BandResponse
 from .colorimetry import FilterWeights, fit_filter_weights, train_filter_weights
 from .colour_error import ColourError, FilterChoice, choose_filters, colour_error
 from .radiance_ensemble import evaluation_radiances, general_lamps, training_radiances

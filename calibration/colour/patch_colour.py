@@ -12,7 +12,7 @@ from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from numpy.typing import NDArray
 
-from .colorimetry import colour_matching_functions
+from ..instrument import colour_matching_functions
 from .colour_error import lab_differences
 from .patches import PatchTable
 

@@ -14,15 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM, WavelengthGrid
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from ..capture import Capture, Label, channel_mask
-from ..correction import CorrectedBands, Mask, NoiseModel
+from ..correction import CorrectedBands, NoiseModel
 from ..detector import Linearity
+from ..instrument import Mask
 from ..radiometry import response_curve
 from .shading import PatchPixels, Shading, fit_shading
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["ORDERS", "PatchPixels", "Shading", "fit_shading"]

@@ -1,6 +1,5 @@
 """From raw frames to corrected band images: dark frames, flat fields, defects, noise, masks."""
 
-from .band_images import Mask, band_images
 from .corrected_bands import CorrectedBands, correct_bands
 from .correction import correct, evaluate_variance, uniform_flat
 from .dark import DarkLibrary, read_darks
@@ -12,9 +11,7 @@ __all__ = [
     "ROUNDING_VARIANCE",
     "CorrectedBands",
     "DarkLibrary",
-    "Mask",
     "NoiseModel",
-    "band_images",
     "correct",
     "correct_bands",
     "evaluate_variance",

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
 from ..capture import Capture, channel_mask
-from .band_images import Mask, band_images
+from ..instrument import Mask, band_images
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels

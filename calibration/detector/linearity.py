@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares

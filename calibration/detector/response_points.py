@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
@@ -15,12 +15,12 @@ from ..capture import BandTable, BracketTable, Capture, channel_mask
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
-    Mask,
     NoiseModel,
     correct,
     evaluate_variance,
     uniform_flat,
 )
+from ..instrument import Mask
 from ..radiometry import response_curve
 from .nonlinearity import LightSeries
 from .response import LAWS, REPEATABILITY, ResponseFit, fit_response

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 from ..capture import Capture, channel_mask
 from .camera_fit import CameraFit, fit_camera, read_points

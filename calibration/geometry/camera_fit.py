@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares

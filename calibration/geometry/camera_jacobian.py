@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 __all__ = ["inverse_information", "parameter_jacobian"]

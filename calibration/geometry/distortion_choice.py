@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from .camera_fit import CameraFit

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import read_rows, separator_hint
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import read_rows, separator_hint
 from numpy.typing import NDArray
 
 __all__ = ["FEWEST_POINTS", "SURVEY_HINT", "SurveyedPoints", "read_points", "require_determined"]

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Conversion", "TsaiCamera", "from_tsai", "to_tsai"]

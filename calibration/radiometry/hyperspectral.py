@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
 from ..capture import Capture, nearest
-from ..correction import CorrectedBands, Mask
+from ..correction import CorrectedBands
+from ..instrument import Mask
 from .registration import Registration, move, register
 
 __all__ = ["HyperspectralCube", "as_scene", "hyperspectral_cube", "region_mask"]

@@ -13,12 +13,12 @@ from ..capture import Capture, ReferenceTable, channel_mask
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
-    Mask,
     NoiseModel,
     correct,
     evaluate_variance,
     uniform_flat,
 )
+from ..instrument import Mask
 from .sensor_equation import counts_over_constant, nominal_constant
 
 __all__ = ["BandConstant", "Radiometry", "band_scatter", "join_constants", "measure_constant"]

@@ -13,28 +13,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..capture import BandTable, BracketTable, Capture
-from .band_response import BandResponse, ResponseFactors, response_factors, rest_curve
+from ..instrument import (
+    BandResponse,
+    ResponseFactors,
+    lens_constant,
+    response_factors,
+    rest_curve,
+)
 
 __all__ = [
     "band_responses",
     "capture_factors",
     "counts_over_constant",
-    "lens_constant",
     "missing_keys",
     "nominal_constant",
     "optical_factor",
     "response_curve",
 ]
-
-
-def lens_constant(focal_length_mm: float, pixel_pitch_um: float, gain_e_per_dn: float) -> float:
-    """C of a lens without losses, mm^2 m^2 / (e-/DN)."""
-    return float(np.pi / 4 * focal_length_mm**2 * (pixel_pitch_um * 1e-6) ** 2 / gain_e_per_dn)
 
 
 def nominal_constant(capture: Capture) -> float | None:

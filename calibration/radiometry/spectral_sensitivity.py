@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import trapezoidal_weights
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture, band_channels, brighter_channel_notes
@@ -25,8 +25,9 @@ from ..correction import (
 )
 from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
+from ..instrument import BandResponse
+from ..quality import Suspicion, explain_points, find_suspicions
 from ..radiometry import (
-    BandResponse,
     Radiometry,
     Uncertainty,
     band_responses,
@@ -34,7 +35,6 @@ from ..radiometry import (
     measure_uncertainty,
     missing_keys,
 )
-from ..suspicions import Suspicion, explain_points, find_suspicions
 
 __all__ = ["Calibration", "calibrate"]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.special import erf

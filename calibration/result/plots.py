@@ -10,8 +10,8 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from ..correction import Mask
 from ..detector import LAWS, ResponseSeries, light_series
+from ..instrument import Mask
 from .calibrate import Calibration
 
 __all__ = ["plot_curve", "plot_dark", "plot_filters", "plot_noise", "plot_response"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import origin, replacing, writing_hdf5
+from cboxlab.utils.files import origin, replacing, writing_hdf5
 
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.calibration.radiometry import BandResponse, ResponseFactors
+from cboxlab.calibration.instrument import BandResponse, ResponseFactors
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import WavelengthGrid
 from numpy.typing import NDArray

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.correction import Mask, band_images
-from cboxlab.calibration.radiometry import BandResponse, sensor_matrix
+from cboxlab.calibration.instrument import BandResponse, Mask, band_images, sensor_matrix
 from scipy.ndimage import binary_dilation, uniform_filter
 
 from ..image import RenderedImage

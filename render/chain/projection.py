@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from cboxlab.calibration.radiometry import sensor_matrix
+from cboxlab.calibration.instrument import sensor_matrix
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 from numpy.typing import NDArray

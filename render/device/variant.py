@@ -14,7 +14,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 from .llvm import OLDEST_RELEASE, usable_llvm
 

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import combined, faults_of_validation
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.input_files import read_json
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Lamp, Scene, Surface
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..visibility import Film, film_for, resampling

@@ -9,9 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import suggestion
-from cboxlab.scenes.files import replacing_folder
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
+from cboxlab.utils.files import replacing_folder
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 

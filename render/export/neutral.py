@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import read_json
 from cboxlab.scenes.scene import Surface
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from PIL import Image
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Surface
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .exported import Exported, Layout

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.input_files import require_regular_file
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
 __all__ = ["exr_pixels", "npy_pixels", "raw_pixels"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [

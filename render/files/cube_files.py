@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import xarray as xr
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.input_files import require_regular_file
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import require_regular_file
 from PIL import Image
 
 from .colour_pictures import colour_channels, picture_of_colours

@@ -10,8 +10,8 @@ import h5netcdf
 import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import writing_hdf5
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import writing_hdf5
 
 from .netcdf import open_netcdf
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
-from cboxlab.calibration.colour import colour_matching_functions
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
 from numpy.typing import ArrayLike, NDArray
 
 from ..sensor import SensorCamera, chart_reflectances

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.input_files import read_text
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import read_text
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 __all__ = ["ExrChannels", "read_channels", "write_channels"]

@@ -7,9 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import writing_hdf5
-from cboxlab.scenes.input_files import require_regular_file
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import writing_hdf5
+from cboxlab.utils.input_files import require_regular_file
 
 from .cube_checks import RADIANCE_UNIT, require_kinds
 from .declared import AS_STATED, Declared, spectral_factor, told

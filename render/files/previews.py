@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.colour import OBSERVER_RANGE_NM, colour_matching_functions
-from cboxlab.scenes.errors import InputError
+from cboxlab.calibration.instrument import OBSERVER_RANGE_NM, colour_matching_functions
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..image import LAMP, from_basis

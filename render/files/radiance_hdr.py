@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
 __all__ = ["write_raw"]

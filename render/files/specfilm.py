@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 from .cube_checks import as_cube
 from .declared import Declared, scaled, sorted_planes, spectral_factor, told

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.utils.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi

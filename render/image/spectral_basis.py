@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 __all__ = ["SpectralBasis", "from_basis", "principal_components", "spectral_error", "to_basis"]

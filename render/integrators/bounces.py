@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress
 
 from ..visibility import build_tracer, facet_coverage
 from .path_tracer import trace_paths

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.progress import QUIET, Progress
 
 from ..device import variant
 from ..image import RenderedImage

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from ..image import RenderedImage

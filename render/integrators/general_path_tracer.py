@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.progress import QUIET, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips

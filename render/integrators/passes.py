@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from ..device import variant

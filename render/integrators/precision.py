@@ -10,8 +10,8 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.files import keep, kept
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.utils.files import keep, kept
+from cboxlab.utils.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.stats import t as student

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Material, Scene
+from cboxlab.utils.errors import InputError
 
 from ..device import device_array, dr, mi
 

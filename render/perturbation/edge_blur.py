@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from ..image import blur

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array

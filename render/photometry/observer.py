@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.calibration.colour import LUMINOUS_EFFICACY
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY
 from numpy.typing import NDArray
 
 from ..files import xyz_weights

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cboxlab.calibration.colour import chromaticity
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.calibration.instrument import chromaticity
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from ..image import RenderedImage

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.errors import InputError
 
 from ..device import mi
 from ..visibility import Tracer, build_tracer

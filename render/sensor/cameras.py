@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from cboxlab.calibration.radiometry import lens_constant, quanta_per_joule
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import combined, faults_of_validation, suggestion
-from cboxlab.scenes.input_files import read_toml
+from cboxlab.calibration.instrument import lens_constant, quanta_per_joule
 from cboxlab.scenes.spectra import Spectrum, read_spectrum
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, faults_of_validation, suggestion
+from cboxlab.utils.input_files import read_toml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .detector import Detector, SensorCamera, channel_map

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from cboxlab.calibration.colour import colour_matching_functions
-from cboxlab.scenes.errors import InputError
+from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 from .detector import SensorCamera

@@ -19,9 +19,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.frozen import OwnMappings
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
 from .optics import Blur, Vignetting

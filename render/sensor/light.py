@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 from .charge import leak

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from cboxlab.rendering.laboratory import CaptureSettings
-from cboxlab.validation.effects import apply_checked
-from cboxlab.validation.model import Model
+from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 __all__ = ["GLARE", "glare_capture"]

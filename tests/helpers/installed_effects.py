@@ -1,4 +1,4 @@
-"""The package ``validate/effects/own_package``, installed as pip would do it, without a network."""
+"""The package ``render/effects/own_package``, installed as pip would do it, without a network."""
 
 import importlib
 import shutil
@@ -7,7 +7,7 @@ import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
-from cboxlab.validation.effects import catalogue
+from cboxlab.rendering.effects import catalogue
 
 PACKAGE = Path(__file__).parents[1] / "validate" / "effects" / "own_package"
 

@@ -3,12 +3,12 @@
 from types import SimpleNamespace
 
 import numpy as np
+from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.scenes import cornell_camera
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.linearised_fit import LinearisedFit, refitted_together
 from cboxlab.validation.diagnose.search import Candidate, signature
-from cboxlab.validation.effects import Effect, Parameter
 
 SHAPE = (3, 40, 40)
 COUNT = int(np.prod(SHAPE))

@@ -1,7 +1,8 @@
 """The text of a small scene file, and what reading it gives."""
 
 import pytest
-from cboxlab.scenes import InputError, load_scene
+from cboxlab.scenes import load_scene
+from cboxlab.utils.errors import InputError
 
 HEADER = 'format = "scene/1"\nname = "test"\n'
 LAMP = """

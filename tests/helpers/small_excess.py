@@ -1,7 +1,7 @@
 """A small excess without any rendering: two surfaces in three bands, noise, and a cause of the test's own."""
 
 import numpy as np
-from cboxlab.validation.explain import Excess, Transport
+from cboxlab.validation.diagnose.explain import Excess, Transport
 from scipy.sparse import csr_array
 
 SIZE, BANDS = 48, 4

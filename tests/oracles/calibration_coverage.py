@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.colour.colorimetry import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.colour.patch_colour import patch_xyz
 from cboxlab.calibration.detector.dark_fit import dark_level_sigma, ordinary_pixels
 from cboxlab.calibration.geometry.camera_jacobian import parameter_jacobian
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
 from cboxlab.calibration.radiometry.uncertainty import xyz_parts
 from cboxlab.calibration.result.calibrate import Calibration, calibrate

@@ -15,14 +15,14 @@ import numpy as np
 from cboxlab.calibration.colour.radiance_ensemble import measured_reflectances
 from cboxlab.calibration.detector.response import REPEATABILITY
 from cboxlab.rendering.files.raw_files import write_raw
-from cboxlab.rendering.laboratory.capture_writer import (
+from cboxlab.rendering.synthetic.capture_writer import (
     sphere_spectrum,
     toml_table,
     tungsten_lamp,
     unit_factors,
     write_photographs,
 )
-from cboxlab.rendering.laboratory.photographer import (
+from cboxlab.rendering.synthetic.photographer import (
     CaptureSettings,
     Frame,
     FrameHooks,

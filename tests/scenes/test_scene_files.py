@@ -8,9 +8,10 @@ import tomllib
 import numpy as np
 import pytest
 import trimesh
-from cboxlab.scenes import InputError, load_scene
+from cboxlab.scenes import load_scene
 from cboxlab.scenes.scene_entries import SceneFile
 from cboxlab.scenes.scene_file import PACKAGED
+from cboxlab.utils.errors import InputError
 from helpers.places import ROOT
 from helpers.scene_files import BLOCK, GOOD, HEADER, LAMP, WHITE, fault, load
 from hypothesis import given

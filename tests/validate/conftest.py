@@ -1,7 +1,7 @@
 """Commands of ``cbox`` in this process."""
 
 import pytest
-from cboxlab.validation.commands.cli import main
+from cboxlab.validation.app.commands.cli import main
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
 from .comparison import ChiSquare, Comparison, RelativeDifference
 from .excess import Region, regions_of
 from .failure import OUTSIDE, Failure, Part
-from .maps import write_maps
+from .maps import read_map, write_map, write_maps
 from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
 from .pipeline import (
     Predicted,
@@ -20,7 +20,6 @@ from .pipeline import (
 )
 from .prepared import Prepared, prepare, solved_light, under_model, with_picture
 from .regions import INTERIOR_DISTANCE_PX
-from .stacks import StackComparison, compare_stacks, comparison_record, read_stack, write_comparison
 
 __all__ = [
     "INTERIOR_DISTANCE_PX",
@@ -37,18 +36,15 @@ __all__ = [
     "Region",
     "RelativeDifference",
     "Rendered",
-    "StackComparison",
     "Validation",
     "band_centres",
     "camera_jacobian",
-    "compare_stacks",
     "compared",
-    "comparison_record",
     "failures",
     "fit_lamp_scale",
     "held_lamp_scale",
     "prepare",
-    "read_stack",
+    "read_map",
     "refitted_picture",
     "regions_of",
     "rendered_from",
@@ -59,6 +55,6 @@ __all__ = [
     "validate",
     "validated",
     "with_picture",
-    "write_comparison",
+    "write_map",
     "write_maps",
 ]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.correction import Mask
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.calibration.instrument import Mask
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 

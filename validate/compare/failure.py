@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.image import LightShares
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from .comparison import Comparison

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.perturbation import Warp
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import keep, kept
+from cboxlab.utils.files import keep, kept
 from numpy.typing import NDArray
 
 from ..predict import digest_of

@@ -9,8 +9,8 @@ import numpy as np
 import OpenEXR
 import xarray as xr
 from cboxlab.rendering.files import write_channels
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 

@@ -9,22 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.colour import LUMINOUS_EFFICACY
-from cboxlab.calibration.correction import Mask, band_images
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, BandResponse, Mask, band_images
 from cboxlab.rendering.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
 from cboxlab.rendering.device import variant
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.rendering.image import RenderedImage, light_shares
+from cboxlab.rendering.model import Model, with_further_distortion
 from cboxlab.rendering.perturbation import warp_change
 from cboxlab.rendering.radiosity import LightField
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
-from ..effects import AppliedEffect
-from ..model import Model, with_further_distortion
 from ..predict import (
     CONVERGENCE,
     Picture,

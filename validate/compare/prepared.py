@@ -10,20 +10,20 @@ import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.geometry import CameraFit
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.result import Calibration, calibrate
 from cboxlab.rendering.chain import RenderSettings, after_stage
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.files import Declared
+from cboxlab.rendering.model import Model, seen_through
 from cboxlab.rendering.radiosity import LightField, solve_light
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ..effects import AppliedEffect
-from ..model import Model, seen_through
 from ..predict import ForeignPicture, foreign_picture
 from .nuisances import fit_lamp_scale, held_lamp_scale
 

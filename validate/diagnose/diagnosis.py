@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.model import Model
+from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from ..effects import AppliedEffect
-from ..explain import Explanation, explain, hidden
-from ..model import Model
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
     LEAST_EXPLAINED,
@@ -25,6 +24,7 @@ from .evidence import (
     something_remains,
     square,
 )
+from .explain import Explanation, explain, hidden
 from .foreign_side import ForeignSide, foreign_side
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage, stages_between
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.rendering.effects import AppliedEffect, Effect
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress
 
 from ..compare import Validation
-from ..effects import AppliedEffect, Effect
 from .fitting import fit
 from .hypotheses import Hypothesis, hypotheses
 from .linearised_fit import linearised_fit

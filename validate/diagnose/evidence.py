@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ..compare import Nuisances
-from ..explain import noise_level
+from .explain import noise_level
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 

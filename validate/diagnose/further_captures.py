@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.chain import expected_signal
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.model import displacement
 from numpy.typing import NDArray
 
 from ..compare import Prepared
-from ..effects import AppliedEffect
-from ..model import displacement
 from .alternatives import SelectedEffect
 from .linear_model import model_variance
 from .linearised_fit import LinearisedFit

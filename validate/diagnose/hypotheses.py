@@ -7,10 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cboxlab.rendering.chain import RenderSettings
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
 from cboxlab.scenes.scene import Scene
-
-from ..effects import AppliedEffect, Effect, Parameter, catalogue, names_in
+from cboxlab.utils.frozen import OwnMappings
 
 __all__ = ["Hypothesis", "hypotheses"]
 

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.calibration.radiometry import tabulation_errors
+from cboxlab.calibration.instrument import tabulation_errors
 from cboxlab.rendering.chain import stages_between
 from cboxlab.rendering.device import variant
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.model import displacement
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
 from ..compare import Predicted, Prepared, Rendered, camera_jacobian
-from ..effects import AppliedEffect
-from ..model import displacement
 from ..predict import Predictor, picture_errors
 from .fitting import Fitted, fit, gauss_newton, with_all_numbers
 from .linear_model import BandErrors, LinearModel, build_linear_model, model_variance

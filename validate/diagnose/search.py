@@ -9,13 +9,13 @@ from typing import Protocol
 
 import numpy as np
 from cboxlab.rendering.chain import stages_between
+from cboxlab.rendering.effects import AppliedEffect, Parameter
+from cboxlab.rendering.model import displacement, with_further_distortion
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
-from ..effects import AppliedEffect, Parameter
-from ..model import displacement, with_further_distortion
 from ..predict import Predictor
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.utils.progress import QUIET, Progress
 from numpy.typing import NDArray
 
 from .evidence import beyond_tolerance, largest_gain_of_errors, least_gain, penalised, price_of, square

@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.chain import stages_between
-from cboxlab.scenes.errors import InputError
+from cboxlab.rendering.effects import AppliedEffect, Effect
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from ..compare import Prepared
-from ..effects import AppliedEffect, Effect
 from .alternatives import SelectedEffect
 from .evidence import INDISTINGUISHABLE, penalised, square
 from .fitting import fit

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.chain import RenderSettings, after_stage, stages_between
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.utils.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
-from ..effects import AppliedEffect
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
 from .evidence import (
     INDISTINGUISHABLE,

@@ -10,15 +10,15 @@ import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import mi
+from cboxlab.rendering.effects import catalogue
 from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection
 from cboxlab.rendering.radiosity import solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from ..effects import catalogue
-from ..explain import NONE, Excess, Explanation, Transport
 from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, price_of, square
+from .explain import NONE, Excess, Explanation, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate

@@ -11,9 +11,9 @@ from cboxlab.rendering.image import RenderedImage, variance_of_neighbours
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.rendering.visibility import build_tracer, facet_coverage
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 __all__ = ["ForeignPicture", "foreign_picture", "require_level"]

@@ -22,8 +22,8 @@ from cboxlab.rendering.device import dr, mi
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import keep, kept
-from cboxlab.scenes.progress import QUIET, Progress
+from cboxlab.utils.files import keep, kept
+from cboxlab.utils.progress import QUIET, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 

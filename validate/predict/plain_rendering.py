@@ -6,9 +6,9 @@ import numpy as np
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import render_stock
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.progress import QUIET, Progress
 
 __all__ = ["render_plainly"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from cboxlab.calibration.radiometry import sensor_matrix
+from cboxlab.calibration.instrument import sensor_matrix
 from cboxlab.rendering.chain import (
     Light,
     RenderSettings,
@@ -24,7 +24,9 @@ from cboxlab.rendering.chain import (
     stages_between,
     with_scene_behind,
 )
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.model import with_further_distortion
 from cboxlab.rendering.perturbation import (
     PatchLight,
     PatchTransport,
@@ -41,9 +43,6 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
-
-from ..effects import AppliedEffect
-from ..model import with_further_distortion
 
 __all__ = ["Predictor", "averaged_on_faces", "build_predictor", "changed_alike", "coarse_transport"]
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import BandResponse
 from cboxlab.rendering.chain import render_bands
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.scenes.progress import QUIET, Progress, share
+from cboxlab.utils.progress import QUIET, Progress, share
 from numpy.typing import NDArray
 
 __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", "render_to_noise"]

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask
-from cboxlab.calibration.correction import Mask
+from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.radiometry import capture_factors, optical_factor
 from cboxlab.calibration.result import Calibration
 from cboxlab.rendering.chain import Sensing, over_field
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 __all__ = ["minutes_of_bands", "sensing"]

@@ -10,9 +10,9 @@ from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import render
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.progress import Progress
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.progress import Progress
 
 from .rendering import Picture
 

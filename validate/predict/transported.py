@@ -11,14 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.perturbation import PatchLight, build_patch_transport, patch_light
 from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
-
-from ..effects import AppliedEffect
 
 __all__ = ["transported"]
 

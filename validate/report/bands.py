@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import BandResponse
 
 from ..compare import band_centres
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.scenes.files import replacing
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.utils.files import replacing
 
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step
-from ..effects import AppliedEffect, catalogue
 from .blocks import with_error
 from .explanation import explanation_record, explanation_sentence
 from .metrics import PathStep

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from cboxlab.rendering.fitted_fields import field_record
 
-from ..explain import NONE, Explanation
-from ..fields import field_record
+from ..diagnose.explain import NONE, Explanation
 from .blocks import Cell, ReportSection, Table, number, significant
 from .plots import map_row, residual_scale
 

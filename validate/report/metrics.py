@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.calibration.colour import chromaticity
+from cboxlab.calibration.instrument import chromaticity
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.files import replacing
+from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
 from ..compare import ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.calibration.colour import FilterWeights
-from cboxlab.calibration.radiometry import BandResponse
-from cboxlab.calibration.suspicions import Suspicion
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.frozen import OwnMappings
+from cboxlab.calibration.instrument import BandResponse
+from cboxlab.calibration.quality import Suspicion
+from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import OwnMappings
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ..compare import Comparison, band_centres
-from ..viewer import picture_data, viewer_fragment
 from .bands import named_bands
 from .blocks import Cell, ReportSection, Story, Table
 from .metrics import Run
@@ -24,6 +23,7 @@ from .plots import Drawing, MapRow
 from .story import story_without
 from .table_sections import camera_section, masks_section, tables_section, where_section
 from .verdict import verdict, warnings
+from .viewer import picture_data, viewer_fragment
 
 __all__ = ["ReportInputs", "build_report"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from cboxlab.calibration.colour import FilterWeights
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import BandResponse
 from matplotlib.colors import LogNorm
 from scipy.stats import norm
 

@@ -6,7 +6,7 @@ import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-from cboxlab.scenes.files import this_command
+from cboxlab.utils.files import this_command
 
 from ..compare import Validation
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from cboxlab.rendering.effects import catalogue
 from numpy.typing import NDArray
 
 from ..compare import Comparison
 from ..diagnose import Cause, Diagnosis
-from ..effects import catalogue
 from .bands import NamedBand
 from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
 from .diagnosis import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.calibration.colour import chromaticity
+from cboxlab.calibration.instrument import chromaticity
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 

@@ -7,13 +7,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cboxlab.scenes.files import origin
+from cboxlab.rendering.model import model_text
 from cboxlab.scenes.scene_file import packaged_scenes
+from cboxlab.utils.files import origin
 
 from ..compare import Failure, Validation, failures, write_maps
 from ..diagnose import Diagnosis
-from ..model import model_text
-from ..viewer import viewer_data
 from .bands import named_bands
 from .blocks import ReportSection
 from .diagnosis import path_steps
@@ -22,6 +21,7 @@ from .page import ReportInputs, build_report
 from .provenance import provenance
 from .story import signature_layers, story
 from .table_sections import parts_section
+from .viewer import viewer_data
 
 __all__ = ["validation_record", "write_validation"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..effects import AppliedEffect
+from cboxlab.rendering.effects import AppliedEffect
 
 __all__ = ["History", "State"]
 

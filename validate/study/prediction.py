@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from cboxlab.rendering.device import variant
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.model import seen_through
 from cboxlab.rendering.perturbation import warp_change
 from numpy.typing import NDArray
 
@@ -23,8 +25,6 @@ from ..compare import (
     fit_lamp_scale,
 )
 from ..diagnose import nuisance_priors
-from ..effects import AppliedEffect
-from ..model import seen_through
 from ..predict import Predictor
 
 __all__ = ["Base", "Prediction", "predict", "same_effects"]

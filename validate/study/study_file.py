@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cboxlab.rendering.chain import RenderSettings
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import combined, faults_of_validation
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.input_files import read_json
+from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.model import Model, checked_effects
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import read_json
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..effects import AppliedEffect
-from ..model import Model, checked_effects
 from .history import History, State
 
 __all__ = ["StudyFile", "read_study", "write_study"]

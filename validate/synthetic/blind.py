@@ -17,14 +17,21 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.chain import PHOTOGRAPHED
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.faults import suggestion
-from cboxlab.scenes.files import replacing
-from cboxlab.scenes.frozen import OwnMappings
-from cboxlab.scenes.input_files import read_json, read_text
+from cboxlab.rendering.effects import (
+    AppliedEffect,
+    Effect,
+    Kind,
+    Parameter,
+    apply_checked,
+    catalogue,
+    names_in,
+)
 from cboxlab.scenes.scene import Scene
-
-from ..effects import AppliedEffect, Effect, Kind, Parameter, apply_checked, catalogue, names_in
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
+from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.input_files import read_json, read_text
 
 __all__ = ["Answer", "EffectScore", "Score", "draw_effect", "open_seal", "read_diagnosis", "score", "seal"]
 

@@ -24,9 +24,12 @@ from cboxlab.rendering.chain import (
     with_scene_behind,
 )
 from cboxlab.rendering.device import variant
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import Job, render_to_precision
-from cboxlab.rendering.laboratory import (
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.perturbation import build_warp
+from cboxlab.rendering.synthetic import (
     CaptureSettings,
     Frame,
     FrameHooks,
@@ -35,19 +38,16 @@ from cboxlab.rendering.laboratory import (
     unit_factors,
     write_photographs,
 )
-from cboxlab.rendering.perturbation import build_warp
 from cboxlab.rendering.visibility import build_tracer
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.progress import QUIET, Progress
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET, Progress
 from numpy.typing import NDArray
 
-from ..effects import AppliedEffect
-from ..model import Model
 from ..predict import transported
 
 __all__ = [

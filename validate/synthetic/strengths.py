@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import variant
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.effects import AppliedEffect, Parameter
+from cboxlab.rendering.model import Model, displacement
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import temporary_folder
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import temporary_folder
 from numpy.typing import NDArray
 
 from ..compare import Nuisances, prepare, rendered_from, solved_light
 from ..diagnose import judged_by_priors, nuisance_priors
-from ..effects import AppliedEffect, Parameter
-from ..model import Model, displacement
 from ..predict import Predictor
 from .model_capture import write_model_capture
 

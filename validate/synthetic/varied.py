@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.effects import catalogue, names_in
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
-
-from ..effects import catalogue, names_in
 
 __all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import FakeCapture
 from PIL import Image
 

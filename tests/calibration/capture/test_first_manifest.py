@@ -9,7 +9,7 @@ import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.calibration.capture.foreign_frames import read_foreign
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 SHAPE = (12, 16)
 

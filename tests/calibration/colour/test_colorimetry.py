@@ -2,15 +2,10 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.colour.colorimetry import (
-    LUMINOUS_EFFICACY,
-    colour_matching_functions,
-    fit_filter_weights,
-    xyz_covariance,
-    xyz_image,
-)
-from cboxlab.calibration.correction.band_images import Mask, band_images
-from cboxlab.calibration.radiometry.band_response import BandResponse
+from cboxlab.calibration.colour.colorimetry import fit_filter_weights, xyz_covariance, xyz_image
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
+from cboxlab.calibration.instrument.band_images import Mask, band_images
+from cboxlab.calibration.instrument.band_response import BandResponse
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from helpers.fakes.capture import CENTRES_NM, response
 

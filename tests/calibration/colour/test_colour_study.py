@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.colour.colorimetry import (
-    colour_matching_functions,
-    fit_filter_weights,
-    train_filter_weights,
-)
+from cboxlab.calibration.colour.colorimetry import fit_filter_weights, train_filter_weights
 from cboxlab.calibration.colour.colour_error import choose_filters, colour_error, lab_differences
 from cboxlab.calibration.colour.colour_study import study_colour
 from cboxlab.calibration.colour.radiance_ensemble import (
@@ -16,7 +12,8 @@ from cboxlab.calibration.colour.radiance_ensemble import (
     general_lamps,
     training_radiances,
 )
-from cboxlab.calibration.radiometry.band_response import BandResponse
+from cboxlab.calibration.instrument import colour_matching_functions
+from cboxlab.calibration.instrument.band_response import BandResponse
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 from helpers.fakes.capture import CENTRES_NM, FakeCapture, response

@@ -6,12 +6,12 @@ import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.mosaic import channel_mask
 from cboxlab.calibration.correction import noise
-from cboxlab.calibration.correction.band_images import Mask
 from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.correction import correct, evaluate_variance, read_flat, uniform_flat
 from cboxlab.calibration.correction.dark import DarkLibrary, _fit_line, read_darks
 from cboxlab.calibration.correction.defects import dead_pixels, hot_pixels
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
+from cboxlab.calibration.instrument.band_images import Mask
 from helpers.fakes.capture import GAIN, READ_NOISE, FakeCapture
 
 HOT, DEAD, SATURATED = (5, 7), (20, 30), (10, 40)

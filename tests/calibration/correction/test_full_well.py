@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.correction import Mask, with_full_well
+from cboxlab.calibration.correction import with_full_well
+from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.result.calibrate import calibrate
 from helpers.fakes.capture import BIAS, DEPTH, GAIN, READ_NOISE, FakeCapture
 from helpers.places import ROOT

@@ -13,7 +13,7 @@ import pytest
 from cboxlab.calibration.geometry.camera_fit import SurveyedPoints, fit_camera, read_points
 from cboxlab.calibration.geometry.camera_jacobian import parameter_jacobian
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from helpers.places import SHARED
 from scipy import stats
 from scipy.spatial.transform import Rotation

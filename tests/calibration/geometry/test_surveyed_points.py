@@ -9,7 +9,8 @@ from cboxlab.calibration.geometry.surveyed_points import (
     read_points,
     require_determined,
 )
-from cboxlab.scenes import InputError, cornell_camera
+from cboxlab.scenes import cornell_camera
+from cboxlab.utils.errors import InputError
 
 WIDTH, HEIGHT = 400, 300
 

@@ -18,7 +18,7 @@ from cboxlab.calibration.geometry.surveyed_points import SurveyedPoints
 from cboxlab.calibration.geometry.target_camera import fit_camera_targets
 from cboxlab.calibration.geometry.targets import TargetView, detect_target
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from helpers.places import SHARED
 from scipy import stats
 from scipy.spatial.transform import Rotation

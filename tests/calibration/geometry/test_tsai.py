@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.geometry.tsai import TsaiCamera, from_tsai, to_tsai
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from scipy.spatial.transform import Rotation
 
 TURN = Rotation.from_rotvec([3.0, -8.0, 5.0], degrees=True).as_matrix() @ REFERENCE_ROTATION

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.radiometry import BandResponse, tabulation_errors
+from cboxlab.calibration.instrument import BandResponse, tabulation_errors
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 

@@ -9,8 +9,9 @@ from cboxlab.calibration.correction.noise import measure_noise
 from cboxlab.calibration.radiometry.hyperspectral import _filter_mean, hyperspectral_cube
 from cboxlab.calibration.radiometry.registration import Registration, move, register
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
-from cboxlab.scenes import InputError, Spectrum
-from cboxlab.validation.commands.cli import main
+from cboxlab.scenes import Spectrum
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.app.commands.cli import main
 from helpers.fakes.capture import GRID, FakeCapture, bell
 from helpers.places import ROOT
 from scipy.ndimage import minimum_filter

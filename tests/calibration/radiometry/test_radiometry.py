@@ -6,7 +6,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
-from cboxlab.calibration.radiometry.band_response import sensor_matrix
+from cboxlab.calibration.instrument.band_response import sensor_matrix
 from cboxlab.calibration.radiometry.radiometry import measure_constant
 from cboxlab.calibration.radiometry.sensor_equation import (
     band_responses,
@@ -14,8 +14,8 @@ from cboxlab.calibration.radiometry.sensor_equation import (
     missing_keys,
     nominal_constant,
 )
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, INTEGRAL_GRID, WAVELENGTH_NM, trapezoidal_weights
+from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import CONSTANT, GAIN, READ_NOISE, FakeCapture, sphere
 
 SEEDS = range(24)

@@ -9,7 +9,7 @@ from cboxlab.calibration.radiometry.spectral_sensitivity import (
     least_squares,
     wiener,
 )
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 GRID = np.arange(390.0, 711.0, 5.0)
 SIGMA = 0.3

@@ -43,7 +43,7 @@ def test_absolute_luminance_of_a_known_scene(tmp_path):
     fake = FakeCapture(tmp_path / "c", seed=2)
     calibration = calibrate(load_capture(fake.write()))
     xyz = calibration.xyz()
-    from cboxlab.calibration.colour.colorimetry import colour_matching_functions
+    from cboxlab.calibration.instrument import colour_matching_functions
 
     luminance = 683.0 * np.sum(colour_matching_functions()[1] * fake.spectrum) * fake.light
     used = xyz["mask"].values == 0

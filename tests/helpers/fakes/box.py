@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.colour.colorimetry import FilterWeights, fit_filter_weights
-from cboxlab.calibration.correction.band_images import Mask, band_images
-from cboxlab.calibration.radiometry.band_response import BandResponse
+from cboxlab.calibration.instrument.band_images import Mask, band_images
+from cboxlab.calibration.instrument.band_response import BandResponse
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from cboxlab.validation.compare.comparison import Comparison, compare

@@ -7,9 +7,9 @@ from cboxlab.rendering.chain.band_curves import BandCurves
 from cboxlab.rendering.chain.counts import Counts
 from cboxlab.rendering.chain.light import Light
 from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.effects import Effect, apply_checked
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID
-from cboxlab.validation.effects import Effect, apply_checked
 
 BANDS = ("f400", "f550", "f700")
 NM = FILTER_GRID.nm

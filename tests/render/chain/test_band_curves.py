@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.calibration.radiometry.band_response import ResponseFactors, quanta_per_joule
+from cboxlab.calibration.instrument.band_response import ResponseFactors, quanta_per_joule
 from cboxlab.rendering.chain.band_curves import FIELD_ANGLES, field_shares, field_sine_squared, over_field
 from cboxlab.rendering.chain.projection import band_signals, uniform_light
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, INTEGRAL_GRID
-from cboxlab.validation.effects import apply_checked
 
 NM = FILTER_GRID.nm
 CENTRES = np.array([480.0, 550.0])

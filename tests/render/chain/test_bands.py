@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.correction.band_images import Mask
-from cboxlab.calibration.radiometry import BandResponse
+from cboxlab.calibration.instrument import BandResponse
+from cboxlab.calibration.instrument.band_images import Mask
 from cboxlab.rendering.chain import render_bands
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID

@@ -17,10 +17,10 @@ from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.expected import expected_signal
 from cboxlab.rendering.chain.projection import scene_light
 from cboxlab.rendering.chain.stages import after_stage
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
-from cboxlab.scenes.errors import InputError
-from cboxlab.validation.effects import apply_checked
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.predict.sensing import sensing
 from helpers.fakes.capture import DEPTH, GAIN, GRID, READ_NOISE, FakeCapture, bell, response, sphere
 from scipy.ndimage import correlate

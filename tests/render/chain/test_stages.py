@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED, STAGES, Stage, after_stage, stages_between
-from cboxlab.validation.effects import apply_checked, catalogue
+from cboxlab.rendering.effects import apply_checked, catalogue
 from helpers.fakes.stages import counts, light, start
 
 

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 from cboxlab.rendering.export import read_camera, write_camera
-from cboxlab.scenes import InputError, cornell_camera
+from cboxlab.scenes import cornell_camera
+from cboxlab.utils.errors import InputError
 
 
 def test_a_camera_comes_back_from_its_file(tmp_path):

@@ -9,8 +9,9 @@ import pytest
 import trimesh
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
-from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera, read_spectra
+from cboxlab.scenes import Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
+from cboxlab.utils.errors import InputError
 from helpers.boxes import box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -9,7 +9,7 @@ from cboxlab.rendering.files import cube_files, spectral_exr
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.rendering.files.raw_files import write_raw
 from cboxlab.rendering.image.image import LAMP
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 from helpers.raw_frames import read_raw
 from PIL import Image
 

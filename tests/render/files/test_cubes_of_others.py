@@ -20,7 +20,7 @@ from cboxlab.rendering.files import (
 from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, primaries_matrix
 from cboxlab.rendering.files.cube_checks import as_cube
 from cboxlab.rendering.files.declared import spectral_factor
-from cboxlab.scenes import InputError
+from cboxlab.utils.errors import InputError
 
 RADIANCE = "W m^-2 sr^-1 nm^-1"
 GREY = np.random.default_rng(4).random((6, 9, 3)).astype(np.float32) + 0.1

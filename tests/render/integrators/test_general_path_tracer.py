@@ -13,7 +13,8 @@ from cboxlab.rendering.integrators.general_path_tracer import render_general_pat
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
-from cboxlab.scenes import InputError, Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
+from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
+from cboxlab.utils.errors import InputError
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 

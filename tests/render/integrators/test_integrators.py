@@ -16,9 +16,10 @@ from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.rendering.visibility.pinhole import film_for, resampling
-from cboxlab.scenes import InputError, Surface, cornell_box, cornell_camera
-from cboxlab.scenes.progress import Teller
+from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import Teller
 from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 

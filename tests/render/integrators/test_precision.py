@@ -19,8 +19,9 @@ from cboxlab.rendering.integrators.precision import (
     render_passes,
     render_to_precision,
 )
-from cboxlab.scenes import InputError, cornell_box, cornell_camera
-from cboxlab.scenes.progress import Cancelled, Teller
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import Cancelled, Teller
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.image import light_shares
 from cboxlab.rendering.integrators.bounces import render_bounces
 from cboxlab.rendering.integrators.derivatives import render_derivatives
@@ -18,7 +19,6 @@ from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import Lamp, Material, Medium, Spectrum
-from cboxlab.validation.effects import apply_checked
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, quad, square
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student

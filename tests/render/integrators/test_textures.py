@@ -12,7 +12,8 @@ from cboxlab.rendering.integrators.choice import render
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
-from cboxlab.scenes import InputError, Material, Spectrum, Texture
+from cboxlab.scenes import Material, Spectrum, Texture
+from cboxlab.utils.errors import InputError
 from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
 from scipy.ndimage import map_coordinates
 from scipy.stats import t as student

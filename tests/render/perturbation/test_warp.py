@@ -7,7 +7,8 @@ import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.perturbation.warp import build_warp, pixels_per_unit, warp_change, warp_derivatives
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
-from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.utils.errors import InputError
 from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 

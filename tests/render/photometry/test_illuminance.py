@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.photometry import surface_illuminance, tristimulus_weights
-from cboxlab.scenes import InputError, Spectrum, Surface
+from cboxlab.scenes import Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
+from cboxlab.utils.errors import InputError
 from helpers.boxes import EDGE, FLAT, box_with_lamp
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

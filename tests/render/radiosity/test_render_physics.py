@@ -19,7 +19,7 @@ from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.rendering.visibility.primary import facet_coverage, pixel_coverage
 from cboxlab.rendering.visibility.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validation.renderers.closed_forms import (
+from cboxlab.validation.compare_renders.renderers.closed_forms import (
     corner_to_rectangle,
     parallel_squares,
     perpendicular_rectangles,

@@ -11,8 +11,8 @@ from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera, packaged_cam
 from cboxlab.rendering.sensor.detector import Detector, SensorCamera, channel_map, noisy_counts, quantise
 from cboxlab.rendering.sensor.light import integration_weights, require_radiance
 from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
-from cboxlab.scenes.errors import InputError
 from cboxlab.scenes.spectra import Spectrum, planck
+from cboxlab.utils.errors import InputError
 
 DRAWS = 1_000_000
 #: Standard errors that a test of a mean or a variance allows: one false alarm in 1.7 million.

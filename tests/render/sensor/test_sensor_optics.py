@@ -12,7 +12,7 @@ from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera
 from cboxlab.rendering.sensor.charge import leak, spill_columns
 from cboxlab.rendering.sensor.optics import Blur, Vignetting
 from cboxlab.rendering.sensor.simulation import expected_counts, expected_electrons, simulate
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
 BLUR = Blur(np.array([400.0, 700.0]), np.array([0.8, 1.2]), np.array([1.5, 3.0]))

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.colour.colorimetry import colour_matching_functions
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
+from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.radiometry.sensor_equation import band_responses, nominal_constant
 from cboxlab.rendering.files.cube_files import open_cube, write_cube
 from cboxlab.rendering.files.dng import write_dng
 from cboxlab.rendering.image.spectral_basis import from_basis, principal_components, spectral_error, to_basis
-from cboxlab.rendering.laboratory.cube_capture import write_cube_capture
 from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera, packaged_cameras
 from cboxlab.rendering.sensor.colour_correction import (
     chart_reflectances,
@@ -24,10 +23,11 @@ from cboxlab.rendering.sensor.colour_correction import (
 from cboxlab.rendering.sensor.detector import channel_map, noisy_counts, quantise
 from cboxlab.rendering.sensor.optics import Blur
 from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
-from cboxlab.scenes.errors import InputError
+from cboxlab.rendering.synthetic.cube_capture import write_cube_capture
 from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.commands.cli import main
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.app.commands.cli import main
 from helpers.raw_frames import read_raw
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.correction.band_images import Mask, band_images
+from cboxlab.calibration.instrument.band_images import Mask, band_images
 from cboxlab.validation.compare.comparison import ChiSquare, compare
 from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.verdict import verdict, warnings

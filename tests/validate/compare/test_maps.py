@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.scenes.errors import InputError
-from cboxlab.scenes.files import replacing
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
 from cboxlab.validation.compare.maps import read_map, write_map, write_maps
 from cboxlab.validation.report.metrics import PathStep, metrics, write_metrics
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run

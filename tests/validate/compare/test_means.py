@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
-from cboxlab.validation.compare import compare_stacks, read_stack
+from cboxlab.validation.compare_renders import compare_stacks, read_stack
 
 RELATIVE = 0.05
 

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 from cboxlab.rendering.chain import RenderSettings
-from cboxlab.rendering.laboratory import CaptureSettings
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.compare import Prepared, pipeline, validate
 from cboxlab.validation.diagnose import diagnose, stepwise
-from cboxlab.validation.model import Model
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 TRIED = ("interreflection", "haze")

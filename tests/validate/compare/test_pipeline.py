@@ -13,14 +13,17 @@ import numpy as np
 import pytest
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.integrators.passes import Job
 from cboxlab.rendering.integrators.precision import render_to_precision
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.photometry import tristimulus_weights
-from cboxlab.scenes import Camera, InputError, cornell_box, cornell_camera
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
+from cboxlab.scenes import Camera, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
-from cboxlab.scenes.progress import Teller
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import Teller
 from cboxlab.validation.compare import pipeline
 from cboxlab.validation.compare.maps import read_map
 from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
@@ -29,8 +32,6 @@ from cboxlab.validation.diagnose.diagnosis import diagnose
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import refitted
-from cboxlab.validation.effects import apply_checked
-from cboxlab.validation.model.model_file import Model
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 from helpers.browser import open_browser

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.scenes.progress import QUIET
+from cboxlab.utils.progress import QUIET
 from cboxlab.validation.diagnose import stepwise
 from cboxlab.validation.diagnose.selection import best_set
 from helpers.patterns import AMOUNT, COUNT, Patterns, laboratory, names_of, taken, waves

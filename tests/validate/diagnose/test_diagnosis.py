@@ -8,12 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, catalogue
 from cboxlab.rendering.image.blur import blur
+from cboxlab.rendering.model.model_file import Model, load_model, write_model
+from cboxlab.rendering.model.stages import displacement
 from cboxlab.rendering.perturbation import warp_change
 from cboxlab.scenes import cornell_box
-from cboxlab.scenes.errors import InputError
-from cboxlab.validation.commands import console
-from cboxlab.validation.commands.demo import run_demo
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.api import verify
+from cboxlab.validation.app.commands import console
+from cboxlab.validation.app.commands.demo import run_demo
 from cboxlab.validation.compare.pipeline import validated
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
 from cboxlab.validation.diagnose.diagnosis import _shares
@@ -25,9 +29,6 @@ from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearise
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import excess_of
-from cboxlab.validation.effects import AppliedEffect, Effect, apply_checked, catalogue
-from cboxlab.validation.model.model_file import Model, load_model, write_model
-from cboxlab.validation.model.stages import displacement
 from cboxlab.validation.predict.predictor import averaged_on_faces
 from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
@@ -36,7 +37,6 @@ from cboxlab.validation.report.diagnosis import (
 )
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import story
-from cboxlab.validation.results import verify
 from helpers.manual_commands import described
 from helpers.raw_frames import read_raw
 from PIL import Image

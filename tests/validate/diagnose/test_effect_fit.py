@@ -5,10 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.scenes import InputError, cornell_box
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.model import Model
+from cboxlab.scenes import cornell_box
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose import effect_fit
-from cboxlab.validation.effects import AppliedEffect, catalogue
-from cboxlab.validation.model import Model
 from helpers.patterns import COUNT, laboratory, waves
 
 PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third": waves(2, 1)}

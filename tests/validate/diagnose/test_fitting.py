@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.scenes.errors import InputError
+from cboxlab.rendering.effects import Effect, Parameter
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose import fitting
 from cboxlab.validation.diagnose.fitting import Fitted, fit, gauss_newton, parameter_variance
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.search import Candidate
-from cboxlab.validation.effects import Effect, Parameter
 from scipy.optimize import minimize, minimize_scalar
 
 PATCHES, EACH, TRIALS = 64, 30, 600

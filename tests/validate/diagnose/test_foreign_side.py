@@ -12,11 +12,11 @@ from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import write_cube
 from cboxlab.rendering.integrators import render
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare import prepare, validate
 from cboxlab.validation.diagnose.foreign_side import foreign_side
-from cboxlab.validation.model import Model
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
 foreign_side_module = importlib.import_module("cboxlab.validation.diagnose.foreign_side")

@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import Effect, Parameter, catalogue
+from cboxlab.rendering.model import displacement
 from cboxlab.scenes import cornell_camera
 from cboxlab.validation.diagnose.further_captures import distance
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import model_variance
 from cboxlab.validation.diagnose.search import Candidate
-from cboxlab.validation.effects import Effect, Parameter, catalogue
-from cboxlab.validation.model import displacement
 
 SHAPE = (2, 12, 12)
 SCALE, READ_VARIANCE = 0.8, 25.0

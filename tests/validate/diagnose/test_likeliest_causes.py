@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.validation.diagnose.alternatives import likeliest_causes
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.search import Candidate
-from cboxlab.validation.effects import Effect, Parameter
 
 AMOUNT = Parameter("amount", null=0.0, low=-10.0, high=10.0, step=0.1)
 

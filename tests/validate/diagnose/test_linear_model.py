@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validation.compare.nuisances import NuisanceFit
 from cboxlab.validation.diagnose.evidence import something_remains
 from cboxlab.validation.diagnose.linear_model import BandErrors, build_linear_model, smooth_excess
 from cboxlab.validation.diagnose.search import build_problem
-from cboxlab.validation.effects import AppliedEffect, catalogue
 
 SHAPE = (3, 48, 48)
 

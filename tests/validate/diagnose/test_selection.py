@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.validation.diagnose import alternatives, selection, stepwise
 from cboxlab.validation.diagnose.alternatives import (
     SelectedEffect,
@@ -24,7 +25,6 @@ from cboxlab.validation.diagnose.selection import (
     pairs_replaced,
 )
 from cboxlab.validation.diagnose.stepwise import limits_of
-from cboxlab.validation.effects import Effect, Parameter
 from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, names_of, taken, waves
 
 

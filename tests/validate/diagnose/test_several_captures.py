@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import cboxlab
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validation.diagnose.fitting import fit
@@ -13,7 +14,6 @@ from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.search import Candidate
 from cboxlab.validation.diagnose.several_captures import FurtherFit, JointProblem, same_camera, settled
-from cboxlab.validation.effects import AppliedEffect, Effect, Parameter, catalogue
 from helpers.places import ROOT
 
 COUNT, NUISANCES = 400, 11

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.unexplained import _cosine, _repeats, beats
-from cboxlab.validation.effects import catalogue
 
 #: A residual of chi2 4000, which effects leave.
 LEFT = np.array([np.sqrt(4000.0), 0.0, 0.0])

@@ -7,8 +7,9 @@ import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files.cube_files import write_cube
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
-from cboxlab.scenes import InputError, cornell_box, cornell_camera
+from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.predict.foreign import ForeignPicture, foreign_picture, require_level
 from scipy.interpolate import interp1d
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.effects import apply_checked
 from cboxlab.validation.predict import picture_cache
 from cboxlab.validation.predict.picture_cache import cached_picture, picture_key, sources
 from helpers.places import ROOT

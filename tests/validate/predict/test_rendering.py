@@ -2,7 +2,7 @@
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.progress import QUIET
+from cboxlab.utils.progress import QUIET
 from cboxlab.validation.predict import predictor, rendering
 
 

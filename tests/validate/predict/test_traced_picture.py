@@ -13,14 +13,14 @@ import pytest
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
-from cboxlab.rendering.laboratory.capture_writer import tungsten_lamp
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
+from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import solve_light
+from cboxlab.rendering.synthetic.capture_writer import tungsten_lamp
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
-from cboxlab.scenes.progress import QUIET
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.progress import QUIET
 from cboxlab.validation.compare.pipeline import validate
-from cboxlab.validation.model.model_file import Model
 from cboxlab.validation.predict.traced_picture import traced_picture
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image

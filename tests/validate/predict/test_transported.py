@@ -6,11 +6,11 @@ import cboxlab
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.effects import apply_checked
-from cboxlab.validation.model.model_file import Model
 from cboxlab.validation.predict.transported import transported
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

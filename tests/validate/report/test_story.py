@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.model import Model
 from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureFound, Limit, Ranked, Separation, Step
-from cboxlab.validation.effects import AppliedEffect, catalogue
-from cboxlab.validation.model import Model
 from cboxlab.validation.report.diagnosis import further_sentences, limit_words
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.scenes import InputError
-from cboxlab.scenes.progress import QUIET
+from cboxlab.rendering.model import load_model
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import QUIET
+from cboxlab.validation.api import Study
+from cboxlab.validation.api import study as study_module
 from cboxlab.validation.compare import kept_fits, refitted_picture
-from cboxlab.validation.model import load_model
 from cboxlab.validation.predict import picture_cache
-from cboxlab.validation.results import Study
-from cboxlab.validation.results import study as study_module
 from helpers.glare_capture import GLARE, glare_capture
 
 

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED
-from cboxlab.rendering.laboratory import band_filters
-from cboxlab.scenes import InputError, cornell_box
-from cboxlab.validation.effects import AppliedEffect, apply_checked, catalogue
+from cboxlab.rendering.effects import AppliedEffect, apply_checked, catalogue
+from cboxlab.rendering.synthetic import band_filters
+from cboxlab.scenes import cornell_box
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
 from helpers.boxes import box_with_lamp
 

@@ -9,21 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cboxlab.calibration.radiometry.band_response import ResponseFactors
+from cboxlab.calibration.instrument.band_response import ResponseFactors
 from cboxlab.rendering.chain.band_curves import over_field
 from cboxlab.rendering.chain.expected import expected_counts
 from cboxlab.rendering.chain.projection import scene_light
 from cboxlab.rendering.chain.sensing import Sensing
 from cboxlab.rendering.chain.stages import after_stage, stages_between
+from cboxlab.rendering.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.rendering.image.image import RenderedImage
-from cboxlab.rendering.laboratory.capture_writer import (
-    sphere_spectrum,
-    tungsten_lamp,
-    unit_factors,
-)
-from cboxlab.rendering.laboratory.photographer import CaptureSettings, Frame, band_filters, pixel_maps
+from cboxlab.rendering.synthetic.capture_writer import sphere_spectrum, tungsten_lamp, unit_factors
+from cboxlab.rendering.synthetic.photographer import CaptureSettings, Frame, band_filters, pixel_maps
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
-from cboxlab.validation.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_light
 
 SIZE = 24

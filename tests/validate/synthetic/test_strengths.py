@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.laboratory import CaptureSettings, band_filters
+from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.model.model_file import Model, load_model, write_model
+from cboxlab.rendering.synthetic import CaptureSettings, band_filters
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validation.effects import apply_checked
-from cboxlab.validation.model.model_file import Model, load_model, write_model
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength, scale_of
 from cboxlab.validation.synthetic.varied import settled, varied_settings

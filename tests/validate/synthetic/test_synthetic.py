@@ -11,13 +11,14 @@ import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.rendering.chain.expected import expected_signal
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.image.image import RenderedImage
-from cboxlab.rendering.laboratory.capture_writer import tungsten_lamp
-from cboxlab.rendering.laboratory.photographer import CaptureSettings
-from cboxlab.scenes import InputError, cornell_box
+from cboxlab.rendering.model.model_file import Model
+from cboxlab.rendering.synthetic.capture_writer import tungsten_lamp
+from cboxlab.rendering.synthetic.photographer import CaptureSettings
+from cboxlab.scenes import cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.effects import apply_checked
-from cboxlab.validation.model.model_file import Model
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.predict.sensing import sensing
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,

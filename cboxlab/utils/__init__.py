@@ -1,0 +1,1 @@
+"""What every room uses: errors, complete files, frozen values, input files, progress."""

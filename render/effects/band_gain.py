@@ -1,0 +1,38 @@
+"""Band gain: one band's throughput differs from its tables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..chain import Counts
+from ._effect import Effect, Parameter, index_of
+
+__all__ = ["EFFECT"]
+
+_BANDS = ("f400", "f450", "f500", "f550", "f600", "f650", "f700")
+
+
+def _apply(counts: Counts, band: str, scale: float) -> Counts:
+    """Raises InputError for a band that the capture lacks."""
+    factor = np.ones((len(counts.bands), 1, 1))
+    factor[index_of(band, counts.bands, "band-gain: band")] = scale
+    dark = counts.dark_scene[:, None, None]
+    return replace(counts, scene=dark + factor * (counts.scene - dark))
+
+
+EFFECT = Effect(
+    id="band-gain",
+    stage="counts",
+    title="one band's throughput differs from its tables",
+    summary="One band's throughput (filter, lens or quantum efficiency) differs from its tables in frames of "
+    "the scene: its signal above dark times scale.",
+    parameters=(
+        Parameter("band", choices=_BANDS, kind="band", example="f550"),
+        Parameter("scale", "1", null=1.0, low=0.1, high=10.0, step=1e-2),
+    ),
+    apply=_apply,
+    confirm="Take reference frames through this band directly before and after the scene; clean the filter "
+    "and take both again.",
+)

@@ -1,0 +1,47 @@
+"""Crosstalk: each pixel gives a part of its charge to its four neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate
+
+from ..chain import Counts
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _shared(frame: NDArray[np.float64], fraction: float) -> NDArray[np.float64]:
+    """What would leave by the border comes back to the border's pixels, so that no charge is lost.
+
+    The dark level is alike in all pixels and stays as it is.
+    """
+    q = fraction / 4
+    weights = np.array([[0, q, 0], [q, 1 - fraction, q], [0, q, 0]])
+    return correlate(frame, weights[None], mode="nearest")
+
+
+def _apply(counts: Counts, fraction: float) -> Counts:
+    return replace(
+        counts,
+        scene=_shared(counts.scene, fraction),
+        flat=_shared(counts.flat, fraction),
+        reference=_shared(counts.reference, fraction),
+    )
+
+
+EFFECT = Effect(
+    id="crosstalk",
+    stage="counts",
+    title="pixels share charge with their neighbours",
+    summary="Each pixel gives a fraction of its charge to its four neighbours, a quarter each, before counts "
+    "are cut off; in flats and reference too. No charge leaves by the border.",
+    parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=2e-3),),
+    apply=_apply,
+    confirm="Light single pixels through a pinhole, or look at hot pixels of long darks: their neighbours "
+    "are brighter. The noise of neighbours in a flat is correlated, which blur in the lens does not do.",
+    sources=("Janesick 2001, Scientific Charge-Coupled Devices: charge diffusion",),
+)

@@ -1,0 +1,77 @@
+"""Gloss: one material has a specular coat above its diffuse base."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device import dr, mi
+from ..perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
+from ._effect import Effect, Parameter, index_of
+
+__all__ = ["EFFECT"]
+
+#: Fresnel's reflectance of index 1.5 for diffuse light from outside: 2 Int F(c) c dc over cosines 0 to 1.
+_DIFFUSE_FRESNEL = 0.0918
+
+#: Lobes narrower than this alpha take more samples: their reflections vary more.
+_BROAD = 0.15
+
+
+def _apply(light: PatchLight, material: str, specular: float, roughness: float) -> PatchLight:
+    if specular == 0:
+        return light
+    own = index_of(material, light.scene.materials, "gloss: material")
+    coat = Coat(specular, roughness)
+    cosine = np.linspace(0.02, 1.0, 50)
+    reflected = coat.albedo(cosine)
+    passed = 1 - specular * np.array(fresnel(mi.Float(cosine.astype(np.float32))))
+    through = 1 - specular * _DIFFUSE_FRESNEL
+
+    def albedo(rho: NDArray, base: NDArray | float, mirrored: NDArray | float) -> NDArray:
+        return rho * base * through + mirrored
+
+    changed = with_albedo(
+        light,
+        own,
+        lambda rho: albedo(rho, through, 2 * float(np.trapezoid(reflected * cosine, cosine))),
+        lambda rho, c: albedo(rho, np.interp(c, cosine, passed), np.interp(c, cosine, reflected)),
+    )
+
+    def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
+        return (1 - coat.scale * fresnel(incoming.z)) * (1 - coat.scale * fresnel(outgoing.z))
+
+    # opaque numbers are no part of a kernel's code, which is thus compiled once
+    held_back = dr.opaque(mi.Float, through)
+    table = mi.Float(reflected.astype(np.float32))
+
+    def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
+        place = dr.clip((cosine_in - cosine[0]) / (cosine[1] - cosine[0]), 0, len(cosine) - 1.001)
+        index = dr.minimum(mi.UInt32(place), len(cosine) - 2)
+        part = place - mi.Float(index)
+        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        return (1 - coat.scale * fresnel(cosine_in)) * held_back, low + part * (high - low)
+
+    samples = 2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2)))
+    return with_reflection(
+        changed, own, Reflection(base, coat, means), of=("gloss", specular, roughness),
+        samples=(samples, max(light.samples, samples // 4)),
+    )  # fmt: skip
+
+
+EFFECT = Effect(
+    id="gloss",
+    stage="transport",
+    title="a paint has a specular coat",
+    summary="A coat reflects specular times Fresnel's part (index 1.5) with a GGX lobe of alpha = roughness above "
+    "the diffuse base, which gets what the coat lets through on the way in and out.",
+    parameters=(
+        Parameter("material", choices=("white", "red", "green"), kind="material"),
+        Parameter("specular", "1", null=0.0, low=0.0, high=1.0, step=0.05),
+        Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25, starts=(0.08, 0.2, 0.45)),
+    ),
+    apply=_apply,
+    confirm="Look at the paint near grazing incidence, or photograph it through a polariser turned by 90 degrees: "
+    "gloss changes, diffuse reflection does not.",
+    sources=("Walter et al., 'Microfacet models for refraction through rough surfaces', EGSR 2007",),
+)

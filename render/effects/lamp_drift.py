@@ -1,0 +1,30 @@
+"""Lamp drift: the lamp's power drifts over the sequence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..chain import Counts
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _apply(counts: Counts, per_minute: float) -> Counts:
+    """Flats and reference are lit by another source."""
+    dark = counts.dark_scene[:, None, None]
+    power = (1 + per_minute * counts.minutes)[:, None, None]
+    return replace(counts, scene=dark + power * (counts.scene - dark))
+
+
+EFFECT = Effect(
+    id="lamp-drift",
+    stage="counts",
+    title="the lamp's power drifts over the sequence",
+    summary="The lamp's power drifts: 1 + per_minute times the minutes since the first frame began, at the "
+    "middle of each band's frames.",
+    parameters=(Parameter("per_minute", "min^-1", null=0.0, low=-0.1, high=0.1, step=1e-3),),
+    apply=_apply,
+    own_to_capture=True,
+    confirm="Take the first band once more at the end of the sequence, or log the lamp with a photodiode.",
+)

@@ -1,0 +1,43 @@
+"""Shutter offset: every exposure is longer than commanded by the same time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..chain import Counts
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _longer(
+    frame: NDArray[np.float64], dark: NDArray[np.float64], exposure_s: NDArray[np.float64], seconds: float
+) -> NDArray[np.float64]:
+    level = dark[:, None, None]
+    return level + (frame - level) * (1 + seconds / exposure_s)[:, None, None]
+
+
+def _apply(counts: Counts, seconds: float) -> Counts:
+    """The dark level, as dark frames show it, is that of the longer exposure already."""
+    return replace(
+        counts,
+        scene=_longer(counts.scene, counts.dark_scene, counts.exposure_scene, seconds),
+        flat=_longer(counts.flat, counts.dark_flat, counts.exposure_flat, seconds),
+        reference=_longer(counts.reference, counts.dark_reference, counts.exposure_reference, seconds),
+    )
+
+
+EFFECT = Effect(
+    id="shutter-offset",
+    stage="counts",
+    title="every exposure is longer than commanded",
+    summary="Every exposure, of darks too, is longer than commanded by the same time: signals times 1 + "
+    "seconds / exposure.",
+    parameters=(Parameter("seconds", "s", null=0.0, low=-0.2, high=1.0, step=1e-3),),
+    apply=_apply,
+    confirm="Take one band at two exposures far apart: signal over commanded time differs between them. Or "
+    "time the shutter with a photodiode.",
+)

@@ -1,0 +1,40 @@
+"""Smear: each column carries a part of its own mean."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..chain import Counts
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _smeared(frame: NDArray[np.float64], dark: NDArray[np.float64], fraction: float) -> NDArray[np.float64]:
+    return frame + fraction * (frame.mean(axis=1, keepdims=True) - dark[:, None, None])
+
+
+def _apply(counts: Counts, fraction: float) -> Counts:
+    return replace(
+        counts,
+        scene=_smeared(counts.scene, counts.dark_scene, fraction),
+        flat=_smeared(counts.flat, counts.dark_flat, fraction),
+        reference=_smeared(counts.reference, counts.dark_reference, fraction),
+    )
+
+
+EFFECT = Effect(
+    id="smear",
+    stage="counts",
+    title="columns carry a part of their own mean",
+    summary="Light that falls in while charge is shifted along the columns: plus the fraction times the "
+    "column's mean signal, before counts are cut off; in flats and reference too.",
+    parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
+    apply=_apply,
+    confirm="Take the scene with a shutter that closes before readout, or at twice the exposure: smear by "
+    "readout halves against the signal. The columns through the lamp show it above and below the lamp.",
+    sources=("Janesick 2001, Scientific Charge-Coupled Devices: frame-transfer smear",),
+)

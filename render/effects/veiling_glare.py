@@ -1,0 +1,26 @@
+"""Veiling glare: a part of all light spreads evenly over the image."""
+
+from __future__ import annotations
+
+from ..chain import Light
+from ._effect import Effect, Parameter
+
+__all__ = ["EFFECT"]
+
+
+def _apply(light: Light, fraction: float) -> Light:
+    mean = light.signal.mean(axis=(1, 2), keepdims=True)
+    return light.with_signal((1 - fraction) * light.signal + fraction * mean)
+
+
+EFFECT = Effect(
+    id="veiling-glare",
+    stage="optics",
+    title="a part of all light spreads over the image",
+    summary="Light scattered in the lens and on the sensor: (1 - f) L + f times the image's mean, the lamp included.",
+    parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
+    apply=_apply,
+    confirm="Photograph a black trap (a hole in a dark box) in the middle of the lit scene: its signal above dark is "
+    "glare. Shading the lamp from the lens's view changes it, an offset of the counts does not.",
+    sources=("ISO 9358:1994, veiling glare of image-forming systems",),
+)

@@ -1,0 +1,172 @@
+"""Writes a complete simulated capture of a box (capture format, version 1)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from cboxlab.calibration.instrument import ResponseFactors, lens_constant, response_factors, rest_curve
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.spectra import Spectrum, planck, read_spectra
+from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
+from cboxlab.utils.files import replacing_folder
+from numpy.typing import NDArray
+
+from ..files import write_raw
+from ..sensor import PACKAGED
+from .photographer import CaptureSettings, FrameHooks, Shot, photograph, pixel_maps, plan_shots
+from .survey import survey
+
+__all__ = [
+    "sphere_spectrum",
+    "toml_table",
+    "tungsten_lamp",
+    "unit_factors",
+    "write_photographs",
+]
+
+
+def tungsten_lamp(radiance_550: float = 8e-4, temperature_k: float = 3000.0) -> Spectrum:
+    """Radiance of a tungsten lamp with a neutral diffuser (Planck's law), W m^-2 sr^-1 nm^-1, 400 to 700 nm."""
+    return Spectrum(WAVELENGTH_NM, radiance_550 * planck(WAVELENGTH_NM, temperature_k), "zero")
+
+
+def sphere_spectrum(brightness: float = 1.0) -> Spectrum:
+    """Radiance of the integrating sphere: Planck's law at 2856 K, at 1 about as bright as a wall of the box."""
+    return Spectrum(WAVELENGTH_NM, brightness * 1e-5 * planck(WAVELENGTH_NM, 2856.0), "zero")
+
+
+@lru_cache
+def _curves() -> dict[str, Spectrum]:
+    return read_spectra(PACKAGED / "pxl1300l.csv", "zero")
+
+
+def unit_factors(
+    settings: CaptureSettings,
+    width_px: int,
+    grid: WavelengthGrid = INTEGRAL_GRID,
+) -> ResponseFactors:
+    """The bands' responses on ``grid`` for one second, factored: signals come in DN/s."""
+    filters = settings.filters
+    rest = rest_curve(_curves()["quantum_efficiency"], _curves()["lens"], grid)
+    pitch_um = settings.film_width_mm * 1e3 / width_px
+    constant = lens_constant(settings.focal_length_mm, pitch_um, settings.gain_e_per_dn)
+    factor = constant / (settings.f_number * settings.image_distance_mm) ** 2
+    return response_factors(filters, [rest] * len(filters), [factor] * len(filters), grid)
+
+
+def write_photographs(
+    folder: Path,
+    signals: NDArray[np.float64],
+    field: NDArray[np.float64],
+    sees_lamp: NDArray[np.bool_],
+    *,
+    camera: Camera,
+    scene: Scene,
+    settings: CaptureSettings,
+    seed: int,
+    hooks: FrameHooks | None = None,
+) -> None:
+    """Simulate the frames from expected signals and write the folder; an incomplete folder is removed.
+
+    signals, field : (band, y, x) DN/s of the scene and of the sphere, in the order of the settings' filters.
+    sees_lamp : (y, x) pixels ignored in the choice of exposures. camera, scene : used for the survey of the points
+    and the measurement of the lamp; the camera is not written. hooks : changes inside the camera. seed : results are
+    repeatable.
+
+    Raises InputError if the folder is not empty, and if no exposure fits the radiance.
+    """
+    bands = tuple(settings.filters)
+    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
+    maps = pixel_maps(camera, settings, streams[0])
+    rates = {
+        name: dict(zip(bands, np.percentile(values[:, ~lit], 99.5, axis=1).tolist(), strict=True))
+        for name, values, lit in (
+            ("scene", signals * maps.flat, sees_lamp),
+            ("field", field * maps.flat, np.zeros_like(sees_lamp)),
+        )
+    }
+    shots = plan_shots(rates["scene"], rates["field"], settings, streams[1])
+
+    def light(shot: Shot) -> NDArray[np.float64]:
+        source = signals if shot.kind == "band" else field
+        return source[bands.index(str(shot.band))]
+
+    frames = photograph(shots, light, maps, settings, streams[2], hooks)
+    points, image_px = survey(scene, camera, settings.point_count, settings.point_sigma_px, streams[3])
+    error = settings.lamp_relative_uncertainty * streams[4].standard_normal()
+    lamp = scene.lamp.radiance.scaled(1 + error)
+    with replacing_folder(folder) as temporary:
+        for path, counts in frames.items():
+            write_raw(temporary / path, counts)
+        _write_spectra(temporary / "spectra", settings, lamp)
+        _write_points(temporary / "points.csv", points, image_px)
+        text = _manifest(camera, scene.name, settings, shots)
+        (temporary / "capture.toml").write_text(text, encoding="utf-8")
+
+
+def _write_spectra(folder: Path, settings: CaptureSettings, lamp: Spectrum) -> None:
+    folder.mkdir()
+    common, filters = _curves(), settings.filters
+    wide = next(iter(filters.values())).wavelength_nm
+    tables: tuple[tuple[str, NDArray[np.float64], Mapping[str, Spectrum]], ...] = (
+        ("camera", WAVELENGTH_NM, common), ("filters", wide, filters),
+        ("lamp", WAVELENGTH_NM, {"radiance": lamp}),
+        ("sphere", WAVELENGTH_NM, {"radiance": sphere_spectrum(settings.sphere_brightness)}),
+    )  # fmt: skip
+    for name, grid, columns in tables:
+        rows = np.column_stack([grid, *(curve.at(grid) for curve in columns.values())])
+        header = ",".join(["wavelength_nm", *columns])
+        np.savetxt(folder / f"{name}.csv", rows, "%.8g", ",", header=header, comments="")
+
+
+def _write_points(path: Path, points: NDArray[np.float64], image_px: NDArray[np.float64]) -> None:
+    rows = [
+        f"p{index:02d},{x:.2f},{y:.2f},{z:.2f},{u:.3f},{v:.3f}"
+        for index, ((x, y, z), (u, v)) in enumerate(zip(points, image_px, strict=True), 1)
+    ]
+    path.write_text("\n".join(["id,x_mm,y_mm,z_mm,u_px,v_px", *rows]) + "\n", encoding="utf-8")
+
+
+def toml_table(header: str, **entries: object) -> str:
+    """The text of a TOML table of strings, numbers and lists of strings."""
+    # For these values JSON and TOML have the same syntax.
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in entries.items()]
+    return "\n".join([header, *lines]).strip() + "\n"
+
+
+def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequence[Shot]) -> str:
+    parts = [
+        toml_table(
+            "", format="capture/1", name=settings.name or scene.replace("-", " "), scene=settings.scene or scene
+        ),
+        toml_table(
+            "[camera]", model=settings.model, width_px=camera.width_px, height_px=camera.height_px,
+            pixel_pitch_um=settings.film_width_mm * 1e3 / camera.width_px, bit_depth=settings.bit_depth,
+            gain_e_per_dn=settings.gain_e_per_dn, read_noise_e=settings.read_noise_e,
+            readout_s=settings.readout_s, quantum_efficiency="spectra/camera.csv:quantum_efficiency",
+        ),
+        toml_table(
+            "[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"
+        ),
+    ]  # fmt: skip
+    for shot in shots:
+        own: dict[str, object] = {"frames": shot.paths, "exposure_s": shot.exposure_s}
+        if shot.kind != "dark":
+            own |= {"f_number": settings.f_number, "image_distance_mm": settings.image_distance_mm}
+        if shot.kind == "band":
+            filter_column = f"spectra/filters.csv:{shot.band}"
+            own = {"id": shot.band, "transmittance": filter_column, **own, "start_s": shot.start_s}
+        elif shot.kind != "dark":
+            own = {"band": shot.band, **own}
+        if shot.kind == "reference":
+            own = {"radiance": "spectra/sphere.csv:radiance", **own}
+        parts.append(toml_table(f"[[{shot.kind}]]", **own))
+    relative = settings.lamp_relative_uncertainty
+    parts.append(toml_table("[lamp]", radiance="spectra/lamp.csv:radiance", relative_uncertainty=relative))
+    parts.append(toml_table("[geometry]", points="points.csv", point_sigma_px=settings.point_sigma_px))
+    return "\n".join(parts)

@@ -1,0 +1,244 @@
+"""Plans the frames of a simulated capture and computes their counts.
+
+The simulation follows the sensor equation of the capture format (``calibration.radiometry``): signal, cosine-fourth
+fall-off, vignetting, pixel sensitivity, bias, dark current, hot pixels, shot and read noise, rounding and clipping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.spectra import Spectrum, read_spectra
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
+from numpy.typing import NDArray
+
+from ..sensor import PACKAGED, Detector, noisy_counts, quantise
+
+__all__ = [
+    "CaptureSettings", "Frame", "FrameHooks", "PixelMaps", "Shot", "band_filters", "chosen_exposure", "frames_of",
+    "photograph", "pixel_maps", "plan_shots",
+]  # fmt: skip
+
+Kind = Literal["band", "dark", "flat", "reference"]
+
+#: Exposure times that can be set, within a decade, s.
+EXPOSURE_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+
+@lru_cache
+def band_filters() -> dict[str, Spectrum]:
+    """Transmittances of the seven filters by band, 380 to 720 nm."""
+    return read_spectra(PACKAGED / "pxl1300l-filters.csv", "zero")
+
+
+@dataclass(frozen=True)
+class CaptureSettings(OwnMappings):
+    """Settings of the laboratory. Units are in the names; defaults: a cooled 12-bit camera, a 35 mm lens at f/8.
+
+    name, scene : of the capture, as its manifest states them; those of the scene where empty.
+    film_width_mm : width of the sensor; pixel pitch = film_width_mm / width in px.
+    level : largest fraction of full scale for the 99.5th percentile outside the lamp.
+    bias_pattern_dn, dark_current_spread, prnu : standard deviations over pixels of the bias (DN), of the logarithm
+        of the dark current, of the relative sensitivity. hot_share : share of hot pixels, with 10 to 100 times the
+        dark current. vignetting : loss in the corner in addition to the cosine-fourth law.
+    sphere_brightness : radiance of the integrating sphere, for flats and references, over that of a wall of the box.
+    lamp_relative_uncertainty : one sigma of the scale of the spectroradiometer's reading in lamp.csv.
+    filter_change_s : shortest time between the end of one band and the start of the next.
+    filters : transmittances by band, all at the same wavelengths.
+    """
+
+    name: str = ""
+    scene: str = ""
+    model: str = "PXL 1300L class"
+    film_width_mm: float = 25.0
+    bit_depth: int = 12
+    gain_e_per_dn: float = 12.0
+    read_noise_e: float = 10.0
+    focal_length_mm: float = 35.0
+    f_number: float = 8.0
+    image_distance_mm: float = 36.6
+    readout_s: float = 1.2
+    filter_change_s: float = 6.0
+    repeats: int = 2
+    reference_repeats: int = 1
+    level: float = 0.7
+    bias_dn: float = 100.0
+    bias_pattern_dn: float = 0.5
+    dark_current_e_s: float = 6.0
+    dark_current_spread: float = 0.1
+    hot_share: float = 5e-4
+    prnu: float = 0.01
+    vignetting: float = 0.08
+    sphere_brightness: float = 1.0
+    lamp_relative_uncertainty: float = 0.02
+    point_count: int = 50
+    point_sigma_px: float = 0.15
+    filters: Mapping[str, Spectrum] = field(default_factory=band_filters)
+
+    @property
+    def full_scale_dn(self) -> int:
+        """The largest count."""
+        return 2**self.bit_depth - 1
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A table of capture.toml: an exposure and its repeats. start_s : of the first repeat; None if not recorded."""
+
+    kind: Kind
+    band: str | None
+    exposure_s: float
+    repeats: int
+    start_s: float | None = None
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of the frames inside the capture's folder."""
+        stem = {
+            "band": f"{self.band}", "dark": f"dark-{self.exposure_s:g}s",
+            "flat": f"flat-{self.band}", "reference": f"sphere-{self.band}",
+        }[self.kind]  # fmt: skip
+        return tuple(f"frames/{stem}-{repeat}.tif" for repeat in range(self.repeats))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Description of one frame, for hooks. start_s : since the first frame of the sequence, or None."""
+
+    kind: Kind
+    band: str | None
+    exposure_s: float
+    repeat: int
+    start_s: float | None
+
+
+@dataclass(frozen=True)
+class FrameHooks:
+    """Functions that simulate faults in the camera; the defaults change nothing.
+
+    exposure_s : frame -> the actual exposure time, s.
+    light : frame, expected signal (y, x) in DN above dark, flat included, unclipped -> changed signal.
+    counts : frame, counts (y, x) with bias and noise before rounding and clipping -> changed counts.
+    """
+
+    exposure_s: Callable[[Frame], float] = lambda frame: frame.exposure_s
+    light: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, signal: signal
+    counts: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, counts: counts
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMaps:
+    """Properties of each pixel. flat : (y, x), mean 1. bias_dn : (y, x). dark_current_e_s : (y, x)."""
+
+    flat: NDArray[np.float64]
+    bias_dn: NDArray[np.float64]
+    dark_current_e_s: NDArray[np.float64]
+
+
+def pixel_maps(camera: Camera, settings: CaptureSettings, generator: np.random.Generator) -> PixelMaps:
+    """Random properties of the pixels, and the flat field of the lens.
+
+    The optical part of the flat is cos^4 of the field angle times 1 - vignetting r^2, r = 1 in the corner.
+    """
+    shape = camera.height_px, camera.width_px
+    v, u = np.indices(shape)
+    square = (u - camera.principal_point_px[0]) ** 2 + (v - camera.principal_point_px[1]) ** 2
+    corner = ((shape[1] - 1) ** 2 + (shape[0] - 1) ** 2) / 4
+    optics = (1 + square / camera.focal_length_px**2) ** -2 * (1 - settings.vignetting * square / corner)
+    flat = optics * (1 + settings.prnu * generator.standard_normal(shape))
+    current = settings.dark_current_e_s * np.exp(
+        settings.dark_current_spread * generator.standard_normal(shape)
+    )
+    hot = generator.random(shape) < settings.hot_share
+    current[hot] *= 10 ** generator.uniform(1, 2, int(hot.sum()))
+    bias = settings.bias_dn + settings.bias_pattern_dn * generator.standard_normal(shape)
+    return PixelMaps(flat / flat.mean(), bias, current)
+
+
+def chosen_exposure(rate_dn_s: float, settings: CaptureSettings) -> float:
+    """The longest time of EXPOSURE_STEPS (s) for which bias plus signal, at ``rate_dn_s``, stays within the level.
+
+    Raises InputError for a rate that is not above 0, and if the time is not between 0.1 ms and one hour.
+    """
+    span_dn = settings.level * settings.full_scale_dn - settings.bias_dn
+    longest = span_dn / rate_dn_s if rate_dn_s > 0 else np.inf
+    if not 1e-4 < longest < 3600:
+        raise InputError(
+            "capture: exposure",
+            f"{rate_dn_s:g} DN/s in the brightest surfaces of a band",
+            "a signal for which the exposure is between 0.1 ms and one hour",
+            "Is the lamp's radiance absolute, in W m^-2 sr^-1 nm^-1?",
+        )
+    decade = int(np.floor(np.log10(longest)))
+    marks = [float(f"{mark}e{power}") for power in (decade - 1, decade) for mark in EXPOSURE_STEPS]
+    return max(mark for mark in marks if mark <= longest)
+
+
+def plan_shots(
+    scene_dn_s: Mapping[str, float], field_dn_s: Mapping[str, float], settings: CaptureSettings,
+    generator: np.random.Generator,
+) -> tuple[Shot, ...]:  # fmt: skip
+    """All exposures of a capture: bands in random order, then flats, references, and darks for every exposure used.
+
+    scene_dn_s : by band, DN/s of the 99.5th percentile outside the lamp. field_dn_s : by band, DN/s of the uniform
+    source of flats and references.
+    """
+    bands, shots, start = list(scene_dn_s), [], 0.0
+    for index in generator.permutation(len(bands)):
+        exposure = chosen_exposure(scene_dn_s[bands[index]], settings)
+        shots.append(Shot("band", bands[index], exposure, settings.repeats, round(start, 1)))
+        start += settings.repeats * (exposure + settings.readout_s)
+        start += settings.filter_change_s * generator.uniform(1, 3)
+    for band in bands:
+        shots.append(Shot("flat", band, chosen_exposure(field_dn_s[band], settings), settings.repeats))
+    for band in bands:
+        exposure = chosen_exposure(field_dn_s[band], settings)
+        shots.append(Shot("reference", band, exposure, settings.reference_repeats))
+    for exposure in sorted({shot.exposure_s for shot in shots}):
+        shots.append(Shot("dark", None, exposure, settings.repeats))
+    return tuple(shots)
+
+
+def frames_of(shot: Shot, readout_s: float) -> tuple[Frame, ...]:
+    """The repeats of a shot; each starts after the exposure and readout of the previous one."""
+    return tuple(
+        Frame(
+            shot.kind, shot.band, shot.exposure_s, repeat,
+            None if shot.start_s is None else shot.start_s + repeat * (shot.exposure_s + readout_s),
+        )
+        for repeat in range(shot.repeats)
+    )  # fmt: skip
+
+
+def photograph(
+    shots: Sequence[Shot],
+    signals: Callable[[Shot], NDArray[np.float64]],
+    maps: PixelMaps,
+    settings: CaptureSettings,
+    generator: np.random.Generator,
+    hooks: FrameHooks | None = None,
+) -> dict[str, NDArray[np.uint16]]:
+    """Counts (y, x) of every frame of the shots, by path.
+
+    signals : shot -> expected signal (y, x) in DN per second for a flat of 1; not called for darks.
+    """
+    hooks = hooks or FrameHooks()
+    none = np.zeros(0)
+    detector = Detector(settings.gain_e_per_dn, settings.bit_depth, none, none, none)
+    read_noise_dn = settings.read_noise_e / settings.gain_e_per_dn
+    photographs = {}
+    for shot in shots:
+        rate = np.zeros(maps.flat.shape) if shot.kind == "dark" else signals(shot) * maps.flat
+        for frame, path in zip(frames_of(shot, settings.readout_s), shot.paths, strict=True):
+            exposure = hooks.exposure_s(frame)
+            light = rate if shot.kind == "dark" else hooks.light(frame, rate * exposure)
+            electrons = np.maximum(light, 0) * settings.gain_e_per_dn + maps.dark_current_e_s * exposure
+            counts = noisy_counts(electrons, maps.bias_dn, read_noise_dn, detector, generator)
+            photographs[path] = quantise(hooks.counts(frame, counts), settings.bit_depth)
+    return photographs

@@ -1,0 +1,62 @@
+"""Sound captures raise no suspicion, whatever they lack."""
+
+from dataclasses import replace
+
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
+from cboxlab.calibration.quality.constants import check_constant, check_flats_and_references
+from cboxlab.calibration.radiometry import measure_constant
+from cboxlab.calibration.result import calibrate
+from helpers.fakes.capture import FakeCapture
+from helpers.places import ROOT
+
+
+@pytest.mark.parametrize("lacking", [{}, {"flats": False}, {"darks": False}, {"references": False}], ids=str)
+def test_a_small_sound_capture_raises_none(tmp_path, lacking):
+    """False-alarm rate of all checks together below 1 in 1000 captures; seed 3."""
+    folder = FakeCapture(tmp_path / "capture", seed=3).write(**lacking)
+    assert calibrate(load_capture(folder)).suspicions == ()
+
+
+def test_the_bundled_capture_raises_none():
+    folder = ROOT / "validate" / "data" / "demo-capture"
+    assert calibrate(load_capture(folder)).suspicions == ()
+
+
+LEVELS = {
+    # four of seven bands agree with the median by chance: sources that are set anew in each band
+    "a level of its own in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
+    # one source for all: one of them is another frame
+    "one frame of another band": ([1.0, 1.0, 1.0, 0.88, 1.0, 1.0, 1.0], {3}),
+}
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_only_where_most_flats_agree_one_that_does_not_is_suspected(name):
+    levels, wrong = LEVELS[name]
+    capture = load_capture(ROOT / "validate" / "data" / "demo-capture")
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    bands = correct_bands(capture, dark, noise)
+    radiometry = measure_constant(capture, bands, dark, noise)
+    flats = {
+        band: replace(flat, mean_dn=level * flat.mean_dn)
+        for (band, flat), level in zip(bands.flats.items(), levels, strict=True)
+    }
+    found = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
+    assert {s.where for s in found} == {f"flat ({[*flats][index]})" for index in wrong}
+
+
+def test_constants_off_by_reciprocal_factors_are_no_exchange():
+    """Pass bands of narrow filters move towards the edge of the field: a few per cent, up in one, down in another."""
+    capture = load_capture(ROOT / "validate" / "data" / "demo-capture")
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    radiometry = measure_constant(capture, correct_bands(capture, dark, noise), dark, noise)
+    levels = [0.95, *[1.0] * (len(radiometry.by_band) - 2), 1 / 0.95]
+    by_band = tuple(
+        replace(c, constant=level * radiometry.constant)
+        for c, level in zip(radiometry.by_band, levels, strict=True)
+    )
+    assert not [*check_constant(capture, replace(radiometry, by_band=by_band), noise, None, None)]

@@ -1,0 +1,162 @@
+"""Mistakes made in a small sound capture are named; benchmarks/spoilt_captures.py counts them over many captures."""
+
+import re
+import shutil
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
+from cboxlab.calibration.geometry import calibrate_camera
+from cboxlab.calibration.quality import explain_points, find_suspicions
+from cboxlab.calibration.quality.sight import radiance_over_lamp, see
+from cboxlab.calibration.radiometry import measure_constant
+from cboxlab.calibration.result import calibrate
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.radiosity.final_gather import render_final_gather
+from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
+from cboxlab.utils.errors import InputError
+from helpers.places import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+import frame_mistakes  # noqa: F401  (fills the list)
+import further_mistakes  # noqa: F401
+import manifest_mistakes  # noqa: F401
+from capture_mistakes import MISTAKES, Draft
+
+
+def suspicions(folder):
+    """Those of ``calibrate``, without its costly parts."""
+    capture = load_capture(folder)
+    dark = read_darks(capture)
+    noise = measure_noise(capture, dark)
+    bands = correct_bands(capture, dark, noise)
+    fit, explained = None, ()
+    try:
+        fit = calibrate_camera(capture)[0]
+    except InputError as fault:
+        explained = (explain_points(capture, fault),)
+    constant = measure_constant(capture, bands, dark, noise)
+    return find_suspicions(capture, bands, dark, noise, constant, fit, already=explained)
+
+
+#: Mistakes made at once, in which nothing of one hides another.
+CHOSEN = (
+    ("all exposures in milliseconds", "photographs read from a region 4 px beside the flats'"),
+    ("sphere a thousand times too bright", "a repeat shows another band"),
+    ("two bands' frames exchanged", "points in inches"),
+    ("all frames mirrored left to right", "rows with a noise of their own"),
+    ("the photographs mirrored, not the flats",),
+    ("lamp table in micrometres", "photographs already divided by the flat"),
+    ("a dark repeat of another exposure", "sphere in quanta, not energy"),
+    ("points with v upwards", "photographs binned by two and enlarged again"),
+    ("exposure of one band twice too long", "points in m"),
+    ("lamp in quanta, not energy", "photographs cropped and enlarged by a tenth"),
+)
+
+
+@pytest.mark.parametrize("names", CHOSEN, ids=lambda names: names[-1])
+def test_mistakes_in_the_bundled_capture_are_named(tmp_path, names):
+    """The mistakes are deterministic (seed 5); the sound capture raises none (test_sound)."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    mistakes = [next(m for m in MISTAKES if m.name == name) for name in names]
+    for mistake in mistakes:
+        mistake.make(draft, np.random.default_rng(5))
+    draft.save()
+    found = suspicions(draft.folder)
+    for mistake in mistakes:
+        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), (mistake.name, found)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "colour"), [("filter table in micrometres", False), ("lamp table cut at 600 nm", True)]
+)
+def test_bands_without_light_leave_a_calibration_and_a_suspicion(tmp_path, name, colour):
+    """By their tables they see nothing, or no light of the lamp: no weight can be fitted to them."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    mistake = next(m for m in MISTAKES if m.name == name)
+    mistake.make(draft, np.random.default_rng(5))
+    draft.save()
+    found = calibrate(load_capture(draft.folder))
+    assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found.suspicions)
+    assert (found.weights is not None) == colour
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+def test_the_rough_light_of_the_lamp_is_the_renderers():
+    """The mean over 400 pixels of all surfaces within 3 %: paths of nine reflections against a final gather."""
+    box, camera, bands = cornell_box(), cornell_camera(32), np.array([450.0, 650.0])
+    scene = replace(box, lamp=replace(box.lamp, reflectance=Spectrum(bands, np.zeros(2))))
+    image = render_final_gather(scene, camera, bands, samples=64, batches=2)
+    rendered = image.project(np.eye(2))[0] / scene.lamp.radiance.at(bands)
+    sight = see(scene, camera)
+    chosen = image.single_surface & (sight.surface == image.surface) & (sight.surface < len(scene.surfaces))
+    reflectance = scene.reflectances(bands)[[[*scene.materials].index(s.material) for s in scene.surfaces]]
+    found = radiance_over_lamp(
+        scene, sight.place_mm[chosen], sight.normal[chosen], sight.surface[chosen], reflectance
+    )
+    assert np.count_nonzero(chosen) > 400
+    np.testing.assert_allclose(found.mean(axis=0), rendered[chosen].mean(axis=0), rtol=0.03)
+
+
+def test_a_suspicion_says_what_where_and_why(tmp_path):
+    shutil.copytree(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    table = tmp_path / "capture" / "spectra" / "lamp.csv"
+    header, *rows = table.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    table.write_text("\n".join([header, *(f"{float(nm) / 1000},{y}" for nm, y in cells)]) + "\n")
+    (found,) = [s for s in suspicions(tmp_path / "capture") if "micromet" in s.record["what"]]
+    assert found.where == "spectra/lamp.csv:radiance"
+    assert "0.4 to 0.7" in found.why
+    assert set(found.record) == {"what", "where", "why"}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("spoilt", ["one copied", "all copied", "all saturated"])
+def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
+    """Copied or saturated flats have no noise to measure the gain from."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    for table in draft.tables("flat")[: 1 if spoilt == "one copied" else None]:
+        first = draft.image(table["frames"][0])
+        for path in table["frames"][1:] if "copied" in spoilt else table["frames"]:
+            draft.put(path, first if "copied" in spoilt else np.full_like(first, 4095))
+    draft.save()
+    capture = load_capture(draft.folder)
+    noise = measure_noise(capture, read_darks(capture))
+    assert (noise.gain_sigma is None) == (spoilt != "one copied")
+    found = suspicions(draft.folder)
+    assert found
+    assert all("flat" in suspicion.where for suspicion in found), found
+
+
+@pytest.mark.parametrize("with_exposures", [False, True])
+def test_exchanged_references_are_told_with_both_bands(tmp_path, with_exposures):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    one, other = draft.tables("reference")[1], draft.tables("reference")[4]
+    for key in ("frames", "exposure_s") if with_exposures else ("frames",):
+        one[key], other[key] = other[key], one[key]
+    draft.save()
+    told = [(s.what, s.where) for s in suspicions(draft.folder)]
+    for table in (one, other):
+        what = f"the references of {one['band']} and {other['band']} are exchanged"
+        assert (what, f"reference ({table['band']})") in told
+
+
+def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
+    """Rows with a noise of 8 DN in all frames: larger than shot noise in the dark, smaller in the light."""
+    draft, rng = (
+        Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture"),
+        np.random.default_rng(5),
+    )
+    for kind in ("band", "flat", "dark", "reference"):
+        for path in (path for table in draft.tables(kind) for path in table["frames"]):
+            own = draft.image(path).astype(float)
+            draft.put(path, own + rng.normal(0, 8, (own.shape[0], 1)))
+    draft.save()
+    told = [suspicion.what for suspicion in suspicions(draft.folder)]
+    assert any("of a row share" in what for what in told)
+    assert not [what for what in told if "gamma" in what or "a repeat of" in what], told

@@ -1,0 +1,34 @@
+"""A user's own package of effects, one for every stage, is installed: its effects are the catalogue's equals.
+
+benchmarks/users_effects.py hides each of them in a capture and diagnoses it.
+"""
+
+import pytest
+from cboxlab.rendering.chain.settings import RenderSettings
+from cboxlab.rendering.effects import catalogue
+from cboxlab.scenes import cornell_box
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from helpers.installed_effects import own_effects
+
+STAGES = {
+    "washed-surface": "scene", "one-more-bounce": "settings", "soot": "transport", "focus-breathing": "camera",
+    "decentred-lens": "camera", "warm-filters": "filter", "hood-shade": "optics", "row-ramp": "counts",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _installed(tmp_path_factory):
+    with own_effects(tmp_path_factory.mktemp("site")):
+        yield
+
+
+def test_the_catalogue_holds_them_and_every_one_is_a_hypothesis():
+    assert {name: effect.stage for name, effect in catalogue().items() if name in STAGES} == STAGES
+    truncated = hypotheses(("f450", "f550"), cornell_box(), RenderSettings(max_bounces=2))
+    known = {h.effect.id for h in truncated}
+    assert set(STAGES) < known == set(catalogue())
+    assert {h.fixed["where"] for h in truncated if h.effect.id == "washed-surface"} == {
+        surface.name for surface in cornell_box().surfaces
+    }
+    whole = {h.effect.id for h in hypotheses(("f450",), cornell_box(), RenderSettings())}
+    assert known - whole == {"interreflection", "one-more-bounce"}

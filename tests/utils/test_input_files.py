@@ -1,0 +1,45 @@
+"""A slip in a TOML file is told with its line and how it is mended."""
+
+import pytest
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import read_toml
+from hypothesis import given
+from hypothesis import strategies as st
+
+SLIPS = {
+    "exposure_s = 0,5": "decimal point, not a comma",
+    "exposure_s = .5": "both sides of the decimal point",
+    "exposure_s = 2.": "both sides of the decimal point",
+    'file = "frames\\xa.tif"': "with / in place of \\",
+    "file = frames/a.tif": "in quotes",
+    "settled = True": "small letters",
+    "bit depth = 12": "no spaces",
+    '[flat]\nband = "a"\n[flat]\nband = "b"': "double brackets, [[flat]]",
+    'flat = 3\n[[flat]]\nband = "a"': "flat",
+}
+
+
+@pytest.mark.parametrize("text", SLIPS)
+def test_a_slip_is_told_with_its_line_and_its_mending(tmp_path, text):
+    path = tmp_path / "capture.toml"
+    path.write_text(f'format = "capture/1"\n{text}\n')
+    with pytest.raises(InputError) as told:
+        read_toml(path, "a capture")
+    assert SLIPS[text] in str(told.value) and "Line " in str(told.value)
+
+
+def test_a_backslash_that_makes_a_control_character_is_told(tmp_path):
+    path = tmp_path / "capture.toml"
+    path.write_text('[[dark]]\nfiles = ["dark\\frame.tif"]\n')
+    with pytest.raises(InputError, match=r"dark\[0\]\.files\[0\].*write paths with /"):
+        read_toml(path, "a capture")
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_read_or_refused(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("toml") / "a.toml"
+    path.write_text(text, encoding="utf-8")
+    try:
+        read_toml(path, "a file")
+    except InputError as fault:
+        assert "a.toml" in str(fault)

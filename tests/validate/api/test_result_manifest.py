@@ -1,0 +1,87 @@
+"""manifest.json: what was made of what, and whether either has changed since."""
+
+import json
+import shutil
+
+import pytest
+from cboxlab.rendering.model import Model
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.api import verify, write_manifest
+from helpers.places import ROOT
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A folder of two results, made of a folder with two files and of one more."""
+    results, capture, model = tmp_path / "out", tmp_path / "capture", tmp_path / "m.toml"
+    for path in (
+        results / "maps" / "a.exr",
+        results / "metrics.json",
+        capture / "frames" / "f.tif",
+        capture / "c.toml",
+    ):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(path.name.encode())
+    model.write_text("model")
+    write_manifest(
+        results, [results / "maps", results / "metrics.json"], [capture, model, tmp_path / "none"], seed=7
+    )
+    return results, capture, model
+
+
+def test_unchanged_results_are_sound(made):
+    found = verify(made[0])
+    assert found.sound and not found.lines()
+    assert (found.outputs, found.inputs) == (2, 3)
+    content = json.loads((made[0] / "manifest.json").read_text())
+    assert content["seed"] == 7 and {"python", "numpy", "mitsuba", "cboxlab"} <= set(content["versions"])
+
+
+def test_each_kind_of_change_is_named(made):
+    results, capture, model = made
+    (results / "metrics.json").write_bytes(b"metrics.jsoN")
+    (results / "maps" / "a.exr").unlink()
+    (capture / "frames" / "f.tif").write_bytes(b"g.tif")
+    model.unlink()
+    found = verify(results)
+    assert found.changed_outputs == ("metrics.json",) and found.missing_outputs == ("maps/a.exr",)
+    assert [p.split("/")[-1] for p in found.changed_inputs] == ["f.tif"]
+    assert [p.split("/")[-1] for p in found.missing_inputs] == ["m.toml"]
+    assert len(found.lines()) == 4 and not found.sound
+
+
+def test_what_a_scene_file_names_is_an_input(tmp_path):
+    """A paint's table and a block's mesh beside the scene file: what is changed in them is told."""
+    shutil.copytree(ROOT / "scenes" / "data", tmp_path / "box")
+    scene = tmp_path / "box" / "cornell-box.toml"
+    (tmp_path / "box" / "ball.ply").write_text("a mesh")
+    block = '[[surface]]\nname = "ball"\nmaterial = "white"\nmesh = "ball.ply"\n'
+    scene.write_text(f"{scene.read_text()}\n{block}")
+    write_manifest(tmp_path, [], Model(scene=str(scene)).files)
+    tables = [path.name for path in (tmp_path / "box").glob("*.csv")]
+    for name in ("ball.ply", *tables):
+        path = tmp_path / "box" / name
+        path.write_text(path.read_text() + " ")
+    found = {path.split("/")[-1] for path in verify(tmp_path).changed_inputs}
+    assert tables and found == {"ball.ply", *tables}
+
+
+@pytest.mark.parametrize(
+    "content", [[], {}, {"format": "result-manifest/1", "inputs": {}, "outputs": {"../x": {"sha256": ""}}}]
+)
+def test_what_is_no_manifest_is_told(tmp_path, content):
+    (tmp_path / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"manifest\.json"):
+        verify(tmp_path)
+
+
+def test_a_calibration_is_verified_by_the_command(cbox, tmp_path):
+    out = tmp_path / "calibration"
+    assert cbox("calibrate", ROOT / "validate" / "data" / "demo-capture", "--out", out)[0] == 0
+    code, text, _ = cbox("verify", out)
+    assert code == 0 and "are unchanged" in text
+    path = out / "calibration.json"
+    path.write_text(path.read_text() + " ")
+    code, text, _ = cbox("verify", out)
+    assert code == 1 and "calibration.json: this result has changed" in text
+    assert cbox("verify", tmp_path)[0] == 2

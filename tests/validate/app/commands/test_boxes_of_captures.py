@@ -1,0 +1,90 @@
+"""Which box a capture shows, and which one models and commands take for it."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from cboxlab import scenes
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.rendering.model.model_file import load_model
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.app.commands import console
+from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from helpers.command_line import assert_one_line_of_help
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsys):
+    """It was compared with the published box for minutes, and was unknown."""
+    capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "other")
+    manifest = capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "my-box"'))
+    model = tmp_path / "model.toml"
+    model.write_text('format = "model/1"\nscene = "cornell-box"\n')
+    found = console.model_for(model if given else None, [DEMO_CAPTURE, capture])
+    assert found.scene == "cornell-box"
+    told = capsys.readouterr().err
+    expected = f'{manifest}: scene is "my-box", the model "cornell-box". Give the box with --model.\n'
+    assert told == ("" if given else expected)
+
+
+@pytest.fixture
+def own_capture(tmp_path):
+    """The bundled capture with a scene file of its own: the published box, its short block 3 mm higher."""
+    capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "own")
+    data = Path(scenes.__file__).parent / "data"
+    for table in data.glob("*.csv"):
+        shutil.copy(table, capture)
+    (capture / "box.toml").write_text((data / "cornell-box.toml").read_text().replace("165.0", "168.0"))
+    manifest = capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "box.toml"'))
+    return capture
+
+
+def test_a_captures_own_scene_is_its_model(own_capture, tmp_path, monkeypatch, capsys, cbox):
+    """Whatever folder the program runs in; a misspelt file is no published box."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "box.toml").write_text("another file")
+    assert load_capture(own_capture).known_scene() is not None
+    found = console.model_for(None, [own_capture])
+    assert (found.scene, capsys.readouterr().err) == (str(own_capture / "box.toml"), "")
+    with pytest.raises(InputError, match="captures of one box"):
+        console.model_for(None, [DEMO_CAPTURE, own_capture])
+    (own_capture / "box.toml").rename(own_capture / "bxo.toml")
+    with pytest.raises(InputError, match=r"scene: found 'box.toml', which does not exist"):
+        console.model_for(None, [own_capture])
+    code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")
+    assert code == 0 and "the scene file cannot be read" in " ".join((out + err).split())
+
+
+def test_a_scene_that_nobody_knows_is_told(own_capture, tmp_path, cbox):
+    manifest = own_capture / "capture.toml"
+    manifest.write_text(manifest.read_text().replace('scene = "box.toml"', 'scene = "lab-box"'))
+    code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")
+    assert code == 0 and "checks against the box were left out" in " ".join((out + err).split())
+
+
+def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):
+    shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "box")
+    scene = tmp_path / "box" / "cornell-box.toml"
+    model = load_model(scene)
+    assert model.effects == () and scenes.load_scene(model.scene).surfaces[0].name == "floor"
+    before = scene.read_bytes()
+    assert_one_line_of_help(cbox("add", scene, "ghost", "fraction=0.01"), "a scene file")
+    assert scene.read_bytes() == before
+    assert cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)[0] == 0
+    grown = load_model(tmp_path / "m.toml")
+    assert grown.scene == str(scene) and [e.id for e in grown.effects] == ["ghost"]
+    text = (tmp_path / "m.toml").read_text()
+    again = cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)
+    assert_one_line_of_help(again, "--scene")
+    assert (tmp_path / "m.toml").read_text() == text
+
+
+def test_a_models_scene_stays_where_it_was(tmp_path, cbox):
+    """A model names its scene relative to itself, and still does after an effect was added."""
+    shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "boxes")
+    (tmp_path / "boxes" / "cornell-box.toml").rename(tmp_path / "boxes" / "mine.toml")
+    (tmp_path / "model.toml").write_text('format = "model/1"\nscene = "boxes/mine.toml"\n')
+    assert cbox("add", tmp_path / "model.toml", "ghost", "fraction=0.01")[0] == 0
+    assert 'scene = "boxes/mine.toml"' in (tmp_path / "model.toml").read_text()

@@ -1,0 +1,353 @@
+"""The workbench: who may ask, what a step answers, and the page in a real browser, on a capture of 32 pixels a side."""
+
+import json
+import shutil
+import socket
+import struct
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import uvicorn
+from cboxlab.rendering.model import load_model
+from cboxlab.utils.progress import QUIET
+from cboxlab.validation.app.studio import Workbench, build_app
+from cboxlab.validation.compare import band_centres
+from cboxlab.validation.diagnose import stepwise
+from helpers.browser import open_browser
+from helpers.glare_capture import GLARE, glare_capture
+from starlette.testclient import TestClient
+
+#: Effects that the diagnosis tries here; each costs seconds.
+TRIED = ("veiling-glare", "ghost", "lamp-drift")
+HERE = frozenset({"127.0.0.1", "localhost"})
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    root = tmp_path_factory.mktemp("studio")
+    glare_capture(root / "capture")
+    made = Workbench(root, root / ".cache", noise=3.0, seed=1)
+    made.open("capture", None, QUIET)
+    return made
+
+
+@pytest.fixture(autouse=True)
+def fresh(request):
+    """Every test begins with the study as it was opened."""
+    if "bench" in request.fixturenames:
+        found = request.getfixturevalue("bench")
+        while found.study.history.can_undo:
+            found.undo()
+        found.show(0, True)
+
+
+@pytest.fixture
+def client(bench):
+    app = build_app(bench, "secret", HERE, idle_s=1e9)
+    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as made:
+        yield made
+
+
+def record_of(answer):
+    assert answer.status_code == 200, answer.text
+    length = struct.unpack("<I", answer.content[:4])[0]
+    return json.loads(answer.content[4 : 4 + length]), np.frombuffer(answer.content[4 + length :], "<f4")
+
+
+def step(client, name, **body):
+    return record_of(client.post(f"/secret/api/step/{name}", json=body))
+
+
+def finished(client, name, **body):
+    """Run a long computation to its end; returns the state after it."""
+    answer = client.post(f"/secret/api/job/{name}", json=body)
+    assert answer.status_code == 202, answer.text
+    while (state := client.get("/secret/api/state").json())["job"]:
+        time.sleep(0.05)
+    return state
+
+
+def test_only_this_machines_pages_with_the_token_are_answered(client):
+    assert client.get("/secret/").status_code == 200
+    assert client.get("/").status_code == client.get("/Secret/").status_code == 404
+    assert client.get("/secret/api/state", headers={"host": "evil.example"}).status_code == 403
+    origin = {"origin": "http://evil.example"}
+    assert client.post("/secret/api/step/undo", json={}, headers=origin).status_code == 403
+    assert client.get("/secret/", headers={"origin": "http://127.0.0.1"}).status_code == 200
+    for path in (
+        "../../app.py",
+        "..%2f..%2fapp.py",
+        "%2e%2e/app.py",
+        "app.py",
+        "page/index.html",
+        "/etc/passwd",
+    ):
+        assert client.get(f"/secret/{path}").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "name", ["", "index.html", "studio.js", "controls.js", "studio.css", "viewer.js", "viewer.css"]
+)
+def test_the_pages_files_are_its_own(client, name):
+    answer = client.get(f"/secret/{name}")
+    assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"
+    assert "http://" not in answer.text.replace("http://www.w3.org/", "") and "https://" not in answer.text
+
+
+def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
+    record, _ = step(client, "add", effect="veiling-glare")
+    before = record["chi2_per_dof"]
+    record, numbers = step(client, "change", which=0, values={"fraction": 0.01}, commit=False)
+    assert record["chi2_per_dof"] < before and record["effects"][0]["values"]["fraction"] == 0.01
+    expected = bench.shown.predictions()[0]
+    order = np.argsort(band_centres(bench.study.prepared[0].responses))
+    np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[0], expected.signal[order].astype("f4"))
+    np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[1], expected.sigma[order].astype("f4"))
+    assert bench.study.effects[0].values["fraction"] == 0.0  # a trial is no step
+    record, _ = step(client, "change", which=0, values={"fraction": 0.01}, commit=True)
+    record, _ = step(client, "undo")
+    assert record["effects"][0]["values"]["fraction"] == 0.0 and record["can_redo"]
+    assert step(client, "redo")[0]["effects"][0]["values"]["fraction"] == 0.01
+    assert step(client, "remove", which=0)[0]["effects"] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "line"),
+    [
+        ("step/add", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("step/add", {"effect": "veiling-glare", "values": {"fraction": 9}}, "from 0 to 0.5"),
+        ("step/add", {}, "found nothing; expected a name"),
+        ("step/change", {"which": 3, "values": {}}, "found 3"),
+        ("step/change", {"which": "x"}, "an index from 0"),
+        ("step/adopt", {}, "no diagnosis"),
+        ("step/dance", {}, "one of add"),
+        ("job/open", {"capture": "../other"}, "leaves the folder"),
+    ],
+)
+def test_every_mistake_is_one_line(client, path, body, line):
+    answer = client.post(f"/secret/api/{path}", json=body)
+    told = answer.json().get("error")
+    if told is None:
+        while (state := client.get("/secret/api/state").json())["job"]:
+            time.sleep(0.02)
+        told = state["error"]
+    assert line in told and "\n" not in told
+
+
+def test_what_is_no_json_is_refused(client):
+    assert client.post("/secret/api/step/undo", content=b"{}").status_code == 400
+    kind = {"content-type": "application/json"}
+    for content in (b"[]", b"{", b" " * 70000):
+        answer = client.post("/secret/api/step/undo", content=content, headers=kind)
+        assert answer.status_code == 400 and "the request" in answer.json()["error"]
+
+
+def test_a_fit_is_saved_and_opened_again(client, bench):
+    step(client, "add", effect="veiling-glare")
+    finished(client, "fit")
+    found, _ = record_of(client.get("/secret/api/view"))
+    assert found["effects"][0]["values"]["fraction"] == pytest.approx(GLARE, abs=0.003)
+    shutil.rmtree(bench.root / "out", ignore_errors=True)
+    assert not finished(client, "save", folder="out")["error"]
+    assert load_model(bench.root / "out" / "model.toml").effects[0].id == "veiling-glare"
+    places = client.get("/secret/api/places").json()
+    assert places["captures"] == ["capture"] and places["studies"] == ["out"]
+    assert "cornell-box" in places["models"] and "out/model.toml" in places["models"]
+    assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
+    assert "below" in finished(client, "open", capture="nowhere")["error"]
+    assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
+
+
+@contextmanager
+def served(bench):
+    """The workbench's address, on a server in a thread."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    server = uvicorn.Server(
+        uvicorn.Config(
+            build_app(bench, "secret", HERE, idle_s=1e9), log_level="warning", timeout_graceful_shutdown=1
+        )
+    )
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/secret/"
+    finally:
+        server.should_exit = True
+        thread.join(20)
+        listening.close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with open_browser() as page:
+        yield page
+
+
+@pytest.fixture
+def page(browser, bench):
+    browser.errors.clear()
+    with served(bench) as address:
+        browser.open(address)
+        browser.until("document.body.dataset.open === 'true' && !document.getElementById('undo').hidden")
+        browser.until("page.viewer !== null && page.controls !== null && !page.job")
+        yield browser
+        browser.open("about:blank?")
+    assert browser.errors == []
+
+
+def chi2(page):
+    return float(page.run("document.getElementById('chi2').textContent"))
+
+
+def press(page, identifier):
+    page.run(f"document.getElementById('{identifier}').click()")
+
+
+def add(page, effect):
+    count = page.run("page.controls.length")
+    page.run(f"document.getElementById('new-effect').value = '{effect}'")
+    press(page, "add")
+    page.until(f"page.controls.length === {count + 1}")
+
+
+def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
+    before = chi2(page)
+    assert page.run("document.getElementById('undo').disabled")
+    pixel = page.run("page.viewer.values(16, 20).bands.map((b) => b.rendered)")
+    press(page, "refit")
+    page.until("!page.record.refit")
+    add(page, "veiling-glare")
+    assert chi2(page) == before  # a glare of nothing, camera and lamp held
+    press(page, "refit")
+    page.until("page.record.refit")
+    assert (
+        chi2(page) <= before
+    )  # the camera's fit ends where a round gains less than a thousandth, and goes on from there
+    page.run("document.getElementById('p-0-fraction').focus()")
+    for _ in range(30):
+        page.key("ArrowRight")
+    page.until("!page.asking")
+    moved = page.run("page.record.effects[0].values.fraction")
+    assert moved == pytest.approx(0.5 * 0.3**3, rel=0.01)  # 30 keys of 1 % of the slider, fine near null
+    assert chi2(page) < before
+    other = page.run("page.viewer.values(16, 20).bands.map((b) => b.rendered)")
+    assert other != pixel
+    expected = bench.study.predictions()[0].signal[:, 20, 16]
+    assert sorted(other) == pytest.approx(sorted(expected), rel=1e-5)
+    at = chi2(page)
+    page.run("document.querySelector('[data-effect] .row button').click()")
+    page.until(f"Number(document.getElementById('chi2').textContent) < {at} && !page.job")
+    assert page.run("page.record.effects[0].values.fraction") == pytest.approx(GLARE, abs=0.003)
+    assert "fitted ±" in page.run("document.getElementById('effects').innerText")
+    press(page, "undo")
+    page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
+    press(page, "redo")
+    page.until(f"Number(document.getElementById('chi2').textContent) < {at}")
+    shutil.rmtree(bench.root / "from-page", ignore_errors=True)
+    press(page, "show-save")
+    page.run("document.getElementById('save-folder').value = 'from-page'")
+    page.run("document.getElementById('save').requestSubmit()")
+    page.until("document.getElementById('saved').textContent.includes('model.toml')")
+    fitted = load_model(bench.root / "from-page" / "model.toml").effects[0]
+    assert fitted.values == bench.study.effects[0].values
+    found = chi2(page)
+    press(page, "undo")
+    page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
+    press(page, "show-open")
+    page.run("document.getElementById('open-capture').value = 'from-page'")
+    page.run("document.getElementById('open').requestSubmit()")
+    page.until(f"document.getElementById('chi2').textContent == '{found:g}' && !page.job")
+    assert bench.study.effects[0].values == fitted.values
+    assert not page.run("document.getElementById('undo').disabled")
+    assert page.run("page.record.effects[0].values.fraction") == pytest.approx(fitted.values["fraction"])
+    page.reload()
+    page.until("page.record?.can_undo && page.viewer && page.controls?.length === 1 && !page.job")
+    page.until(f"document.getElementById('chi2').textContent == '{found:g}'")
+    assert page.run("document.getElementById('mistake').textContent") == ""
+
+
+def test_the_page_tells_a_mistake_and_goes_on(page):
+    add(page, "veiling-glare")
+    page.run(
+        "(() => {const n = document.querySelector('#effects input[type=text]'); n.value = '7';"
+        "n.dispatchEvent(new Event('change'))})()"
+    )
+    page.until("document.getElementById('mistake').textContent.includes('from 0 to 0.5')")
+    assert page.run("document.querySelector('#effects input[type=text]').value") == "0"
+    page.errors.clear()  # the browser tells the refused request, too
+    press(page, "undo")
+    page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
+
+
+def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
+    tried = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    page.run(
+        "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
+        "globalThis[id + '_seen'] = all;"
+        "new MutationObserver(() => all.add(e.textContent)).observe(e, {childList: true})}"
+    )
+    before = chi2(page)
+    press(page, "diagnose")
+    page.until("!document.getElementById('job').hidden && document.getElementById('add').disabled")
+    end = time.monotonic() + 300.0  # a stuck computation must not hang the suite
+    while page.run("Boolean(page.job)") and time.monotonic() < end:
+        time.sleep(0.2)
+    assert page.run("document.getElementById('mistake').textContent") == ""
+    page.until("!document.getElementById('diagnosis').hidden")
+    stages = page.run("[...stage_seen].join('; ')")
+    assert "trying every effect" in stages and "choosing among effects" in stages
+    times = page.run("[...times_seen]")
+    assert len(times) > 3 and all(" gone" in told for told in times)
+    press(page, "adopt")
+    page.until("page.controls.length === 1")
+    assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("dark", [False, True])
+def test_it_can_be_read_at_both_widths_in_light_and_dark(page, width, dark):
+    add(page, "block-pose")
+    scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+    page.call("Emulation.setEmulatedMedia", features=[scheme])
+    page.size(width)
+    assert page.run("document.documentElement.scrollWidth") <= width
+    faults = page.run(FAULTS)
+    assert faults == []
+
+
+#: Texts smaller than 11 px, or with less contrast than 4.5 to 1 (WCAG AA), and controls without a name.
+FAULTS = """
+(() => {
+  const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+  const level = ([r, g, b]) => [r, g, b].reduce((sum, v, i) => {
+    const c = v / 255, linear = c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+    return sum + linear * [0.2126, 0.7152, 0.0722][i];
+  }, 0);
+  const ground = (element) => {
+    for (let e = element; e; e = e.parentElement) {
+      const colour = rgb(getComputedStyle(e).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const element of document.querySelectorAll('body *')) {
+    if (!element.checkVisibility() || element.disabled) continue;
+    if (['BUTTON', 'INPUT', 'SELECT'].includes(element.tagName)) {
+      const name = element.innerText || element.getAttribute('aria-label') || (element.labels && element.labels.length);
+      if (!name && !element.title) found.push('no name: ' + element.outerHTML.slice(0, 80));
+    }
+    if (![...element.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())) continue;
+    const style = getComputedStyle(element);
+    if (parseFloat(style.fontSize) < 11) found.push('small: ' + element.outerHTML.slice(0, 80));
+    const [a, b] = [level(rgb(style.color)), level(ground(element))].sort((x, y) => y - x);
+    if (!(element instanceof SVGElement) && (a + 0.05) / (b + 0.05) < 4.5)
+      found.push('contrast ' + ((a + 0.05) / (b + 0.05)).toFixed(2) + ': ' + element.outerHTML.slice(0, 80));
+  }
+  return found;
+})()
+"""

@@ -1,0 +1,191 @@
+"""The terminal: honest times, loudness, JSON apart from text, help that keeps square brackets, suggestions."""
+
+import json
+
+import pytest
+from cboxlab.validation.app.commands.app import app
+from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.model import complete_effect
+from cboxlab.validation.app.terminal import (
+    command_line,
+    console,
+    data_table,
+    give_json,
+    print_table,
+    told_time,
+)
+from cboxlab.validation.app.terminal.stages import Stages
+
+
+class Clock:
+    """Seconds that pass only when told to."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def followed(reports, title="starting"):
+    """Stages and the lines they printed, after reports (seconds since the start, stage, share done)."""
+    clock, lines = Clock(), []
+    stages = Stages(title, lines.append, clock)
+    for seconds, stage, done in reports:
+        clock.now = 100.0 + seconds
+        stages.tell(stage, done)
+    return stages, lines
+
+
+def test_a_stage_that_is_over_is_a_line_with_its_time():
+    stages, lines = followed([(0, "calibrating", 0), (3, "rendering", 0.1), (63.4, "comparing", 0.9)])
+    assert lines == ["calibrating: 3.0 s", "rendering: 1 min 00 s"]
+    assert stages.stage == "comparing"
+
+
+def test_time_left_follows_from_time_gone_and_share_done():
+    stages, _ = followed([(0, "rendering", 0.0), (30, "rendering", 0.25)])
+    assert stages.left_s() == pytest.approx(90)
+    assert stages.times() == "30 s gone, about 1 min 30 s left"
+
+
+def test_time_left_grows_when_more_work_turns_up():
+    reports = [(0, "rendering", 0.0), (30, "rendering", 0.5), (30, "rendering", 0.25)]
+    assert followed(reports)[0].left_s() == pytest.approx(90)
+
+
+@pytest.mark.parametrize("report", [(60, "rendering", 0.01), (1, "rendering", 0.5)])
+def test_no_time_left_is_stated_where_it_would_be_a_guess(report):
+    stages, _ = followed([report])
+    assert stages.left_s() is None and "left" not in stages.times()
+
+
+def test_a_long_stage_is_told_of_while_it_lasts():
+    _, lines = followed([(0, "rendering", 0.0), (20, "rendering", 0.1), (40, "rendering", 0.2)])
+    assert lines == ["rendering: 20% of the whole, 40 s gone, about 2 min 40 s left"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.42, "0.4 s"), (9.96, "10 s"), (59.6, "1 min 00 s"), (3601, "1 h 00 min"), (7380, "2 h 03 min")],
+)
+def test_times_as_people_say_them(seconds, text):
+    assert told_time(seconds) == text
+
+
+def test_help_keeps_what_stands_in_square_brackets(cbox):
+    assert "a [[band]] per filter" in " ".join(cbox("hyperspectral", "--help")[1].split())
+
+
+def test_help_of_the_program_cuts_no_sentence(cbox):
+    code, out, _ = cbox("--help")
+    assert code == 0 and "..." not in out.replace("[ARGS]...", "")
+
+
+def test_every_command_can_be_quiet_and_verbose(cbox):
+    for command in app.registered_commands:
+        out = cbox(command.callback.__name__, "--help")[1]
+        assert "--quiet" in out and "--verbose" in out
+
+
+def test_commands_with_results_write_json(cbox):
+    silent = {"demo", "export", "studio"}
+    for command in app.registered_commands:
+        name = command.callback.__name__
+        assert name in silent or "--json" in cbox(name, "--help")[1], name
+
+
+def test_the_version(cbox):
+    from importlib.metadata import version
+
+    assert cbox("--version") == (0, f"cbox {version('cboxlab')}\n", "")
+
+
+def test_quiet_prints_nothing_but_errors(tmp_path, cbox):
+    assert cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.1", "--quiet") == (0, "", "")
+    code, out, err = cbox("add", tmp_path / "m.toml", "gost", "--quiet")
+    assert (code, out) == (2, "") and err.startswith("error: ")
+    assert cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.1")[1] != ""  # the next one is loud again
+
+
+def test_json_on_standard_output_stands_alone(tmp_path, cbox):
+    code, out, err = cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.1", "--json", "-")
+    assert code == 0 and json.loads(out)["added"] == {
+        "effect": "ghost", "parameters": {"fraction": 0.1}, "sigma": {},
+    }  # fmt: skip
+    assert "added ghost" in err
+    assert "{" not in cbox("effects", "ghost")[1]
+
+
+def test_json_of_a_comparison_is_that_of_its_folder(tmp_path, cbox):
+    arguments = ("--out", tmp_path / "maps", "--json", tmp_path / "c.json")
+    assert cbox("compare", DEMO_CAPTURE, DEMO_CAPTURE, *arguments)[0] == 0
+    written = json.loads((tmp_path / "c.json").read_text())
+    assert written == json.loads((tmp_path / "maps" / "comparison.json").read_text())
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+@pytest.mark.parametrize("count", [1, 4, 16])
+def test_numbers_of_a_table_are_never_cut(width, count, monkeypatch):
+    """Sixteen bands in a terminal of 80 signs were columns of dots."""
+    monkeypatch.setattr(console, "width", width)
+    names = ["back", "a block, " * 9 + "the last"]
+    bands, cells = [f"b{i}" for i in range(count)], [[f"{i}{row}.2345" for i in range(count)] for row in "17"]
+    table = data_table("Bands", "surface", *bands)
+    for name, row in zip(names, cells, strict=True):
+        table.add_row(name, *row)
+    with console.capture() as printed:
+        print_table(table)
+    lines = printed.get().splitlines()
+    words = " ".join(lines).split()
+    assert max(map(len, lines)) <= width
+    assert sorted(word for word in words if word in bands) == sorted(bands)
+    assert sorted(word for word in words if ".2345" in word) == sorted(cells[0] + cells[1])
+    assert words.count("Bands") == 1 and words.count("back") == words.count("surface") == words.count("last")
+    assert words.count("back") == 1 or (width, count) in ((40, 16), (80, 16), (40, 4))
+
+
+def test_numbers_that_are_not_finite_become_null(tmp_path):
+    give_json(tmp_path / "a.json", {"a": [float("nan"), 1.0], "b": {"c": float("inf")}, "d": tmp_path})
+    assert json.loads((tmp_path / "a.json").read_text()) == {
+        "a": [None, 1.0], "b": {"c": None}, "d": str(tmp_path),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "near"),
+    [
+        (["validat"], "validate"),
+        (["validate", "x", "--modle", "y"], "--model"),
+        (["effects", "glare"], "veiling-glare"),
+        (["effects", "defocuss"], "defocus"),
+        (["add", "m.toml", "ghost", "fracton=0.1"], "'fraction'"),
+    ],
+)
+def test_a_mistyped_name_gets_a_suggestion(arguments, near, cbox, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = cbox(*arguments)
+    assert code == 2 and near in err and not list(tmp_path.iterdir())
+
+
+def test_the_catalogue_is_a_page(cbox):
+    """One line for each effect, of at most 80 characters."""
+    lines = cbox("effects")[1].splitlines()
+    assert max(map(len, lines)) <= 80 and len(lines) <= 50
+
+
+def test_effects_complete_in_the_shell():
+    assert complete_effect("lamp-d") == ["lamp-directional", "lamp-drift"]
+
+
+def test_options_of_all_commands_reach_none_of_them():
+    """A command is called with its own arguments alone."""
+    seen = []
+
+    def greet(name: str, *, loud: bool = False) -> None:
+        """Greet."""
+        seen.append((name, loud))
+
+    with pytest.raises(SystemExit):
+        command_line("A program.", [greet])(args=["greet", "Ann", "--loud", "--verbose"])
+    assert seen == [("Ann", True)]

@@ -1,0 +1,52 @@
+"""Pictures of the published box with noise made up, so that thousands of pairs cost no rendering."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from cboxlab.rendering.integrators import render
+from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
+
+SIZE = 48
+WAVELENGTHS = np.arange(420.0, 701.0, 40.0)
+
+
+@cache
+def rendered(max_bounces=None):
+    """(y, x, w) radiance with little noise, and the surface map."""
+    image = render(
+        cornell_box(),
+        cornell_camera(SIZE),
+        WAVELENGTHS,
+        samples=64,
+        batches=2,
+        seed=5,
+        max_bounces=max_bounces,
+    )
+    mean, _ = image.project(np.eye(WAVELENGTHS.size))
+    surface = image.surface.astype(int)
+    return mean, SurfaceMap(surface, image.surface_names, surface == -1)
+
+
+def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, stated=True, mapped=True):
+    """One side: a picture with skewed noise, nearly the same at all wavelengths, in a few batches.
+
+    noise : relative, of a pixel. tails : part of the samples that are eight times as noisy. fireflies : part of the
+    pixels with a Cauchy distributed excess of the mean radiance's scale.
+    """
+    rng = np.random.default_rng(seed)
+    clean, surfaces = rendered()
+    clean = clean if picture is None else picture
+    shape = (batches, *clean.shape[:2])
+    common = (rng.standard_gamma(1.0, shape) - 1) * np.where(rng.random(shape) < tails, 8.0, 1.0)
+    own = 0.15 * rng.standard_normal((*shape, clean.shape[2]))
+    values = clean * (1 + noise * np.sqrt(batches) * (common[..., None] + own))
+    hit = rng.random(clean.shape[:2]) < fireflies
+    values = values + np.where(hit, rng.standard_cauchy(hit.shape), 0.0)[..., None] * clean.mean()
+    mean = values.mean(axis=0).astype(np.float32).astype(float)
+    variance = values.var(axis=0, ddof=1) / batches
+    side = Side(f"picture {seed}", WAVELENGTHS, mean, variance, batches - 1.0, surfaces)
+    if not stated:
+        side = replace(side, variance=None, degrees=0.0)
+    return side if mapped else replace(side, surfaces=None)

@@ -1,0 +1,53 @@
+"""Closed forms against each other, and our integrators against them; the full run is `cbox renderers --references`."""
+
+import numpy as np
+import pytest
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.validation.compare_renders.renderers.closed_forms import (
+    corner_to_rectangle,
+    disk_above,
+    parallel_squares,
+    perpendicular_rectangles,
+    point_to_polygon,
+)
+from cboxlab.validation.compare_renders.renderers.enclosure import FACES, cube_radiosity
+from cboxlab.validation.compare_renders.renderers.references import measure_references
+
+
+def test_lamberts_polygon_is_the_catalogues_rectangle_and_disk():
+    """From a point to a rectangle with one corner straight above, and to a disk as a polygon of 4000 corners."""
+    rectangle = [[0.0, 2.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.0, 0.7], [0.0, 2.0, 0.7]]
+    up = [0.0, 1.0, 0.0]
+    assert point_to_polygon(np.zeros(3), up, rectangle) == pytest.approx(
+        corner_to_rectangle(1.5, 0.7, 2.0), rel=1e-9
+    )
+    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    ring = np.stack([3 * np.cos(angle), np.full(4000, 2.0), 3 * np.sin(angle)], axis=1)
+    assert point_to_polygon(np.zeros(3), up, ring) == pytest.approx(disk_above(3.0, 2.0), rel=1e-5)
+
+
+def test_the_walls_of_a_cube_take_all_light_of_one():
+    """Five form factors of one face add up to 1: one opposed, four at right angles."""
+    assert parallel_squares(1.0) + 4 * perpendicular_rectangles(1.0, 1.0) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_radiosity_of_a_white_cube_is_its_lamps():
+    assert cube_radiosity(dict.fromkeys(FACES, 1.0), "ceiling", 8) == pytest.approx(
+        dict.fromkeys(FACES, 1.0), abs=1e-9
+    )
+
+
+def test_radiosity_of_a_nearly_black_cube_is_direct_light():
+    """Reflectance e: the floor has e F(parallel) and the walls e F(perpendicular), up to e squared."""
+    found = cube_radiosity(dict.fromkeys(FACES, 1e-6), "ceiling", 8)
+    assert found["floor"] / 1e-6 == pytest.approx(parallel_squares(1.0), rel=1e-5)
+    for wall in ("left", "right", "front", "back"):
+        assert found[wall] / 1e-6 == pytest.approx(perpendicular_rectangles(1.0, 1.0), rel=1e-5)
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+@pytest.mark.parametrize("name", ["polygon lamp", "perpendicular squares", "camera"])
+def test_our_integrators_pass_their_references(name):
+    """Within 0.05 % and five standard errors, whose false alarms are below 1 in 100 (7 degrees of freedom, 8 tests)."""
+    for measured in measure_references((name,), effort=0.05):
+        assert abs(measured.difference) < 5e-4 + 5 * measured.sigma and measured.sigma < 2e-3, measured

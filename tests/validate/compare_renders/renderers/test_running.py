@@ -1,0 +1,27 @@
+"""Two runs of a renderer in one folder of an export."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+from cboxlab.validation.compare_renders.renderers import run_renderer, running
+
+#: What the scripts of exports do: a part of a picture, and its name when it is whole.
+SCRIPT = """
+import os, time
+if not os.path.exists("picture"):
+    open("part", "w").write("half")
+    time.sleep(0.5)
+    os.replace("part", "picture")
+"""
+
+
+def test_the_second_run_waits_and_finds_the_picture_made(monkeypatch, tmp_path):
+    """Run at once, both would rename one part: the second would find none."""
+    plain = running.FORMATS["mitsuba"]
+    monkeypatch.setattr(running, "FORMATS", {"mitsuba": replace(plain, command=("{python}", "-c", SCRIPT))})
+    monkeypatch.setattr(running, "missing", lambda renderer: "")
+    (tmp_path / "mitsuba").mkdir()
+    with ThreadPoolExecutor(2) as both:
+        runs = [both.submit(run_renderer, tmp_path, "mitsuba") for _ in range(2)]
+        assert all(run.result().renderer == "mitsuba" for run in runs)
+    assert [path.name for path in (tmp_path / "mitsuba").iterdir()] == ["picture"]

@@ -1,0 +1,184 @@
+"""Things in one place: where they are looked for, and the odds of what they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.explain import explain
+from cboxlab.validation.diagnose.explain.sensor_forms import sensor_forms
+from cboxlab.validation.diagnose.explain.spot_cells import hot_spot, spot_of_one_band
+from cboxlab.validation.diagnose.explain.spots import fits_the_place
+from cboxlab.validation.diagnose.explain.surface_forms import surface_forms
+from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
+
+
+def _spot(x, y, radius):
+    return np.exp(-((COLUMNS - x) ** 2 + (ROWS - y) ** 2) / (2 * radius**2))
+
+
+def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
+    of_one = 70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None]
+    excess = small_excess(of_one + 80.0 * _spot(36, 20, 2))
+    everywhere, alone = hot_spot(excess), spot_of_one_band(excess)
+    assert everywhere[20, 36] and not everywhere[10, 12]
+    assert alone[10, 12] and not alone[20, 36]
+
+
+def test_where_one_band_is_off_nothing_is_fitted_to_all_bands():
+    excess = small_excess(70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None])
+    spot = spot_of_one_band(excess)
+    alone, both = (
+        [form for form in sensor_forms(excess, *spots) if form.local]
+        for spots in ((None, spot), (spot, spot))
+    )
+    assert {form.words for form in alone} == {"a spot in one band"}
+    assert {form.words for form in both} == {"a spot", "a spot in one band"}
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(sign):
+    def odds(x, y):
+        excess = small_excess(np.broadcast_to(sign * 60.0 * _spot(x, y, 3), (BANDS, SIZE, SIZE)))
+        forms = sensor_forms(excess, hot_spot(excess), None)
+        glow = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
+        return fits_the_place(excess, glow, soft=True)
+
+    corner, inside = odds(0, SIZE - 1), odds(20, 20)
+    assert inside < corner
+    assert (corner == 0) == (sign == 1)
+
+
+def test_a_stain_is_seen_in_more_than_one_band():
+    def odds(bands, words):
+        excess = small_excess(-0.08 * SIGNAL * _spot(20, 20, 3) * bands[:, None, None])
+        forms = sensor_forms(excess, hot_spot(excess), None)
+        gain = next(f for f in forms if (f.family, f.words) == ("sensor-gain", words))
+        return fits_the_place(excess, replace(gain, family="reflectance-map"), soft=False)
+
+    assert odds(np.eye(BANDS)[2], "a spot in one band") < odds(np.ones(BANDS), "a spot") == 0
+
+
+def test_light_makes_no_place_darker():
+    def odds(shape):
+        excess = small_excess(np.broadcast_to(60.0 * shape, (BANDS, SIZE, SIZE)))
+        forms = sensor_forms(excess, hot_spot(excess), None)
+        added = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
+        return fits_the_place(excess, replace(added, family="reflection-lobe"), soft=True)
+
+    bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)  # lit on one side, turned from the light on the other
+    assert odds(bulge) < odds(_spot(22, 18, 3)) == 0
+
+
+def _line(x_of_row, depth, end=44):
+    """(y, x) part of each pixel that a thin line before wall and floor covers, down to a row."""
+    at = x_of_row(ROWS[:, :1].astype(float))
+    return depth * np.clip(1 - np.abs(COLUMNS - at), 0.0, 1.0) * (ROWS > 18) * (ROWS < end)
+
+
+@pytest.mark.parametrize(
+    ("x_of_row", "end", "family"),
+    [
+        (lambda y: 30 - 0.08 * y, 44, "object"),  # a thread
+        (lambda y: 30 + 0 * y, 44, "object"),  # a wire that hangs
+        (lambda y: 30 + 0 * y, SIZE, "sensor-gain"),  # a column from a trap on
+        (lambda y: 20 + 0.02 * (y - 31) ** 2, 44, "sensor-gain"),  # a bent hair
+    ],
+)
+def test_a_thin_straight_line_is_a_thing_in_the_scene_but_for_a_column_up_to_a_side(x_of_row, end, family):
+    line = _line(x_of_row, 0.12, end)
+    found = explain(small_excess(line * (100.0 - SIGNAL)))
+    assert found.family == family
+    assert found.share > 0.8
+
+
+def test_a_bump_that_is_lit_on_one_side_is_no_light():
+    bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)
+    found = explain(small_excess(0.06 * bulge * SIGNAL))
+    assert (found.family, found.surface) == ("reflectance-map", "wall")
+    assert "bump" in found.words
+
+
+def test_a_thin_straight_line_in_one_band_alone_is_on_that_bands_filter():
+    line = _line(lambda y: 30 - 0.08 * y, 0.22)
+    found = explain(small_excess(-line * SIGNAL * np.eye(BANDS)[2][:, None, None]))
+    assert (found.family, found.bands) == ("sensor-gain", ("b2",))
+
+
+def test_a_primer_that_shows_through_paint_is_no_light():
+    """In the blue the place is many times brighter, as no light without any red would make it."""
+    excess = small_excess(np.zeros(SIGNAL.shape))
+    red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
+    transport = replace(excess.transport, reflectance=np.array([red, white]))
+    shown = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
+    found = explain(replace(small_excess(SIGNAL * shown), transport=transport))
+    assert (found.family, found.words, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
+    assert found.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
+
+
+def test_a_dark_rod_is_no_coat_however_strong_it_is():
+    """Coats have fewer numbers than an outline and a radiance, by more the more there is to explain."""
+    rod = np.clip(1.6 - np.abs(COLUMNS - 25 - 0.05 * ROWS), 0, 1) * (ROWS > 14) * (ROWS < 26)
+    excess = small_excess(0.6 * rod * (60.0 - SIGNAL))
+    coats = [f for f in surface_forms(excess, hot_spot(excess)) if f.local and f.mirrored is not None]
+    assert coats
+    assert all(fits_the_place(excess, coat, soft=False) == -coat.fit.gain for coat in coats)
+
+
+@pytest.mark.parametrize("family", ["extra-light", "object"])
+def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(family):
+    """Both have outlines. Daylight on a red floor leaves it red; a thing there has a colour of its own."""
+    excess = small_excess(np.zeros(SIGNAL.shape))
+    red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
+    transport = replace(excess.transport, reflectance=np.array([red, white]))
+    place = (np.abs(ROWS - 36) < 3) & (np.abs(COLUMNS - 22) < 8)
+    daylight = 0.5 * (excess.nm / 550) ** -3
+    grey = 0.7 * 0.8 / red - 1
+    more = {"extra-light": daylight, "object": np.minimum(grey, 4.0)}[family]
+    found = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
+    assert found.family == family
+
+
+@pytest.mark.parametrize(("part", "family"), [(0.5, "object"), (2.5, "extra-light")])
+def test_no_thing_is_much_brighter_than_a_white_one(part, family):
+    """On paint of 0.7, in the light's own colour, a thing would need a reflectance of 1.05 or 2.45."""
+    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    assert explain(small_excess(part * SIGNAL * place)).family == family
+
+
+@pytest.mark.parametrize(("blue", "family"), [(0.05, "extra-light"), (-0.05, "reflectance-map")])
+def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
+    """Brighter in all bands it may be lit, and paint is the runner-up."""
+    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    change = np.array([blue, blue, 0.1, 0.1])
+    found = explain(small_excess(SIGNAL * place * change[:, None, None]))
+    assert found.family == family
+
+
+@pytest.mark.parametrize("spectrum", [np.full(BANDS, 0.2), np.array([0.4, 0.2, 0.1, 0.05])])
+def test_a_stain_has_a_spectrum_only_where_it_shows_one(spectrum):
+    """One number for each band further is paid for; grey dirt does not need them."""
+    excess = small_excess(-SIGNAL * _spot(33, 40, 3) * spectrum[:, None, None])
+    stain = next(f for f in surface_forms(excess, hot_spot(excess)) if f.words == "a stain")
+    sizes = np.abs(stain.fit.coefficients).max(axis=1)
+    assert sizes / sizes[0] == pytest.approx(spectrum / spectrum[0], rel=0.15)
+    assert (np.ptp(sizes) == 0) == (np.ptp(spectrum) == 0)
+
+
+def test_light_through_a_seam_that_shows_on_one_wall_alone_is_no_stain():
+    """Beside a corner the place that is searched has a part of the floor, too, whose numbers light need not pay for."""
+    line = np.exp(-np.abs(ROWS - 29.0)) * ~FLOOR * (np.abs(COLUMNS - 30) < 9)
+    found = explain(small_excess(SIGNAL * line * np.array([0.5, 0.2, 0.1, 0.06])[:, None, None]))
+    assert (found.family, found.surface) == ("extra-light", "wall")
+    assert found.runner_up == "reflectance-map" and not found.told_apart
+
+
+@pytest.mark.parametrize(
+    ("parts", "likelier"),
+    [((0.08, 0.07, 0.065, 0.06), "reflectance-map"), ((0.12, 0.09, 0.05, 0.02), "extra-light")],
+    ids=["fresh paint", "bluer light"],
+)
+def test_other_light_has_another_colour_and_fresh_paint_brightens_all_bands_alike(parts, likelier):
+    excess = small_excess(np.reshape(parts, (BANDS, 1, 1)) * SIGNAL * _spot(20, 20, 3))
+    forms = surface_forms(excess, hot_spot(excess))
+    odds = {form.family: fits_the_place(excess, form, soft=False) for form in forms if form.local}
+    assert odds[likelier] == 0 > min(odds["reflectance-map"], odds["extra-light"])

@@ -1,0 +1,96 @@
+"""What maps on surfaces change, against the radiosity solved anew with the reflectance or the light changed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.explain import field
+from cboxlab.validation.diagnose.explain.surface_bases import lamp_dn, surface_maps
+from helpers.small_excess import SIGNAL, small_excess
+
+STEP = 1e-3
+PATCH_LIGHT, LIGHT = np.array([0.3, 0.1, 0.5, 0.4]), 0.6
+
+
+def picture(transport, band, fragment_factor=1.0, patch_factor=1.0, fragment_light=0.0, patch_light=0.0):
+    """(pixel,) radiance with reflectances times the factors and light added, and what arrives at patches and pixels."""
+    t = transport
+    patch_rho = t.reflectance[t.patch_material, band] * patch_factor
+    first = PATCH_LIGHT + patch_light
+    system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
+    radiance = np.linalg.solve(system, patch_rho * first)
+    arriving = LIGHT + fragment_light + t.gather @ radiance
+    rho = t.reflectance[t.material, band] * fragment_factor
+    return t.coverage * rho * arriving, first + t.form_factors @ radiance, arriving
+
+
+@pytest.fixture(scope="module")
+def excess():
+    plain = small_excess(np.zeros(SIGNAL.shape))
+    each = [picture(plain.transport, band)[1:] for band in range(len(plain.bands))]
+    patches, pixels = (np.array(one).T for one in zip(*each, strict=True))
+    return replace(plain, transport=replace(plain.transport, arriving=pixels, patch_arriving=patches))
+
+
+def test_maps_change_the_picture_as_a_new_solution_does(excess):
+    maps, t, band = surface_maps(excess), excess.transport, 2
+    some = [0, 1, len(maps.waves) - 2]
+    dn = lamp_dn(excess, band)
+    seen = maps.seen(some)
+    found = {"reflectance": maps.reflectance(band, some), "light": maps.light(band, some)}
+    for row, k in enumerate(some):
+        on_fragments = np.where(t.surface == maps.surface[k], maps.waves[k].at(t.position), 0.0)
+        on_patches = np.where(t.patch_surface == maps.surface[k], maps.waves[k].at(t.patch_position), 0.0)
+        np.testing.assert_allclose(seen[row], on_fragments, rtol=1e-6)
+        both = {
+            "reflectance": [
+                picture(t, band, 1 + sign * STEP * on_fragments, 1 + sign * STEP * on_patches)[0]
+                for sign in (1, -1)
+            ],
+            "light": [
+                picture(
+                    t, band, fragment_light=sign * STEP * on_fragments, patch_light=sign * STEP * on_patches
+                )[0]
+                for sign in (1, -1)
+            ],
+        }
+        for what, (more, less) in both.items():
+            exact = dn * (more - less) / (2 * STEP)
+            np.testing.assert_allclose(found[what][row], exact, rtol=1e-4, atol=1e-4 * np.abs(exact).max())
+
+
+def test_normal_equations_are_the_same_from_blocks_of_pixels(excess, monkeypatch):
+    columns = surface_maps(excess).reflectance(1, range(5))
+    whole = field.normal(excess, columns, 1)
+    monkeypatch.setattr(field, "_TOGETHER", 501)
+    for one, other in zip(whole, field.normal(excess, columns, 1), strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+
+
+def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the_view(excess):
+    """Paint 1 reflects as known at 0, 15 .. 90 degrees, with straight lines between; what it lights follows."""
+    t, band = excess.transport, 2
+    t = replace(
+        t,
+        direct=np.full(t.arriving.shape, LIGHT),
+        patch_direct=np.repeat(PATCH_LIGHT[:, None], len(excess.bands), 1),
+    )
+    degrees, knots = np.linspace(0, 90, 7), np.eye(7)
+    excess = replace(excess, transport=t)
+    dn, own = lamp_dn(excess, band), t.material == 1
+    found = surface_maps(excess).lobe(band, 1)
+    rho, patch_rho = t.reflectance[t.material, band], t.reflectance[t.patch_material, band]
+    system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
+    assert len(found) == 15
+    for at_angle, by_view, by_incidence in zip(knots, found[:7], found[8:], strict=True):
+        view, incidence, of_patches = (
+            np.interp(np.degrees(np.arccos(cosine)), degrees, at_angle)
+            for cosine in (t.view, t.incidence, t.patch_incidence)
+        )
+        exact = own * (view - view[own].mean()) * t.arriving[:, band]
+        np.testing.assert_allclose(by_view, dn * rho * exact, atol=1e-4 * dn)
+        brighter = np.linalg.solve(system, patch_rho * PATCH_LIGHT * of_patches * (t.patch_material == 1))
+        exact = own * incidence * LIGHT + t.gather @ brighter
+        np.testing.assert_allclose(by_incidence, dn * rho * exact, atol=1e-4 * dn)
+    both = t.view * t.incidence
+    np.testing.assert_allclose(found[7], dn * rho * own * (both - both[own].mean()) * LIGHT, atol=1e-4 * dn)

@@ -1,0 +1,1 @@
+"""The program that a person starts: commands, their output in the terminal, the workbench."""

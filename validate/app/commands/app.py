@@ -1,0 +1,110 @@
+"""All commands of ``cbox``. Bad input ends with one message and exit code 2."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import Cancelled
+from rich.text import Text
+
+from ..terminal import command_line, this_run
+from . import batch as commands_batch
+from . import diagnosis as commands_diagnosis
+from . import forward as commands_forward
+from . import hyperspectral as commands_hyperspectral
+from . import measured as commands_measured
+from . import model as commands_model
+from . import regression as commands_regression
+from . import renderers as commands_renderers
+from . import sensor as commands_sensor
+from .console import errors
+
+__all__ = ["app", "run"]
+
+app = command_line(
+    "How far a physically based rendering is from the real thing, where, and why.",
+    (
+        commands_measured.demo,
+        commands_measured.validate,
+        commands_measured.calibrate,
+        commands_hyperspectral.hyperspectral,
+        commands_measured.compare,
+        commands_measured.verify,
+        commands_batch.batch,
+        commands_diagnosis.diagnose,
+        commands_diagnosis.studio,
+        commands_regression.regress,
+        commands_renderers.export,
+        commands_renderers.renderers,
+        commands_forward.render,
+        commands_sensor.simulate,
+        commands_forward.capture,
+        commands_forward.reveal,
+        commands_model.add,
+        commands_model.effects,
+    ),
+)
+
+
+def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> None:
+    """Run one command. arguments : default those of sys.argv. pressed : Ctrl-C, as often as until now (``cli.main``).
+
+    Exit codes: 0 done, 1 a check failed, 2 bad input, 3 an error of the program (with a trace file), 130 interrupted.
+    """
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    this_run.begin(given)
+    try:
+        _require_letters(given)
+        app(prog_name="cbox", args=given)
+    except InputError as error:
+        _fail(str(error))
+    except Cancelled:
+        errors.print("stopped; no unfinished file is left")
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of the output has gone; results are in their files
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        _fail(f"{error.filename or 'a file'}: {error.strerror or error}")
+    except MemoryError:
+        _fail("the input needs more memory than there is: a smaller picture or fewer wavelengths")
+    except (KeyboardInterrupt, Exception) as error:
+        if isinstance(error, KeyboardInterrupt) or pressed:
+            errors.print("interrupted")
+            sys.exit(130)
+        _report_fault(error)
+
+
+def _require_letters(arguments: Sequence[str]) -> None:
+    """Raises InputError for names that the locale cannot read: libraries for picture files refuse them later."""
+    for name in arguments:
+        if any("\ud800" <= letter <= "\udfff" for letter in name):
+            encoding = sys.getfilesystemencoding()
+            found = f"bytes that are no letters in the locale's encoding, {encoding}"
+            raise InputError(
+                name, found, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file."
+            )
+
+
+def _report_fault(error: Exception) -> None:
+    """Keep the trace of a fault of the program in a file, and say in one line where it is."""
+    if this_run.verbose:
+        traceback.print_exception(error)
+    handle, name = tempfile.mkstemp(prefix="cboxlab-trace-", suffix=".txt")
+    with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as trace:
+        trace.write(f"cbox {' '.join(sys.argv[1:])}\n\n")
+        traceback.print_exception(error, file=trace)
+    message = (
+        f"{type(error).__name__}: {str(error)[:200]}. This is a fault of the program: please send {name}"
+    )
+    errors.print(Text.assemble(("fault: ", "bold red"), message), soft_wrap=True)
+    sys.exit(3)
+
+
+def _fail(message: str) -> None:
+    errors.print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
+    sys.exit(2)

@@ -1,0 +1,119 @@
+"""The commands diagnose, which finds missing effects, and studio, where one looks for them by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from cboxlab.utils.errors import InputError
+
+from .console import (
+    DeclareOption,
+    JsonOption,
+    bar,
+    declared_files,
+    give_json,
+    model_for,
+    options,
+    require_folder,
+    say,
+)
+from .measured import NoCacheOption, RenderOption
+
+__all__ = ["diagnose", "studio"]
+
+
+def diagnose(
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="capture...",
+            help="A folder of the capture format (capture.toml). Further captures of the same box (other exposures, "
+            "apertures, places of the camera) decide between causes that the first one cannot tell apart.",
+            show_default=False,
+        ),
+    ],
+    *,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
+    ] = None,
+    json: JsonOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for report.html, metrics.json, maps and the final model.toml.")
+    ] = None,
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
+    declare: DeclareOption = None,
+) -> None:
+    """Find the physical effects that the model lacks, add them, and show how the error decreases."""
+    from cboxlab.rendering.device import variant
+
+    from ...api import diagnose as run
+    from ...api import write_manifest
+    from ...predict import default_cache
+    from .summary import print_diagnosis, print_failures, print_suspicions
+
+    if out is not None:
+        require_folder(out)
+    declared = declared_files(declare)
+    chosen, cache = model_for(model, captures), None if no_cache else default_cache()
+    variant.require_compiled("cbox diagnose")
+    with options(render="--render"), bar("calibrating") as report:
+        result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        if out is not None:
+            report.stage("writing the report")
+            inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]
+            write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
+    print_suspicions(result.validation.prepared.calibration)
+    print_failures(result.validation)
+    print_diagnosis(result.diagnosis)
+    give_json(json, result.to_dict())
+    if out is not None:
+        say(f"Report: {out / 'report.html'}; the final model: {out / 'model.toml'}")
+
+
+def studio(
+    capture: Annotated[
+        Path | None,
+        typer.Argument(help="A folder of the capture format, or of a saved study; others open from the page.",
+                       show_default=False),
+    ] = None,
+    *,
+    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
+    folder: Annotated[
+        Path, typer.Option(help="Captures and models below it can be opened from the page, results saved.")
+    ] = Path(),
+    host: Annotated[str, typer.Option(help="Address to listen at; other machines reach only others.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0 for any free one.", min=0, max=65535)] = 0,
+    no_token: Annotated[bool, typer.Option("--no-token", help="Answer anyone who can reach the address.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address, open no browser.")] = False,
+    no_cache: NoCacheOption = False,
+) -> None:  # fmt: skip
+    """Compare, move effects and see the error follow, live in the browser."""
+    from cboxlab.rendering.device import variant
+
+    from ...predict import default_cache
+
+    try:
+        from ..studio import Workbench, serve
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn"):
+            raise
+        hint = "Install them with: pip install 'cboxlab[studio]'"
+        raise InputError("cbox studio", f"no package {error.name}", "starlette and uvicorn", hint) from None
+    if not folder.is_dir():
+        raise InputError("--folder", f"'{folder}'", "a folder that is there")
+    if capture is not None and not ((capture / "capture.toml").exists() or (capture / "study.json").exists()):
+        raise InputError(
+            capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's"
+        )
+    variant.require_compiled("cbox studio")
+    bench = Workbench(folder.resolve(), None if no_cache else default_cache())
+    serve(
+        bench,
+        None if capture is None else lambda progress: bench.open(capture, model, progress),
+        lambda address: say(f"The workbench: {address}\nCtrl-C ends it."),
+        host=host, port=port, token=not no_token, browser=not no_browser,
+    )  # fmt: skip

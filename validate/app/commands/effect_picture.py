@@ -1,0 +1,83 @@
+"""An effect's signature: the relative change of the picture of the bundled capture in each band."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from cboxlab.rendering.chain import RenderSettings
+from cboxlab.rendering.device import variant
+from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter
+from cboxlab.rendering.model import Model, seen_through
+from cboxlab.rendering.perturbation import warp_change
+from cboxlab.utils.files import replacing
+from matplotlib.figure import Figure
+
+from ...compare import prepare, rendered_from, solved_light
+from ...predict import Predictor
+from ...report import STYLE
+from .demo import DEMO_CAPTURE
+
+__all__ = ["pictured_light", "shown_effect", "write_effect_picture"]
+
+#: Number of steps from the null value for the picture.
+_STEPS = 4.0
+
+
+def shown_effect(effect: Effect) -> AppliedEffect:
+    """The effect at its parameters' examples; without one, a few small steps from null, or the first choice."""
+
+    def value(p: Parameter) -> str | float:
+        if p.example is not None:
+            return p.example
+        if p.choices:
+            return p.choices[0]
+        if p.null is None:
+            return p.default if p.default is not None else 0.5 * (p.low + p.high)
+        return p.from_coordinate(p.null_coordinate + _STEPS * p.coordinate_step)
+
+    return AppliedEffect(effect, {p.name: value(p) for p in effect.parameters})
+
+
+def pictured_light() -> Predictor:
+    """The light of the bundled capture in the published box, whose change the pictures show.
+
+    Raises InputError without a compiled variant.
+    """
+    variant.require_compiled("--picture")
+    prepared = prepare(DEMO_CAPTURE, Model())
+    settings = RenderSettings(noise=1.0)
+    light = solved_light(prepared, settings, ())
+    return rendered_from(prepared, light, prepared.calibrated_camera, settings, ()).predictor
+
+
+def write_effect_picture(path: Path, effect: Effect, predictor: Predictor, dpi: int = 110) -> str:
+    """Write the picture and return the effect's values as text. predictor : see ``pictured_light``."""
+    bands = predictor.sensing.curves.bands
+    applied = shown_effect(effect)
+    base = predictor.signal(())
+    dark = base <= 0
+    # what the ten parameters do not describe is in the signal already
+    there = replace(seen_through(predictor.camera, (applied,)), further_distortion=None)
+    altered = predictor.signal((applied,)) + warp_change(predictor.warp, there)
+    change = 100 * (altered / np.where(dark, 1.0, base) - 1)
+    change[dark] = np.nan
+    order = np.argsort(predictor.effective_nm)
+    told = ", ".join(
+        f"{k} = {v if isinstance(v, str) else format(v, 'g')}" for k, v in applied.values.items()
+    )
+    reach = max(float(np.nanpercentile(np.abs(change), 98)), 1e-6)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(2.0 * len(bands), 2.9), layout="constrained")
+        axes = figure.subplots(1, len(bands))
+        for axis, index in zip(axes, order, strict=True):
+            shown = axis.imshow(change[index], cmap="RdBu_r", vmin=-reach, vmax=reach)
+            axis.set(xticks=[], yticks=[])
+            axis.set_title(bands[index])
+        figure.colorbar(shown, ax=axes, label="change, %", shrink=0.8)
+        figure.suptitle(f"{effect.id}: {told}")
+        with replacing(path) as temporary:
+            figure.savefig(temporary, format="png", dpi=dpi)
+    return told

@@ -1,0 +1,157 @@
+"""The command simulate: from spectral cubes to raw frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from cboxlab.utils.errors import InputError
+
+from .console import (
+    DeclareOption,
+    JsonOption,
+    bar,
+    declared_files,
+    give_json,
+    options,
+    positive_number,
+    require_folder,
+    say,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from cboxlab.rendering.sensor import SensorCamera
+
+__all__ = ["simulate"]
+
+#: Placeholder in --out and --preview for the name of each cube's file.
+NAME = "{name}"
+
+# Share of saturated pixels that is told.
+_MUCH_SATURATED = 0.5
+
+
+def simulate(
+    cubes: Annotated[
+        list[Path],
+        typer.Argument(metavar="CUBE...", help="Spectral cubes: .nc, .exr or .hdr.", show_default=False),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Raw frame: .tif (16-bit counts) or .dng; without ending, a capture folder with darks and flats. "
+            "{name} is replaced by the cube's name, for several cubes.",
+            show_default=False,
+        ),
+    ],
+    *,
+    camera: Annotated[
+        str,
+        typer.Option(
+            help="dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2, or a camera file (TOML)."
+        ),
+    ] = "dcs200",
+    exposure: Annotated[str, typer.Option(help="Seconds (0.5 or 1/30), or auto.")] = "auto",
+    f_number: Annotated[
+        str | None, typer.Option("--f-number", help="Working f-number, instead of the camera's.")
+    ] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="Filter, for a camera with several filters and no mosaic.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise; each further cube uses the next.", min=0)] = 0,
+    preview: Annotated[Path | None, typer.Option(help="A demosaiced picture (PNG).")] = None,
+    declare: DeclareOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Simulate raw sensor output from spectral cubes."""
+    from cboxlab.rendering.files import declared_for, files_of, open_cube, require_used, stated_in
+    from cboxlab.rendering.sensor import load_camera
+
+    targets, pictures = _targets(cubes, out, ("", ".tif", ".tiff", ".dng")), [None] * len(cubes)
+    if preview is not None:
+        pictures = _targets(cubes, preview, (".png",))  # type: ignore[assignment]
+    if channel is not None and not out.suffix:
+        raise InputError(
+            "--channel", f"'{channel}' with a capture folder", "none: a capture takes every channel"
+        )
+    if preview is not None and not out.suffix:
+        raise InputError("--preview", "a picture of a capture folder", "one frame, --out .tif or .dng")
+    sensor = load_camera(camera)
+    if f_number is not None:
+        sensor = sensor.at_f_number(positive_number(f_number, "--f-number"))
+    seconds = None if exposure == "auto" else positive_number(exposure, "--exposure")
+    declared = declared_files(declare)
+    lines, frames = [], []
+    with options(), bar("simulating") as report:
+        for index, (path, target, picture) in enumerate(zip(cubes, targets, pictures, strict=True)):
+            with open_cube(path, declared) as cube:
+                require_used(declared, declared_for(cube), stated_in(cube))
+                try:
+                    told, record = _one(
+                        cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,
+                        inputs=[*files_of(path), Path(camera)],
+                    )  # fmt: skip
+                except InputError as fault:
+                    where = str(fault.where).replace("cube:", f"{path}:", 1)
+                    raise InputError(where, fault.found, fault.expected, fault.hint) from None
+            lines += told
+            frames.append({"cube": path, **record})
+            report.part((index + 1) / len(cubes))
+    for line in lines:
+        say(line)
+    give_json(json, {"frames": frames})
+
+
+def _targets(cubes: list[Path], pattern: Path, endings: tuple[str, ...]) -> list[Path]:
+    """The output path of each cube. Raises InputError for another ending, and for equal paths."""
+    if pattern.suffix.lower() not in endings:
+        known = " or ".join(ending or "none (a folder)" for ending in endings)
+        raise InputError(pattern, f"the ending '{pattern.suffix}'", known)
+    targets = [Path(str(pattern).replace(NAME, cube.stem)) for cube in cubes]
+    if len(set(targets)) < len(targets):
+        raise InputError(
+            pattern, f"one path for {len(cubes)} cubes", f"{NAME} in the path, and cubes with different names"
+        )
+    for target in targets:
+        require_folder(target.parent)
+    return targets
+
+
+def _one(
+    cube: xr.Dataset,
+    name: str,
+    target: Path,
+    picture: Path | None,
+    camera: SensorCamera,
+    exposure_s: float | None,
+    channel: str | None,
+    *,
+    seed: int,
+    inputs: list[Path],
+) -> tuple[list[str], dict[str, Any]]:
+    """One cube's files, what to tell of them, and the same as a record."""
+    from cboxlab.rendering.synthetic import write_cube_capture
+    from cboxlab.utils.files import replacing_folder
+
+    from ...api import simulate as run
+    from ...api import write_manifest
+
+    if not target.suffix:
+        with replacing_folder(target) as whole:
+            write_cube_capture(whole, cube, camera, exposure_s, seed, name)
+            write_manifest(whole, [*whole.iterdir()], inputs, seed=seed)
+        return [f"Capture: {target} ({camera.name})"], {"capture": target, "camera": camera.name}
+    frame = run(cube, camera, exposure_s=exposure_s, channel=channel, seed=seed)
+    frame.write_counts(target)
+    counts = f"{frame.counts.min()} to {frame.counts.max()} DN"
+    told = [f"Raw frame: {target} ({camera.name}, {frame.exposure_s:.4g} s, {counts})"]
+    saturated = float((frame.counts >= camera.detector.full_scale_dn).mean())
+    if saturated > _MUCH_SATURATED:
+        told.append(f"• {saturated:.0%} of the pixels are saturated")
+    if picture is not None:
+        frame.write_preview(picture)
+        told.append(f"Preview: {picture}")
+    write_manifest(target, [target], inputs, seed=seed)
+    return told, {"file": target, **frame.to_dict()}

@@ -1,0 +1,62 @@
+"""Starts the workbench's server and the browser."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
+
+import uvicorn
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import Progress
+
+from .app import build_app
+from .workbench import Workbench
+
+__all__ = ["serve"]
+
+_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+_EVERYWHERE = ("0.0.0.0", "::")
+
+
+def serve(
+    bench: Workbench, begin: Callable[[Progress], None] | None, told: Callable[[str], object], *,
+    host: str = "127.0.0.1", port: int = 0, token: bool = True, browser: bool = True,
+) -> None:  # fmt: skip
+    """Serve the workbench until it is interrupted.
+
+    begin : a computation to begin with. told : called with the page's address. host : 127.0.0.1, so that no other
+    machine reaches it, unless told otherwise. port : 0 for any free one. token : whether the address holds a secret,
+    without which nothing is answered. browser : whether to open the page.
+
+    Raises InputError for an address or port that cannot be had.
+    """
+    secret = secrets.token_urlsafe(16) if token else ""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        raise InputError(
+            "studio", f"{host}, port {port} ({error})", "an address of this machine, a free port"
+        ) from None
+    name = f"[{host}]" if ":" in host else host
+    hosts = None if host in _EVERYWHERE else frozenset({name, *_LOOPBACK})
+    shown = "127.0.0.1" if host in _EVERYWHERE else name
+    address = f"http://{shown}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}"
+    told(address)
+    settings = uvicorn.Config(
+        build_app(bench, secret, hosts, begin=begin),
+        log_level="warning",
+        access_log=False,
+        timeout_graceful_shutdown=1,
+    )
+    if browser:
+        threading.Timer(0.5, webbrowser.open, [address]).start()
+    with listening, suppress(KeyboardInterrupt):
+        uvicorn.Server(settings).run(sockets=[listening])

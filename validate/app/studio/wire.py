@@ -1,0 +1,120 @@
+"""What the page is sent: the study in JSON, pictures as 32-bit numbers behind it."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
+
+from ...api import DiagnosisResult
+from ...compare import band_centres
+from ...report import finding_sentences, ranked_values
+from .workbench import Workbench
+
+__all__ = ["catalogue_record", "study_record", "view"]
+
+_MOST_RANKED = 8
+
+#: A slider reaches so many small steps of its parameter from null: light of the room may be as bright as the lamp, and
+#: is looked for at a millionth of that.
+_REACH = 2000
+
+
+def catalogue_record(bench: Workbench) -> list[dict[str, Any]]:
+    """All effects, with the names of the capture and scene at hand among their choices."""
+    return [_effect_record(effect, bench) for effect in catalogue().values()]
+
+
+def study_record(bench: Workbench) -> dict[str, Any]:
+    """Captures, effects with their parameters, figures of the prediction, what was diagnosed."""
+    if not bench.is_open:
+        return {"open": False, "root": str(bench.root)}
+    study, shown = bench.study, bench.shown
+    prediction = bench.prediction
+    fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
+    moved = prepared.expected_camera(shown.effects).motion_px(fit.camera, prepared.scene.corners_mm)
+    return {
+        "open": True, "root": str(bench.root),
+        "captures": [capture.manifest.name or capture.folder.name for capture in study.captures],
+        "capture": bench.capture, "refit": bench.refit, "model": study.model.name,
+        "rendered": prediction.exact, "improvable": bench.improvable,
+        "can_undo": study.history.can_undo, "can_redo": study.history.can_redo,
+        "effects": [_applied_record(effect, bench) for effect in shown.effects],
+        "chi2_per_dof": _number(prediction.chi2.per_dof),
+        "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
+        "lamp_scale": fit.lamp_scale, "camera_moved_px": _number(moved),
+        "diagnosis": None if bench.found is None else _diagnosis_record(bench.found),
+    }  # fmt: skip
+
+
+def view(bench: Workbench) -> bytes:
+    """The study's record (its length in 4 bytes, little-endian, then JSON, padded with spaces to a multiple of 4), then
+    the predicted signals and their sigma, (band, y, x) each, bands in the order of their wavelengths."""
+    record = json.dumps(study_record(bench), allow_nan=False).encode()
+    record += b" " * (-len(record) % 4)
+    parts = [struct.pack("<I", len(record)), record]
+    if bench.is_open:
+        prediction = bench.prediction
+        order = np.argsort(band_centres(prediction.base.validation.prepared.responses), kind="stable")
+        parts += [each[order].astype("<f4").tobytes() for each in (prediction.signal, prediction.sigma)]
+    return b"".join(parts)
+
+
+def _applied_record(applied: AppliedEffect, bench: Workbench) -> dict[str, Any]:
+    return {
+        **_effect_record(applied.effect, bench),
+        "values": {key: v if isinstance(v, str) else _number(v) for key, v in applied.values.items()},
+        "sigma": {key: _number(value) for key, value in applied.sigma.items()},
+    }
+
+
+def _effect_record(effect: Effect, bench: Workbench) -> dict[str, Any]:
+    return {
+        "id": effect.id, "stage": effect.stage, "summary": effect.summary, "confirm": effect.confirm,
+        "parameters": [_parameter_record(p, bench) for p in effect.parameters],
+    }  # fmt: skip
+
+
+def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
+    """coordinate : lowest, null and highest of the slider, in the coordinate of ``scale``; further bounds are typed."""
+    if p.choices:
+        names = {}
+        if bench.is_open:
+            prepared = bench.study.prepared[0]
+            names = names_in(prepared.scene, tuple(prepared.calibration.capture.band_ids))
+        return {"name": p.name, "choices": list(names.get(p.kind, p.choices) if p.kind else p.choices)}
+    low, high = p.coordinate_bounds
+    if math.isinf(high):
+        high = low + 20 * p.step
+    if p.null is not None:
+        reach = _REACH * p.step
+        low, high = max(low, p.null_coordinate - reach), min(high, p.null_coordinate + reach)
+    return {
+        "name": p.name, "choices": [], "unit": "" if p.unit == "1" else p.unit, "scale": p.scale,
+        "low": _number(p.low), "high": _number(p.high), "null": None if p.null is None else _number(p.null),
+        "coordinate": [low, None if p.null is None else p.null_coordinate, high],
+    }  # fmt: skip
+
+
+def _diagnosis_record(found: DiagnosisResult) -> dict[str, Any]:
+    diagnosis = found.diagnosis
+    return {
+        "sentences": finding_sentences(diagnosis), "adequate": diagnosis.adequate,
+        "selected": list(diagnosis.selected),
+        "ranking": [
+            {"id": entry.effect, "values": dict(entry.values), "text": ranked_values(entry),
+             "chi2_per_dof": _number(entry.chi2_per_dof), "probability": entry.probability}
+            for entry in diagnosis.ranking[:_MOST_RANKED]
+        ],
+    }  # fmt: skip
+
+
+def _number(value: float | None) -> float | str | None:
+    """JSON knows neither infinity nor NaN: "inf" and null."""
+    if value is None or math.isnan(value):
+        return None
+    return value if math.isfinite(value) else ("inf" if value > 0 else "-inf")

@@ -1,0 +1,217 @@
+"""One side of a regression: spectral cubes of one picture, with what is known of their noise."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, OBSERVER_RANGE_NM
+from cboxlab.rendering.files import (
+    AS_STATED,
+    NOTES,
+    READABLE,
+    Declared,
+    camera_of_attribute,
+    declared_for,
+    read_picture,
+    stated_in,
+    xyz_weights,
+)
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
+from numpy.typing import NDArray
+
+__all__ = ["Side", "SurfaceMap", "cube_paths", "in_common_quantity", "read_side", "side_of"]
+
+#: Batches behind a standard error whose cube does not state them.
+_ASSUMED_BATCHES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """index : (y, x) into names; negative for the lamp and for what lies outside. lamp : (y, x) sees the lamp."""
+
+    index: NDArray[np.int64]
+    names: tuple[str, ...]
+    lamp: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Side(OwnMappings):
+    """radiance : (y, x, w), W m^-2 sr^-1 nm^-1. variance : of it, the same shape, or None where unknown.
+
+    degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
+    verdict has to know about this input. in_colour : the three planes are X, Y, Z in cd m^-2, without wavelengths
+    (NaN). declared : what the user declared in place of the file or as it says, names of fields of ``Declared``.
+    stated : by such names, what the file says instead. camera : as the file states it, None where it does not.
+    rounding : (2, y, x, w) standard deviations from the steps in which a file stores its values, of each pixel, and of
+    the part that neighbouring pixels share; None for fine steps.
+    """
+
+    source: str
+    wavelength_nm: NDArray[np.float64]
+    radiance: NDArray[np.float64]
+    variance: NDArray[np.float64] | None
+    degrees: float
+    surfaces: SurfaceMap | None
+    notes: tuple[str, ...] = ()
+    in_colour: bool = False
+    declared: tuple[str, ...] = ()
+    camera: Camera | None = None
+    rounding: NDArray[np.float64] | None = None
+    stated: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """What each plane is called."""
+        return ("X", "Y", "Z") if self.in_colour else tuple(f"{w:.10g}" for w in self.wavelength_nm)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.radiance.shape[0], self.radiance.shape[1]
+
+    def at(self, index: NDArray) -> Side:
+        """The side at some of its wavelengths."""
+        variance = None if self.variance is None else self.variance[..., index]
+        return replace(
+            self,
+            wavelength_nm=self.wavelength_nm[index],
+            radiance=self.radiance[..., index],
+            variance=variance,
+        )
+
+
+def cube_paths(text: str) -> tuple[Path, ...]:
+    """The cubes that an argument names: one file, files joined by commas, or all cubes of a folder."""
+    whole = Path(text)
+    if whole.is_dir():
+        found = tuple(sorted(p for p in whole.iterdir() if p.suffix.lower() in READABLE))
+        if not found:
+            raise InputError(whole, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
+        return found
+    return (whole,) if whole.exists() else tuple(Path(part) for part in text.split(","))
+
+
+def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
+    """Independent pictures of the same view as one input, whose mean is known by their scatter.
+
+    declared : what the files do not state. Raises InputError for what ``read_picture`` cannot read, for
+    pictures that do not fit together, and for radiance that is not finite.
+    """
+    return side_of([read_picture(path, declared) for path in paths], [str(path) for path in paths])
+
+
+def in_common_quantity(first: Side, second: Side) -> tuple[Side, Side]:
+    """Both as they are, or, where one is in colour, both in X, Y, Z."""
+    if first.in_colour == second.in_colour:
+        return first, second
+    return _in_colour(first), _in_colour(second)
+
+
+def _in_colour(side: Side) -> Side:
+    """X, Y, Z in cd m^-2 of the side's own range of wavelengths, as far as the observer's table goes (360 to 830 nm);
+    errors as of fully correlated wavelengths."""
+    if side.in_colour:
+        return side
+    weights = LUMINOUS_EFFICACY * xyz_weights(side.wavelength_nm)
+    error = None if side.variance is None else np.sqrt(side.variance) @ np.abs(weights)
+    low, high = np.clip(side.wavelength_nm[[0, -1]], *OBSERVER_RANGE_NM)
+    return replace(
+        side, wavelength_nm=np.full(3, np.nan), radiance=side.radiance @ weights, in_colour=True,
+        variance=None if error is None else error**2,
+        notes=(*side.notes, f"{side.source}: compared in X, Y, Z over {low:g} to {high:g} nm; Y is luminance"),
+    )  # fmt: skip
+
+
+def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
+    """As ``read_side``, of cubes in memory; sources : what to call them."""
+    sides = [_one(cube, source) for cube, source in zip(cubes, sources, strict=True)]
+    first = sides[0]
+    for side in sides[1:]:
+        if side.radiance.shape != first.radiance.shape or side.bands != first.bands:
+            found = f"{side.shape[1]} x {side.shape[0]} px, {side.wavelength_nm.size} wavelengths"
+            raise InputError(side.source, found, f"size and wavelengths of {first.source}, its companion")
+    if len(sides) == 1:
+        return first
+    known: dict[bytes, Side] = {}
+    for side in sides:
+        digest = hashlib.sha256(side.radiance.tobytes()).digest()
+        if (same := known.setdefault(digest, side)) is not side:
+            expected = "pictures with random numbers of their own, whose scatter tells their error"
+            raise InputError(side.source, f"the same numbers as {same.source}", expected)
+    stack, count = np.stack([side.radiance for side in sides]), len(sides)
+    variances = [side.variance for side in sides if side.variance is not None]
+    if len(variances) == count:
+        variance, degrees = np.sum(variances, axis=0) / count**2, sum(side.degrees for side in sides)
+    else:
+        variance, degrees = stack.var(axis=0, ddof=1) / count, float(count - 1)
+    notes = [note for side in sides for note in side.notes if "standard error" not in note]
+    coarse = [side.rounding for side in sides if side.rounding is not None]
+    return replace(
+        first, source=", ".join(side.source for side in sides), radiance=stack.mean(axis=0), variance=variance,
+        degrees=degrees, notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
+        rounding=np.sum(coarse, axis=0) / count if coarse else None,
+    )  # fmt: skip
+
+
+def _one(cube: xr.Dataset, source: str) -> Side:
+    in_colour = "xyz" in cube
+    ordered = cube.transpose("y", "x", "component" if in_colour else "wavelength", ...)
+    radiance = ordered["xyz" if in_colour else "radiance"].values.astype(np.float64)
+    bad = ~np.isfinite(radiance)
+    if bad.any():
+        row, column, _ = (int(i[0]) for i in np.nonzero(bad))
+        found = (
+            f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
+        )
+        raise InputError(f"{source}: radiance", found, "a finite radiance in every pixel and wavelength")
+    notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]
+    variance, degrees = None, 0.0
+    if "standard_error" in cube:
+        error = ordered["standard_error"].values.astype(np.float64)
+        batches = int(cube["standard_error"].attrs.get("batches", 0))
+        if batches < 2:
+            batches = _ASSUMED_BATCHES
+            notes.append(f"{source}: standard error of unknown batches, taken as {batches}")
+        if np.all(np.isfinite(error)) and np.any(error > 0):
+            variance, degrees = error**2, batches - 1.0
+        else:
+            notes.append(f"{source}: its standard error is zero or not finite and is not used")
+    if variance is None:
+        notes.append(f"{source}: no standard error; noise is estimated inside smooth parts of the picture")
+    wavelength = np.full(3, np.nan) if in_colour else ordered["wavelength"].values.astype(np.float64)
+    return Side(
+        source, wavelength, radiance, variance, degrees, _surfaces(ordered), tuple(notes), in_colour,
+        declared_for(cube), _camera(cube, *radiance.shape[:2]), _rounding(ordered),
+        stated_in(cube),
+    )  # fmt: skip
+
+
+def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:
+    found = camera_of_attribute(cube.attrs.get("camera"))
+    return found if found is not None and (found.height_px, found.width_px) == (height_px, width_px) else None
+
+
+def _rounding(picture: xr.Dataset) -> NDArray[np.float64] | None:
+    if "rounding" not in picture:
+        return None
+    return np.stack([picture[name].values for name in ("rounding", "rounding_shared")])
+
+
+def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
+    if "surface" not in cube or set(cube["surface"].dims) != {"y", "x"}:
+        return None
+    stated = cube["surface"]
+    names = tuple(name.strip() for name in str(stated.attrs.get("names", "")).split(",") if name.strip())
+    index = stated.values.astype(np.int64)
+    if not names:
+        names = tuple(f"surface {i}" for i in range(int(index.max()) + 1))
+    if index.max() >= len(names):
+        return None
+    return SurfaceMap(index, names, index == int(stated.attrs.get("lamp", -1)))

@@ -1,0 +1,180 @@
+"""Arrays and names of a comparison as the viewer takes them: plain values, ready for JSON."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cboxlab.calibration.instrument import Mask
+from numpy.typing import ArrayLike, NDArray
+
+from ...compare import Comparison, Validation, band_centres, srgb_matrix
+from .light import filter_curves, light_parts, pixel_spectra
+
+__all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
+
+#: Up to so many numbers an array keeps 32 bits; more are stored in 16 bits, so that a report stays small.
+_EXACT_NUMBERS = 1 << 19
+
+#: Pictures of more numbers (pixels times bands) than this are shown as means of square blocks.
+_MOST_NUMBERS = 1 << 21
+
+#: Steps in which many numbers are stored: signals and their sigma as a part of the median sigma, spectra and shares
+#: of light as a part of the largest.
+_SIGNAL_STEP, _SIGMA_STEP, _LIGHT_STEP = 1 / 32, 1 / 128, 1 / 4096
+
+_STOPS = 33
+
+
+def encoded(values: ArrayLike, step: float = 0.0) -> dict[str, Any]:
+    """An array for the viewer: deflated bytes as base64 text, with shape and type.
+
+    Integers are stored as they are (u1, i2); other numbers in 32 bits, or, where there are more than half a million,
+    in 16 bits with a scale for each entry of the first axis: in steps of ``step``, or of 1 / 65534 of that entry's
+    range where that is larger.
+    """
+    array = np.asarray(values)
+    if array.dtype == np.uint8 or array.dtype == np.int16:
+        return _stored(array, {np.dtype(np.uint8): "u1", np.dtype(np.int16): "i2"}[array.dtype])
+    array = array.astype(np.float32)
+    if array.size <= _EXACT_NUMBERS:
+        return _stored(array, "f4")
+    flat = array.reshape(len(array), -1).astype(np.float64)
+    known = np.isfinite(flat)
+    low = np.where(known, flat, np.inf).min(axis=1)
+    high = np.where(known, flat, -np.inf).max(axis=1)
+    low, high = np.where(known.any(axis=1), low, 0.0), np.where(known.any(axis=1), high, 0.0)
+    step_each = np.maximum((high - low) / 65534, max(step, 1e-30))
+    steps = np.round((np.where(known, flat, low[:, None]) - low[:, None]) / step_each[:, None])
+    stored = np.where(known, steps, 65535).astype(np.uint16).reshape(array.shape)
+    return {**_stored(stored, "u2"), "scale": step_each.tolist(), "offset": low.tolist()}
+
+
+def _stored(array: NDArray, kind: str) -> dict[str, Any]:
+    size = array.dtype.itemsize
+    little = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<")))
+    # bytes of the same significance side by side deflate better
+    planes = little.view(np.uint8).reshape(-1, size).T.tobytes()
+    return {
+        "type": kind, "shape": list(array.shape), "deflated": True,
+        "data": base64.b64encode(zlib.compress(planes, 9)).decode("ascii"),
+    }  # fmt: skip
+
+
+def _block(c: Comparison) -> int:
+    """Side of the blocks that are shown as one pixel; 1 for pictures that are not too large."""
+    return int(np.ceil(np.sqrt(c.maps["measured"].size / _MOST_NUMBERS)))
+
+
+def _means(values: ArrayLike, block: int) -> NDArray[np.float64]:
+    """Means (..., y, x) over blocks; what does not fill a block is left out."""
+    array = np.asarray(values, float)
+    if block == 1:
+        return array
+    height, width = array.shape[-2] // block, array.shape[-1] // block
+    cut = array[..., : height * block, : width * block]
+    return cut.reshape(*array.shape[:-2], height, block, width, block).mean(axis=(-3, -1))
+
+
+def _signals(c: Comparison, order: NDArray[np.int64], names: Sequence[str]) -> dict[str, Any]:
+    block, median = _block(c), float(np.nanmedian(c.maps["sigma"].values))
+    found = {}
+    for name in names:
+        values = c.maps[name].values[order]
+        if name == "sigma":
+            found[name] = encoded(np.sqrt(_means(values**2, block)) / block, median * _SIGMA_STEP / block)
+        else:
+            found[name] = encoded(_means(values, block), median * _SIGNAL_STEP / block)
+    return found
+
+
+def _every(values: NDArray, block: int) -> NDArray[np.int16]:
+    """Labels (y, x) at the middle of every block."""
+    height, width = (block * (n // block) for n in values.shape)
+    return values[block // 2 : height : block, block // 2 : width : block].astype(np.int16)
+
+
+def _any(flags: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
+    """Flags (band, y, x) that any pixel of a block has."""
+    bands, height, width = flags.shape
+    cut = flags[:, : height // block * block, : width // block * block]
+    parts = cut.reshape(bands, height // block, block, width // block, block)
+    return np.bitwise_or.reduce(np.bitwise_or.reduce(parts, axis=-1), axis=2)
+
+
+def _order(c: Comparison, centres_nm: Sequence[float] | None) -> NDArray[np.int64]:
+    return np.arange(len(c.bands)) if centres_nm is None else np.argsort(centres_nm, kind="stable")
+
+
+def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
+    """The data of a comparison alone, its bands in the order of their wavelengths.
+
+    centres_nm : (band,) of the comparison's bands, in its own order; None where not known. A picture of more than two
+    million numbers is reduced by means of square blocks, which the viewer says.
+    """
+    order = _order(c, centres_nm)
+    nm: list[float | None] = (
+        [None] * len(order) if centres_nm is None else [float(centres_nm[i]) for i in order]
+    )
+    maps, block = c.maps, _block(c)
+    mask = _any(maps["mask"].values[order].astype(np.uint8), block)
+    reasons = [r for r in Mask if r.name]
+
+    def stops(name: str) -> list[str]:
+        return [matplotlib.colors.to_hex(v) for v in matplotlib.colormaps[name](np.linspace(0, 1, _STOPS))]
+
+    return {
+        "width": maps.sizes["x"] // block, "height": maps.sizes["y"] // block, "block": block,
+        "bands": [{"id": c.bands[i], "nm": centre} for i, centre in zip(order, nm, strict=True)],
+        **_signals(c, order, ("measured", "rendered", "sigma")),
+        "mask": encoded(mask),
+        "reasons": [{"bit": r.value, "name": (r.name or "").lower()} for r in reasons],
+        "surface": encoded(_every(maps["surface"].values, block)),
+        "surfaces": list(c.by_surface),
+        "xyz_per_dn": c.xyz_per_dn[:, order].tolist(), "xyz_unit": "cd m⁻²",
+        "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
+        "srgb": srgb_matrix(c.white).tolist(),
+        "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
+        "light": None, "spectrum": None, "filters": None, "maps": [],
+    }  # fmt: skip
+
+
+def changed_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
+    """What another prediction of the same capture changes, for ``viewer.update``: rendered and sigma."""
+    return _signals(c, _order(c, centres_nm), ("rendered", "sigma"))
+
+
+def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """The data of a validation: the comparison, the rendered spectrum and the light by reflections of every pixel.
+
+    maps : further layers, each {id, name, unit, perBand, values}; values (band, y, x) in the capture's order of bands
+    where perBand, otherwise (y, x).
+    """
+    c = validation.comparison
+    centres = band_centres(validation.prepared.responses)
+    order = _order(c, centres)
+    data = picture_data(c, centres)
+    image = validation.image
+    block = data["block"]
+    data["surface"] = encoded(_every(image.surface, block))
+    wavelength, basis, each = pixel_spectra(image, validation.fit.lamp_scale)
+    coefficients = _means(each, block)
+    step = float(np.abs(coefficients).max()) * _LIGHT_STEP
+    data["spectrum"] = {
+        "wavelength_nm": wavelength.tolist(), "rank": len(basis), "basis": encoded(basis),
+        "coefficients": encoded(coefficients, step), "unit": "W m⁻² sr⁻¹ nm⁻¹",
+    }  # fmt: skip
+    wavelength, curves = filter_curves(validation.prepared.responses)
+    data["filters"] = {"wavelength_nm": wavelength.tolist(), "curves": encoded(curves[order])}
+    if (parts := light_parts(validation)) is not None:
+        shares = _means(np.stack(list(parts.values())), block)
+        data["light"] = {"names": list(parts), "share": encoded(shares, _LIGHT_STEP)}
+    for one in maps:
+        values = np.asarray(one["values"])
+        chosen = values[order] if one.get("perBand") else values
+        data["maps"].append({**one, "values": encoded(_means(chosen, block), _SIGNAL_STEP)})
+    return data
