@@ -7,8 +7,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from architecture import INSTALLED, ROOMS
+from architecture import INSTALLED
 from helpers.places import ROOT
+
+#: Folders of the repository that are installed.
+FOLDERS = ("cboxlab", "scenes", "calibration", "render", "validate")
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +19,7 @@ def installed(tmp_path_factory) -> set[str]:
     """Paths in a wheel built from a copy of the sources, without a network."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
-    for room in (*ROOMS, "cboxlab"):
+    for room in FOLDERS:
         shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy2(ROOT / name, source / name)
@@ -38,7 +41,7 @@ def installed_as(path: Path) -> str:
 def test_every_file_of_the_rooms_is_in_the_wheel(installed):
     files = [
         path
-        for room in (*ROOMS, "cboxlab")
+        for room in FOLDERS
         for path in (ROOT / room).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".pyc"
     ]
