@@ -64,8 +64,12 @@ def in_haze() -> Scene:
 
 
 BOXES = {
-    "published": cornell_box, "balls": with_balls, "99,904 triangles": with_fine_ball, "glossy": glossy, "haze": in_haze
-}  # fmt: skip
+    "published": cornell_box,
+    "balls": with_balls,
+    "99,904 triangles": with_fine_ball,
+    "glossy": glossy,
+    "haze": in_haze,
+}
 
 
 def means(one: RenderedImage, other: RenderedImage) -> list[np.ndarray]:
@@ -88,15 +92,17 @@ def compared(ours: np.ndarray, stock: np.ndarray) -> dict[str, Any]:
     worst = np.unravel_index(np.argmax(np.abs(relative)), relative.shape)
     z = relative / error
     return {
-        "rms": np.sqrt(np.mean(z**2)), "largest": np.abs(z).max(), "count": z.size, "difference": abs(relative[worst]),
-        "its error": error[worst], "median error": np.median(error),
-    }  # fmt: skip
+        "rms": np.sqrt(np.mean(z**2)),
+        "largest": np.abs(z).max(),
+        "count": z.size,
+        "difference": abs(relative[worst]),
+        "its error": error[worst],
+        "median error": np.median(error),
+    }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=32)
     parser.add_argument("--samples", type=int, default=512)
     given = parser.parse_args()

@@ -37,9 +37,14 @@ def main() -> None:
     calibration = calibrate(capture)
     true = json.loads(arguments.answers.read_text())[arguments.capture.name]["true_camera"]
     camera = Camera(
-        capture.shape[1], capture.shape[0], true["fx_px"], np.array([true["cx_px"], true["cy_px"]]), true["k1"],
-        np.array(true["R"]), np.array(true["position_mm"]),
-    )  # fmt: skip
+        capture.shape[1],
+        capture.shape[0],
+        true["fx_px"],
+        np.array([true["cx_px"], true["cy_px"]]),
+        true["k1"],
+        np.array(true["R"]),
+        np.array(true["position_mm"]),
+    )
     assert capture.manifest.lamp is not None and calibration.responses is not None
     scene = photographed_scene(Model()).with_lamp(capture.light(capture.manifest.lamp.radiance))
     image = render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=1), arguments.error)
@@ -58,9 +63,7 @@ def main() -> None:
         xyz.append((measured[:, inside].mean(axis=1), exact[inside].mean(axis=0)))
     ratio = np.array(bands)
     scale = float(np.median(ratio))
-    print(
-        f"lamp scale {scale:.5f}; measured / rendered - 1 in %, bands {' '.join(calibration.images.band.values)}"
-    )
+    print(f"lamp scale {scale:.5f}; measured / rendered - 1 in %, bands {' '.join(calibration.images.band.values)}")
     for name, values in zip(names, ratio, strict=True):
         print(f"{name:14}", " ".join(f"{100 * (v / scale - 1):+6.2f}" for v in values))
     print(f"largest {100 * np.abs(ratio / scale - 1).max():.2f} %")

@@ -105,9 +105,7 @@ def refinement_bias(samples: int) -> dict[str, Any]:
     for seed in range(rounds):
         pair = []
         for size in (edge, edge / np.sqrt(2)):
-            light = replace(
-                solve_light(scene, BANDS, patch_edge_mm=size, seed=seed), near=NEAR_PATCHES * edge
-            )
+            light = replace(solve_light(scene, BANDS, patch_edge_mm=size, seed=seed), near=NEAR_PATCHES * edge)
             image = gather(light, camera, samples, 1, seed=seed)
             pair.append(_means(image))
         means.append(pair)

@@ -71,8 +71,16 @@ _AFTER_THE_PICTURE = stages_between("filter", "counts")
 
 #: Rooms of ``validate`` that no diagnosis imports: they show what it found.
 SHOWING = (
-    "commands", "references", "renderers", "report", "results", "studio", "study", "terminal", "viewer",
-)  # fmt: skip
+    "commands",
+    "references",
+    "renderers",
+    "report",
+    "results",
+    "studio",
+    "study",
+    "terminal",
+    "viewer",
+)
 
 #: What may begin with a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -134,9 +142,7 @@ def cases(options: argparse.Namespace) -> list[Case]:
         for i, case in enumerate(found)
     ]
     for index in range(options.unknown):
-        found.append(
-            Case("unknown", ([*CAUSES][index % len(CAUSES)],), "", options.first_seed + 5000 + index)
-        )
+        found.append(Case("unknown", ([*CAUSES][index % len(CAUSES)],), "", options.first_seed + 5000 + index))
     return [found[i] for i in generator.permutation(len(found))]
 
 
@@ -218,24 +224,25 @@ def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> Re
     return render_to_precision(pilot, _PICTURE_ERROR)
 
 
-def write_capture(
-    path: Path, case: Case, effects: Sequence[AppliedEffect], max_bounces: int | None = None
-) -> None:
+def write_capture(path: Path, case: Case, effects: Sequence[AppliedEffect], max_bounces: int | None = None) -> None:
     """Photograph a case's box, its laboratory and noise, with these effects in it."""
     where = (case.laboratory, case.box, case.instrument)
     place = laboratory(*where)
     inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
     if all(e.stage in _AFTER_THE_PICTURE for e in inside):
         image, box = picture(*where, max_bounces), settled(place.scene, case.laboratory)
-        photograph_image(
-            path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed
-        )
+        photograph_image(path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed)
         return
     model = replace(place.model, effects=inside, render=RenderSettings(seed=case.seed))
     write_model_capture(
-        path, model, place.camera, place.settings, case.seed,
-        relative_error=_PICTURE_ERROR, box=lambda scene: settled(scene, case.laboratory),
-    )  # fmt: skip
+        path,
+        model,
+        place.camera,
+        place.settings,
+        case.seed,
+        relative_error=_PICTURE_ERROR,
+        box=lambda scene: settled(scene, case.laboratory),
+    )
 
 
 def run(case: Case) -> dict[str, Any] | None:
@@ -248,9 +255,7 @@ def run(case: Case) -> dict[str, Any] | None:
     place = laboratory(case.laboratory, case.box, case.instrument)
     bands = tuple(place.settings.filters)
     given, effects, bounces = place.model, [], None
-    truncating = [
-        catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"
-    ]
+    truncating = [catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"]
     if truncating:
         given = replace(given, render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
         effects = [AppliedEffect(truncating[0], {p.name: np.inf for p in truncating[0].parameters})]
@@ -321,8 +326,7 @@ def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) 
     """Whether all that was found is a block where the laboratory's really stands, a little beside its survey."""
     last = diagnosis.path[-1]
     off = [
-        abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf))
-        / sigma[name]
+        abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf)) / sigma[name]
         for one, sigma in zip(last.effects, last.sigma, strict=True)
         if one.id == "block-pose"
         for name in sigma
@@ -343,9 +347,7 @@ def among(known: Sequence[str]) -> Callable[[str], str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--effects", type=among([*catalogue()]), help="identifiers, comma separated; all if none"
-    )
+    parser.add_argument("--effects", type=among([*catalogue()]), help="identifiers, comma separated; all if none")
     parser.add_argument("--strengths", type=among([*STRENGTHS]), default=",".join(STRENGTHS))
     parser.add_argument("--seeds", type=int, default=1, help="captures of each effect and strength")
     parser.add_argument("--pairs", type=int, default=10)
@@ -371,9 +373,7 @@ def main() -> None:
     done = {row["key"] for row in rows}
     code = code_state()
     if others := {row.get("code", "unstated") for row in rows} - {code}:
-        sys.exit(
-            f"{options.results}: made by other code ({', '.join(others)}, not {code}); name another --results"
-        )
+        sys.exit(f"{options.results}: made by other code ({', '.join(others)}, not {code}); name another --results")
     for case in every:
         if case.key in done or not own_part(case, options.part):
             continue

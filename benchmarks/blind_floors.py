@@ -69,12 +69,12 @@ def print_table(rows: list[dict[str, Any]]) -> None:
             by = "errors counted" if limit["beside_errors"] else "size"
             print(f"{limit['effect']:22}{limit['distance']:11.3g}  {limit['parameter']:22}{by:16}{found}")
     for factor in _FACTORS:
-        own = [any(r["found"] and r["factor"] <= factor for r in rows if r["effect"] == name)
-               for name in sorted({r["effect"] for r in rows if r["effect"]})]  # fmt: skip
+        own = [
+            any(r["found"] and r["factor"] <= factor for r in rows if r["effect"] == name)
+            for name in sorted({r["effect"] for r in rows if r["effect"]})
+        ]
         interval = stats.binomtest(sum(own), len(own)).proportion_ci(method="wilson")
-        print(
-            f"found at {factor:g} times: {sum(own)} of {len(own)} ({interval.low:.0%} to {interval.high:.0%})"
-        )
+        print(f"found at {factor:g} times: {sum(own)} of {len(own)} ({interval.low:.0%} to {interval.high:.0%})")
 
 
 def main() -> None:
@@ -85,11 +85,7 @@ def main() -> None:
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--results", type=Path, default=Path("blind-floors.jsonl"))
     options = parser.parse_args()
-    rows = (
-        [json.loads(line) for line in options.results.read_text().splitlines()]
-        if options.results.exists()
-        else []
-    )
+    rows = [json.loads(line) for line in options.results.read_text().splitlines()] if options.results.exists() else []
     code = code_state()
     if others := {row["code"] for row in rows} - {code}:
         sys.exit(f"{options.results}: made by other code ({', '.join(others)}); name another --results")

@@ -73,10 +73,12 @@ def _ceiling(material: str, lamps: list[tuple[float, float, float, float]]) -> t
         near, far = z - half_z, z + half_z
         quads.append(
             [
-                [x + half_x, _HIGH, near], [x + half_x, _HIGH, far],
-                [x - half_x, _HIGH, far], [x - half_x, _HIGH, near],
+                [x + half_x, _HIGH, near],
+                [x + half_x, _HIGH, far],
+                [x - half_x, _HIGH, far],
+                [x - half_x, _HIGH, near],
             ]
-        )  # fmt: skip
+        )
     return {"name": "ceiling", "material": material, "quads_mm": parts, "hole": "light"}, quads
 
 
@@ -142,9 +144,7 @@ _OWN: dict[str, _Made] = {
     "structured": _two("leaf", "soot", "didymium", "brick", _MIDDLE),
     "large-lamp": _two("brick", "leaf", "chalk", "chalk", [(278.0, 280.0, 150.0, 150.0)]),
     "small-lamp": _two("brick", "leaf", "chalk", "chalk", [(278.0, 280.0, 15.0, 15.0)]),
-    "two-lamps": _two(
-        "yellow", "blue", "grey", "chalk", [(140.0, 200.0, 40.0, 40.0), (410.0, 380.0, 40.0, 40.0)]
-    ),
+    "two-lamps": _two("yellow", "blue", "grey", "chalk", [(140.0, 200.0, 40.0, 40.0), (410.0, 380.0, 40.0, 40.0)]),
 }
 
 BOXES = ("published", *_OWN)
@@ -158,10 +158,7 @@ def scene_of(box: str) -> str:
     folder = Path(tempfile.mkdtemp(prefix="cbox-blind-"))
     surfaces, lamps = _OWN[box](folder)
     used = {entry["material"] for entry in surfaces}
-    area = sum(
-        np.linalg.norm(np.cross(np.subtract(q[1], q[0]), np.subtract(q[3], q[0])))
-        for q in map(np.array, lamps)
-    )
+    area = sum(np.linalg.norm(np.cross(np.subtract(q[1], q[0]), np.subtract(q[3], q[0]))) for q in map(np.array, lamps))
     # as much light as the published lamp, of 130 x 105 mm, gives
     radiance = tungsten_lamp(8e-4 * 130 * 105 / area)
     lamp = {
@@ -193,9 +190,7 @@ def _filters(centres_nm: list[float], width_nm: float, peak: float) -> dict[str,
     """Nearly rectangular pass bands of ``width_nm`` at half height."""
     grid = next(iter(band_filters().values())).wavelength_nm
     return {
-        f"f{centre:g}": Spectrum(
-            grid, peak * np.exp(-np.log(2) * (2 * (grid - centre) / width_nm) ** 4), "zero"
-        )
+        f"f{centre:g}": Spectrum(grid, peak * np.exp(-np.log(2) * (2 * (grid - centre) / width_nm) ** 4), "zero")
         for centre in centres_nm
     }
 
@@ -206,22 +201,35 @@ INSTRUMENTS: dict[str, tuple[int, Callable[[CaptureSettings], CaptureSettings]]]
     "coarse": (
         128,
         lambda s: replace(
-            s, bit_depth=10, gain_e_per_dn=40.0, read_noise_e=30.0, repeats=3, bias_dn=30.0,
+            s,
+            bit_depth=10,
+            gain_e_per_dn=40.0,
+            read_noise_e=30.0,
+            repeats=3,
+            bias_dn=30.0,
             filters=_filters([450.0, 530.0, 600.0, 660.0], 40.0, 0.6),
         ),
     ),
     "fine": (
         128,
         lambda s: replace(
-            s, bit_depth=16, gain_e_per_dn=1.6, read_noise_e=3.0, bias_dn=600.0,
+            s,
+            bit_depth=16,
+            gain_e_per_dn=1.6,
+            read_noise_e=3.0,
+            bias_dn=600.0,
             filters=_filters([400.0 + 20 * i for i in range(16)], 18.0, 0.5),
         ),
     ),
     "large": (
         256,
         lambda s: replace(
-            s, bit_depth=14, gain_e_per_dn=4.0, read_noise_e=7.0, bias_dn=250.0,
+            s,
+            bit_depth=14,
+            gain_e_per_dn=4.0,
+            read_noise_e=7.0,
+            bias_dn=250.0,
             filters=_filters([410.0 + 30 * i for i in range(10)], 22.0, 0.55),
         ),
     ),
-}  # fmt: skip
+}

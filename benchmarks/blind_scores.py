@@ -69,9 +69,7 @@ def with_groups(row: Row, names: Sequence[str]) -> set[str]:
 
 def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
-    names = {
-        ("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)
-    } | _OTHER_KINDS
+    names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _OTHER_KINDS
     found = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
     return {name: own for name, own in found.items() if own}
 
@@ -82,9 +80,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     placed = [r for r in rows if r["kind"] == "unknown"]
     parts = kinds(rows)
     for name in ("box", "instrument"):
-        parts |= {
-            f"{name} {one}": [r for r in rows if r[name] == one] for one in sorted({r[name] for r in rows})
-        }
+        parts |= {f"{name} {one}": [r for r in rows if r[name] == one] for one in sorted({r[name] for r in rows})}
     told = [r for r in rows if r["selected"] and "probability" in r]
     return {
         "captures": len(rows),
@@ -92,9 +88,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "exact": {name: _count(own, exact) for name, own in parts.items()},
         "places": _count(placed, lambda r: bool(r["place"])),
         "numbers": [sum(numbers), len(numbers)],
-        "median_cpu_seconds": {
-            n: float(np.median([r["cpu_seconds"] for r in own])) for n, own in parts.items()
-        },
+        "median_cpu_seconds": {n: float(np.median([r["cpu_seconds"] for r in own])) for n, own in parts.items()},
         "reliability": reliability(told),
         "log_loss": log_loss(told),
     }
@@ -162,13 +156,9 @@ def _hidden(truth: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", nargs="+", type=Path)
-    rows = [
-        json.loads(line) for path in parser.parse_args().results for line in path.read_text().splitlines()
-    ]
+    rows = [json.loads(line) for path in parser.parse_args().results for line in path.read_text().splitlines()]
     if len(states := {row["code"] for row in rows}) > 1:
         sys.exit(f"made by several states of the code: {', '.join(sorted(states))}")
     print_tables(rows)

@@ -29,9 +29,7 @@ def main() -> None:
     parser.add_argument("--captures", type=int, default=1000)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--results", type=Path, nargs="+", default=[Path("coverage.jsonl")])
-    parser.add_argument(
-        "--part", default="1/1", help="K/N: every N-th capture, from the K-th on, into the first file"
-    )
+    parser.add_argument("--part", default="1/1", help="K/N: every N-th capture, from the K-th on, into the first file")
     parser.add_argument("--json", action="store_true", help="end with one line of JSON")
     options = parser.parse_args()
     part, parts = (int(number) for number in options.part.split("/"))
@@ -49,9 +47,7 @@ def main() -> None:
         f"{len(done)} captures; shares of intervals that hold the truth, {LEVELS[0]:.1%} and {LEVELS[1]:.1%} expected"
     )
     for name, levels in table.items():
-        off = any(
-            abs(share - level) > 3 * error for (share, error), level in zip(levels, LEVELS, strict=True)
-        )
+        off = any(abs(share - level) > 3 * error for (share, error), level in zip(levels, LEVELS, strict=True))
         shown = "  ".join(f"{100 * share:6.1f} +- {100 * error:.1f}" for share, error in levels)
         print(f"{name:52s} {shown}{'  *' if off else ''}")
     if options.json:

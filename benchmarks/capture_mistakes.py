@@ -127,9 +127,7 @@ class Draft:
         lines = path.read_text().splitlines()
         cells = [line.split(",") for line in lines[1:]]
         table = change(np.array([[float(x) for x in row[1:]] for row in cells]))
-        rows = [
-            ",".join([row[0], *(f"{x:.4f}" for x in new)]) for row, new in zip(cells, table, strict=False)
-        ]
+        rows = [",".join([row[0], *(f"{x:.4f}" for x in new)]) for row, new in zip(cells, table, strict=False)]
         path.write_text("\n".join([lines[0], *rows]) + "\n")
 
 

@@ -73,9 +73,7 @@ def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
     for band in BANDS[MONO_BANDS]:
         *levels, own = ({"type": "uniform", "value": float(x)} for x in scene.reflectances(band))
         paints = dict(zip(scene.materials, levels, strict=True))
-        loaded = mi.load_dict(
-            scene_dict(scene, paints, [own], [{"type": "uniform", "value": 1.0}]), optimize=False
-        )
+        loaded = mi.load_dict(scene_dict(scene, paints, [own], [{"type": "uniform", "value": 1.0}]), optimize=False)
         runs.append(_stock(loaded, camera, {"pixel_format": "luminance"}, samples))
     return lambda seed: np.concatenate([run(seed) for run in runs], axis=-1)
 

@@ -61,9 +61,7 @@ class Bench:
         self.camera = cornell_camera(size)
         self.scene = cornell_box().with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2)))
         self.picture, _, image = self.gathered(self.scene)
-        self.used = (
-            image.single_surface & (image.surface >= 0) & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
-        )
+        self.used = image.single_surface & (image.surface >= 0) & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
         self.before = self.light(self.scene).picture()
 
     def gathered(self, scene: Any) -> tuple[NDArray, NDArray, Any]:
@@ -89,9 +87,7 @@ class Bench:
         if name == "gloss":
             paint = (values["material"], mitsuba_effects.coat(values["specular"], values["roughness"]))
             return (*reference(*common, batches=self.batches, paint=paint), self.used)
-        if (
-            name == "ambient-light"
-        ):  # at one wavelength the surround is 1 at 550 nm; the others follow its spectrum
+        if name == "ambient-light":  # at one wavelength the surround is 1 at 550 nm; the others follow its spectrum
             applied = apply_checked(name, values, "benchmark").apply(self.light(self.scene))
             plain, noise = reference(*common, batches=self.batches, surround=values["radiance"])
             share = (applied.surround / values["radiance"])[:, None, None]
@@ -135,16 +131,19 @@ class Bench:
             return float(np.sqrt(max(float((difference**2).mean()) - noise, 0.0) / size))
 
         return {
-            "effect": name, "values": values, "change": float(np.sqrt(size) / self.picture[:, used].mean()),
-            "error": error(guess - change), "shape": error(amplitude * guess - change), "amplitude": amplitude,
-            "noise": float(np.sqrt(noise / size)), "seconds": time.perf_counter() - start,
-        }  # fmt: skip
+            "effect": name,
+            "values": values,
+            "change": float(np.sqrt(size) / self.picture[:, used].mean()),
+            "error": error(guess - change),
+            "shape": error(amplitude * guess - change),
+            "amplitude": amplitude,
+            "noise": float(np.sqrt(noise / size)),
+            "seconds": time.perf_counter() - start,
+        }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--effects", default="")
     parser.add_argument("--size", type=int, default=32)
     parser.add_argument("--samples", type=int, default=4096)

@@ -36,9 +36,7 @@ def _cost(work: Callable[[], Any], clock: Callable[[], float] = time.process_tim
     return clock() - start
 
 
-def _alternating(
-    ways: dict[str, Callable[[], Any]], rounds: int, clock: Any = time.process_time
-) -> dict[str, Any]:
+def _alternating(ways: dict[str, Callable[[], Any]], rounds: int, clock: Any = time.process_time) -> dict[str, Any]:
     """Seconds of each way, round by round after one to warm up: (rounds,) arrays."""
     for work in ways.values():
         work()
@@ -48,9 +46,7 @@ def _alternating(
 
 def _error(image: RenderedImage) -> float:
     """Relative standard deviation of one batch, median over pixels without lamp, then over bands."""
-    values = (image.coefficients @ image.spectra)[
-        :, (image.coverage[..., -1] == 0) & (image.coverage.sum(-1) > 0.5)
-    ]
+    values = (image.coefficients @ image.spectra)[:, (image.coverage[..., -1] == 0) & (image.coverage.sum(-1) > 0.5)]
     mean, lit = values.mean(axis=0), image.spectra.max(axis=0) > 0
     ratio = (values.var(axis=0, ddof=1)[:, lit]) / np.maximum(mean[:, lit], 1e-30) ** 2
     return float(np.sqrt(np.median(np.median(ratio, axis=0))))
@@ -71,8 +67,7 @@ def pixels() -> dict[str, Any]:
     sizes, result = (64, 128, 256), {}
     for name, render in WAYS.items():
         ways = {
-            str(s): lambda render=render, s=s: render(cornell_box(), cornell_camera(s), BANDS, 64, 1)
-            for s in sizes
+            str(s): lambda render=render, s=s: render(cornell_box(), cornell_camera(s), BANDS, 64, 1) for s in sizes
         }
         seconds = {s: float(np.median(t)) for s, t in _alternating(ways, 2).items()}
         exponent = float(np.polyfit(np.log([s**2 for s in sizes]), np.log(list(seconds.values())), 1)[0])
@@ -132,12 +127,13 @@ def general() -> dict[str, Any]:
             box, materials={**box.materials, "white": replace(white, bsdf={**coat, "nonlinear": True})}
         ),
         "rough_glass_block": replace(
-            box, surfaces=block,
+            box,
+            surfaces=block,
             materials={**box.materials, "glass": Material("glass", white.reflectance, glass)},
         ),
         "medium": replace(box, medium=Medium(few, few.scaled(0.1))),
         "patterned_lamp": replace(box, lamp=replace(box.lamp, pattern=np.array([[0.5, 1.0], [1.0, 1.5]]))),
-    }  # fmt: skip
+    }
     ways: dict[str, Callable[[], Any]] = {"path": lambda: render_path_tracer(box, camera, BANDS, 64, 1)}
     for name, scene in scenes.items():
         ways[name] = lambda scene=scene: render_general_path_tracer(scene, camera, BANDS, 64, 1)

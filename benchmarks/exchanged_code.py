@@ -50,9 +50,7 @@ def _function(module: Any, name: str) -> FunctionType:
     while not isinstance(found, FunctionType):
         if hasattr(found, "cache_clear"):
             found.cache_clear()
-        inner = [
-            getattr(found, key) for key in ("fget", "func", "__func__", "__wrapped__") if hasattr(found, key)
-        ]
+        inner = [getattr(found, key) for key in ("fget", "func", "__func__", "__wrapped__") if hasattr(found, key)]
         found = inner[0]
     return found
 

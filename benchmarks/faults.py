@@ -53,9 +53,7 @@ STOPS = 20
 TAKEN = ("exists already", "is there already", "another content than when")
 
 
-def start(
-    place: Path, command: Command, prepare: Callable[[], None] | None = None
-) -> subprocess.Popen | Forked:
+def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
     """One program in ``place``, with a cache of its own there."""
     place.mkdir(parents=True, exist_ok=True)
     for name in command.laid:
@@ -65,9 +63,15 @@ def start(
         return Forked(command.words, place, environment, prepare)
     plain = sys.executable if command.words[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
     return subprocess.Popen(
-        [plain, *command.words], cwd=place, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True, preexec_fn=prepare,
-    )  # fmt: skip
+        [plain, *command.words],
+        cwd=place,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=prepare,
+    )
 
 
 def lay(place: Path, name: str) -> None:
@@ -238,11 +242,7 @@ def full(place: Path, command: Command, plain: Undisturbed, moment: float, numbe
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 
     code, said = ended(start(place, command, limit))
-    return (
-        _refused(command, code, said, (2,))
-        or _none_half(place, plain)
-        or plain.fault_of_rerun(place, command)
-    )
+    return _refused(command, code, said, (2,)) or _none_half(place, plain) or plain.fault_of_rerun(place, command)
 
 
 def disk(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
@@ -267,9 +267,7 @@ def cache(place: Path, command: Command, plain: Undisturbed, moment: float, numb
 @contextmanager
 def small_file_system(place: Path, kilobytes: int) -> Iterator[None]:
     place.mkdir(parents=True)
-    subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={max(kilobytes, 4)}k", "tmpfs", str(place)], check=True
-    )
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={max(kilobytes, 4)}k", "tmpfs", str(place)], check=True)
     try:
         yield
     finally:
@@ -319,9 +317,15 @@ def interrupt(place: Path, command: Command, plain: Undisturbed, moment: float, 
 
 
 KINDS = {
-    "kill": kill, "stop": stop, "pair": pair, "full": full, "disk": disk, "cache": cache, "pipe": pipe,
+    "kill": kill,
+    "stop": stop,
+    "pair": pair,
+    "full": full,
+    "disk": disk,
+    "cache": cache,
+    "pipe": pipe,
     "interrupt": interrupt,
-}  # fmt: skip
+}
 
 
 def prepare(work: Path) -> None:
@@ -345,16 +349,12 @@ def cases(given: argparse.Namespace, commands: list[str]) -> Iterator[tuple[str,
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("work", type=Path)
     parser.add_argument("--moments", type=int, default=20, help="kills per command")
     parser.add_argument("--pairs", type=int, default=5, help="cases of each other kind per command")
     parser.add_argument("--commands", default=",".join(COMMANDS))
-    parser.add_argument(
-        "--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"})
-    )
+    parser.add_argument("--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"}))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--forked", action="store_true", help="many cases, of commands that do not render")
     given = parser.parse_args()

@@ -45,9 +45,7 @@ def _cbox(*words: str, laid: tuple[str, ...] = ()) -> Command:
 
 COMMANDS = {
     "capture": _cbox("capture", "cornell-box", "--out", "out", *SMALL, "--seed", "1", "--noise", "5%"),
-    "sealed": _cbox(
-        "capture", "cornell-box", "--out", "out", *SMALL, "--seed", "1", "--noise", "5%", "--hide"
-    ),
+    "sealed": _cbox("capture", "cornell-box", "--out", "out", *SMALL, "--seed", "1", "--noise", "5%", "--hide"),
     "render": _cbox(
         "render", "cornell-box", "--out", "out/cube.nc", *SMALL, "--wavelengths", "500,600", "--noise", "0.3%"
     ),
@@ -60,23 +58,28 @@ COMMANDS = {
     "diagnose": _cbox("diagnose", "@capture", "--out", "out", "--json", "out/found.json"),
     "batch": _cbox("batch", "@", "--out", "out", "--what", "validate"),
     "hyperspectral": _cbox(
-        "hyperspectral", "@capture", "--reading", "@reading.csv:radiance", "--region", "4,4,7,7",
-        "--unaligned", "--out", "out/cube.nc", "--json", "out/found.json",
+        "hyperspectral",
+        "@capture",
+        "--reading",
+        "@reading.csv:radiance",
+        "--region",
+        "4,4,7,7",
+        "--unaligned",
+        "--out",
+        "out/cube.nc",
+        "--json",
+        "out/found.json",
     ),
-    "add": _cbox(
-        "add", "out/model.toml", "dark-offset", "dn=3", "--json", "out/added.json", laid=("model.toml",)
-    ),
+    "add": _cbox("add", "out/model.toml", "dark-offset", "dn=3", "--json", "out/added.json", laid=("model.toml",)),
     "compare": _cbox("compare", "@cube.nc", "@other.nc", "--out", "out", "--json", "out/found.json"),
-    "regress": _cbox(
-        "regress", "@cube.nc", "@other.nc", "--json", "out/found.json", "--junit", "out/found.xml"
-    ),
+    "regress": _cbox("regress", "@cube.nc", "@other.nc", "--json", "out/found.json", "--junit", "out/found.xml"),
     "renderers": _cbox("renderers", *BOX, "--out", "out/box"),
     "collect": _cbox("renderers", "--collect", "out/rendered", laid=("rendered",)),
     "picture": _cbox("effects", "veiling-glare", "--picture", "out/effect.png"),
     "new": _cbox("effects", "--new", "out/rows", "--from", "@unknown.json"),
     "study": Command(("-c", STUDY)),
     "demo": _cbox("demo", "--out", "out"),
-}  # fmt: skip
+}
 #: What they read, by what makes it, in order, in the folder of inputs.
 MADE = {
     "capture": ("capture", "cornell-box", "--out", "capture", *SMALL, "--seed", "7", "--noise", "5%"),

@@ -15,17 +15,23 @@ from cboxlab.validation.app.commands.cli import main
 
 #: Packages that commands import while they run. Dr.Jit is none of them: its threads do not survive a fork.
 PACKAGES = (
-    "calibration", "render.export", "render.files", "validate.compare", "validate.effects", "validate.fields",
-    "validate.commands", "validate.model", "validate.regress", "validate.results",
-)  # fmt: skip
+    "calibration",
+    "render.export",
+    "render.files",
+    "validate.compare",
+    "validate.effects",
+    "validate.fields",
+    "validate.commands",
+    "validate.model",
+    "validate.regress",
+    "validate.results",
+)
 
 
 def import_all() -> None:
     for package in PACKAGES:
         importlib.import_module(f"cboxlab.{package}")
-        for module in Path(importlib.import_module(f"cboxlab.{package}").__file__ or "").parent.glob(
-            "[a-z]*.py"
-        ):
+        for module in Path(importlib.import_module(f"cboxlab.{package}").__file__ or "").parent.glob("[a-z]*.py"):
             importlib.import_module(f"cboxlab.{package}.{module.stem}")
 
 

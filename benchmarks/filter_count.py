@@ -29,18 +29,19 @@ def main() -> None:
     arguments = parser.parse_args()
     sigma = arguments.width_nm / np.sqrt(8 * np.log(2))
     filters = {
-        f"{centre}": Spectrum(
-            WAVELENGTH_NM, 0.7 * np.exp(-0.5 * ((WAVELENGTH_NM - centre) / sigma) ** 2), "zero"
-        )
+        f"{centre}": Spectrum(WAVELENGTH_NM, 0.7 * np.exp(-0.5 * ((WAVELENGTH_NM - centre) / sigma) ** 2), "zero")
         for centre in range(400, 701, 10)
     }
     candidates = unit_factors(CaptureSettings(filters=filters), 256).responses()
     for name, lamps in (("3200 K", {"3200 K": general_lamps()["3200.0 K"]}), ("nine lamps", general_lamps())):
         print(f"{name}: filters, X Y Z rms %, Delta E*ab mean max, CIEDE2000 mean max, which")
         choices = choose_filters(
-            candidates, training_radiances(lamps), evaluation_radiances(lamps), (3, 4, 5, 6, 7, 8, 10, 12, 16),
+            candidates,
+            training_radiances(lamps),
+            evaluation_radiances(lamps),
+            (3, 4, 5, 6, 7, 8, 10, 12, 16),
             arguments.noise,
-        )  # fmt: skip
+        )
         for choice in choices:
             error = choice.error
             rms = " ".join(f"{100 * value:5.2f}" for value in error.rms)

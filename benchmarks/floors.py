@@ -54,9 +54,7 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--capture", type=Path)
     parser.add_argument("--model", type=Path)
     parser.add_argument("--size", type=int, default=128)
@@ -68,9 +66,13 @@ def main() -> None:
         if capture is None:
             capture = Path(folder) / "capture"
             write_model_capture(
-                capture, model, perturbed_camera(options.size, options.seed), varied_settings(options.seed),
-                options.seed, relative_error=2e-3,
-            )  # fmt: skip
+                capture,
+                model,
+                perturbed_camera(options.size, options.seed),
+                varied_settings(options.seed),
+                options.seed,
+                relative_error=2e-3,
+            )
         noise, rows = limits(capture, model)
     print(f"noise alone: {noise:.5f}")
     print(f"{'effect':22}{'by size':>10}{'limit':>10}{'visible':>9}  limited by          number at the limit")

@@ -148,9 +148,7 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         d.put(path, other.image(theirs))
 
 
-def _changed(
-    change: Callable[[NDArray, float], NDArray], *kinds: str
-) -> Callable[[Draft, np.random.Generator], None]:
+def _changed(change: Callable[[NDArray, float], NDArray], *kinds: str) -> Callable[[Draft, np.random.Generator], None]:
     def make(d: Draft, rng: np.random.Generator) -> None:
         full = float(2 ** d.manifest["camera"]["bit_depth"] - 1)
         d.change(lambda y: change(y, full), *(kinds or frame_kinds(d)))
@@ -164,10 +162,14 @@ for _name, _make, _pattern in (
     ("frames stored as 8 bits", _changed(lambda y, full: y / full * 255), r"full scale|gaps|gain"),
     ("frames gamma-encoded", _changed(lambda y, full: full * (y / full) ** (1 / 2.2)), r"gamma"),
     ("photographs gamma-encoded", _changed(lambda y, full: full * (y / full) ** (1 / 2.2), "band"), r"gamma"),
-    ("byte order wrong", lambda d, rng: [
-        tifffile.imwrite(d.folder / p, d.image(p).byteswap()) for t in d.tables("band") for p in t["frames"]
-    ], r"count of|bit_depth|gaps"),
-):  # fmt: skip
+    (
+        "byte order wrong",
+        lambda d, rng: [
+            tifffile.imwrite(d.folder / p, d.image(p).byteswap()) for t in d.tables("band") for p in t["frames"]
+        ],
+        r"count of|bit_depth|gaps",
+    ),
+):
     MISTAKES.append(Mistake(_name, _make, _pattern))  # type: ignore[arg-type]
 
 
@@ -241,6 +243,4 @@ def _(d: Draft, rng: np.random.Generator) -> None:
     other = Draft(d.others[-1], d.folder.parent / "another")
     if "geometry" not in other.manifest:
         raise Unsuitable
-    shutil.copy(
-        other.folder / other.manifest["geometry"]["points"], d.folder / d.manifest["geometry"]["points"]
-    )
+    shutil.copy(other.folder / other.manifest["geometry"]["points"], d.folder / d.manifest["geometry"]["points"])

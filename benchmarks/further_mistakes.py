@@ -190,9 +190,7 @@ def _shifted(table: NDArray, nm: float) -> NDArray:
     return np.column_stack([table[:, 0], *moved])
 
 
-def _spectral(
-    reference: Callable[[Draft], str | None], change: Callable[[NDArray, int], NDArray]
-) -> Callable:
+def _spectral(reference: Callable[[Draft], str | None], change: Callable[[NDArray, int], NDArray]) -> Callable:
     """The column of a reference through change(table, column)."""
 
     def make(d: Draft, rng: np.random.Generator) -> None:

@@ -30,10 +30,36 @@ LONGEST_S, MOST_BYTES = 2.0, 256 * 2**20
 
 #: What stands in place of a word or number now and then.
 ODD = [
-    b"", b"0", b"-1", b"1e99999999", b"nan", b"-inf", b"9" * 400, b"0x10", b"1,5", b"true", b"[]", b"{}", b"''",
-    b'"\\u0000"', b'"../../../etc/passwd"', b'"/dev/zero"', b"'[red]'", b"\xff\xfe", b"\xef\xbb\xbf", b"\r", b"[[",
-    b"18446744073709551616", b"1e-320", b"null", b'"."', b"2026-01-01", b"\xe2\x80\xae", b"=", b"#",
-]  # fmt: skip
+    b"",
+    b"0",
+    b"-1",
+    b"1e99999999",
+    b"nan",
+    b"-inf",
+    b"9" * 400,
+    b"0x10",
+    b"1,5",
+    b"true",
+    b"[]",
+    b"{}",
+    b"''",
+    b'"\\u0000"',
+    b'"../../../etc/passwd"',
+    b'"/dev/zero"',
+    b"'[red]'",
+    b"\xff\xfe",
+    b"\xef\xbb\xbf",
+    b"\r",
+    b"[[",
+    b"18446744073709551616",
+    b"1e-320",
+    b"null",
+    b'"."',
+    b"2026-01-01",
+    b"\xe2\x80\xae",
+    b"=",
+    b"#",
+]
 WORD = re.compile(rb"[A-Za-z_0-9.+-]+|\"[^\"\n]*\"|'[^'\n]*'")
 
 
@@ -110,9 +136,7 @@ def readers() -> dict[str, Reader]:
         return sound
 
     def text(name: str, content: object) -> Callable[[Path], Path]:
-        return written(
-            name, lambda path: path.write_text(content if isinstance(content, str) else json.dumps(content))
-        )
+        return written(name, lambda path: path.write_text(content if isinstance(content, str) else json.dumps(content)))
 
     def of_cube(ending: str) -> Reader:
         return Reader(written(f"cube{ending}", lambda path: write_cube(path, cube)), read_cube)
@@ -140,7 +164,11 @@ def readers() -> dict[str, Reader]:
             text(
                 "study.json",
                 {
-                    "format": "study/1", "name": "box", "scene": "cornell-box", "captures": ["."], "at": 0,
+                    "format": "study/1",
+                    "name": "box",
+                    "scene": "cornell-box",
+                    "captures": ["."],
+                    "at": 0,
                     "render": {"noise": 0.5, "max_bounces": None, "seed": 0},
                     "states": [{"effects": [glare], "rendered_with": []}],
                 },
@@ -151,8 +179,13 @@ def readers() -> dict[str, Reader]:
             text(
                 "reference.json",
                 {
-                    "format": "light-reference/1", "means": {"floor": 1.0}, "sigma": {"floor": 1e-4},
-                    "degrees": 7.0, "seed": 1, "samples": 64, "versions": {"cboxlab": "1"},
+                    "format": "light-reference/1",
+                    "means": {"floor": 1.0},
+                    "sigma": {"floor": 1e-4},
+                    "degrees": 7.0,
+                    "seed": 1,
+                    "samples": 64,
+                    "versions": {"cboxlab": "1"},
                 },
             ),
             read_reference,
@@ -183,10 +216,8 @@ def readers() -> dict[str, Reader]:
         "netcdf": of_cube(".nc"),
         "exr": of_cube(".exr"),
         "envi": of_cube(".hdr"),
-        "kept": Reader(
-            written("entry", lambda path: keep(path, "key", b"picture")), lambda path: kept(path, "key")
-        ),
-    }  # fmt: skip
+        "kept": Reader(written("entry", lambda path: keep(path, "key", b"picture")), lambda path: kept(path, "key")),
+    }
 
 
 def _peak() -> int:
@@ -251,9 +282,11 @@ def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
         fuzzed(data)
         if fuzzed.inputs % 100 == 0 or fuzzed.inputs >= inputs:
             counts = {
-                "inputs": fuzzed.inputs, "refused": fuzzed.refused, "slowest_s": fuzzed.slowest,
+                "inputs": fuzzed.inputs,
+                "refused": fuzzed.refused,
+                "slowest_s": fuzzed.slowest,
                 "failures": fuzzed.failures,
-            }  # fmt: skip
+            }
             (work / "counts.json").write_text(json.dumps(counts))
 
     corpus = work / "corpus"

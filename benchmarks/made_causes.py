@@ -111,13 +111,9 @@ def floor_stain(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
 def wall_stain(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """A damp place on the back wall."""
-    mesh = _disc(
-        float(draw.uniform(30, 60)), [draw.uniform(100, 450), draw.uniform(380, 460), 558.8], [0, 0, -1]
-    )
+    mesh = _disc(float(draw.uniform(30, 60)), [draw.uniform(100, 450), draw.uniform(380, 460), 558.8], [0, 0, -1])
     altered = _with(scene, "damp", mesh, _white(scene) * (0.96 - 0.00015 * (WAVELENGTH_NM - 400)))
-    return Made(
-        Truth("reflectance-map", "back", _centre(camera, np.asarray(mesh.vertices))), [(altered, camera, 1.0)]
-    )
+    return Made(Truth("reflectance-map", "back", _centre(camera, np.asarray(mesh.vertices))), [(altered, camera, 1.0)])
 
 
 def _repainted(scene: Scene, material: str, factor: NDArray[np.float64]) -> Scene:
@@ -137,11 +133,7 @@ def bleached(draw: Draw, scene: Scene, camera: Camera) -> Made:
 def second_lamp(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """A small bluish lamp in another place of the ceiling."""
     lamp, centre = scene.lamp, scene.lamp.surface.vertices_mm.mean(axis=0)
-    vertices = (
-        (lamp.surface.vertices_mm - centre) * 0.4
-        + centre
-        + [draw.uniform(100, 160), 0, draw.uniform(-120, 120)]
-    )
+    vertices = (lamp.surface.vertices_mm - centre) * 0.4 + centre + [draw.uniform(100, 160), 0, draw.uniform(-120, 120)]
     spectrum = lamp.radiance.at(WAVELENGTH_NM) * (WAVELENGTH_NM / 550.0) ** -2.5
     other = replace(
         lamp, surface=replace(lamp.surface, vertices_mm=vertices), radiance=Spectrum(WAVELENGTH_NM, spectrum)
@@ -175,9 +167,7 @@ def pilot_light(draw: Draw, scene: Scene, camera: Camera) -> Made:
     middle = np.array([40.0, draw.uniform(150, 400), draw.uniform(150, 400)])
     square = 4 * np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], float)
     corners = middle + square[::-1]
-    radiance = (
-        15 * scene.lamp.radiance.at(WAVELENGTH_NM).mean() * np.exp(-(((WAVELENGTH_NM - 530) / 25) ** 2))
-    )
+    radiance = 15 * scene.lamp.radiance.at(WAVELENGTH_NM).mean() * np.exp(-(((WAVELENGTH_NM - 530) / 25) ** 2))
     truth = Truth("extra-light", None, _centre(camera, middle[None] * [0.0, 1.0, 1.0]))
     return Made(truth, [(scene, camera, 1.0), (_emitting(scene, corners, radiance), camera, 0.06)])
 
@@ -199,9 +189,7 @@ def thread(draw: Draw, scene: Scene, camera: Camera) -> Made:
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(draw.uniform(0.03, 0.08), [0, 0, 1]))
     mesh.apply_translation([draw.uniform(120, 430), 300, -60])
-    return Made(
-        Truth("object"), [(_with(scene, "thread", mesh, np.full(WAVELENGTH_NM.size, 0.05)), camera, 1.0)]
-    )
+    return Made(Truth("object"), [(_with(scene, "thread", mesh, np.full(WAVELENGTH_NM.size, 0.05)), camera, 1.0)])
 
 
 def lamp_lines(draw: Draw, scene: Scene, camera: Camera) -> Made:
@@ -340,7 +328,27 @@ def _name(band: int) -> str:
 CAUSES: Mapping[str, Maker] = {
     maker.__name__: maker
     for maker in (
-        ball, rod, thread, floor_stain, wall_stain, soot, bleached, second_lamp, sun_blade, pilot_light, lamp_lines,
-        shaking, tilted_sensor, wiped, wedge, fringes, dust, row_noise, column_gain, glow, lamp_step, flicker,
+        ball,
+        rod,
+        thread,
+        floor_stain,
+        wall_stain,
+        soot,
+        bleached,
+        second_lamp,
+        sun_blade,
+        pilot_light,
+        lamp_lines,
+        shaking,
+        tilted_sensor,
+        wiped,
+        wedge,
+        fringes,
+        dust,
+        row_noise,
+        column_gain,
+        glow,
+        lamp_step,
+        flicker,
     )
-}  # fmt: skip
+}

@@ -35,9 +35,7 @@ def trial(page: str) -> bool:
             done = subprocess.run(
                 [program, *words], cwd=place, env=environment, capture_output=True, text=True, check=False
             )
-            print(
-                f"  {time.perf_counter() - begun:6.1f} s, exit code {done.returncode}: cbox {shlex.join(words)}"
-            )
+            print(f"  {time.perf_counter() - begun:6.1f} s, exit code {done.returncode}: cbox {shlex.join(words)}")
             if done.returncode:
                 print(done.stderr)
                 good = False

@@ -34,10 +34,7 @@ from planted_faults import ROOMS, ROOT
 
 PHYSICS = (
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
-    *(
-        f"render/{name}"
-        for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")
-    ),
+    *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
     *(f"validate/{name}" for name in ("compare", "diagnose", "effects")),
 )
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
@@ -48,12 +45,18 @@ _NOT_PHYSICS = re.compile(r"\b(folder|path|directory|perf_counter)\b")
 _NOT_NUMBERS = (ast.JoinedStr, ast.List, ast.ListComp, ast.Tuple, ast.Dict)
 #: Changes of a file's expression that change nothing which can be observed, and why: they are not run.
 EQUIVALENT = {
-    ("render/sensor/simulation.py", "mean + detector.offset_spread_dn * draws.standard_normal(electrons.shape)"):
-    "a normal draw of either sign is a normal draw",
-    ("calibration/detector/photon_transfer.py", "mean.shape[1] - 1"):
-    "another unit of a coordinate whose polynomials are fitted: the same polynomials",
-    ("render/integrators/general_path_tracer.py", "RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal))"):
-    "over a sign is times the sign",
+    (
+        "render/sensor/simulation.py",
+        "mean + detector.offset_spread_dn * draws.standard_normal(electrons.shape)",
+    ): "a normal draw of either sign is a normal draw",
+    (
+        "calibration/detector/photon_transfer.py",
+        "mean.shape[1] - 1",
+    ): "another unit of a coordinate whose polynomials are fitted: the same polynomials",
+    (
+        "render/integrators/general_path_tracer.py",
+        "RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal))",
+    ): "over a sign is times the sign",
     ("render/integrators/passes.py", "job.seed + 7919 * job.number"): "other seeds, as different from each other",
     ("render/integrators/path_points.py", "x + seed"): "another hash of the seed",
     ("validate/diagnose/search.py", "np.sqrt(ratio)"): "another start of a search that arrives",
@@ -61,10 +64,12 @@ EQUIVALENT = {
     ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "what is told of the progress",
     ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
     ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
-    ("validate/diagnose/further_captures.py", "surveyed(step.after.applied) - here"):
-    "camera's own columns are in the design: another combination of the same columns",
+    (
+        "validate/diagnose/further_captures.py",
+        "surveyed(step.after.applied) - here",
+    ): "camera's own columns are in the design: another combination of the same columns",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -187,11 +192,7 @@ def sample(count: int, seed: int, only: str) -> list[Mutant]:
 
     A module's mutants do not depend on other modules' sources.
     """
-    files = [
-        path.relative_to(ROOT).as_posix()
-        for package in PHYSICS
-        for path in sorted((ROOT / package).glob("*.py"))
-    ]
+    files = [path.relative_to(ROOT).as_posix() for package in PHYSICS for path in sorted((ROOT / package).glob("*.py"))]
     random.Random(seed).shuffle(files)
     queues = []
     for file in files:
@@ -219,9 +220,7 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     packages that use it.
     """
     tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
-    defined = [
-        n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"
-    ]
+    defined = [n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"]
     stem, package = Path(file).stem.lstrip("_"), "tests" / Path(file).parent
     words = re.compile(rf"\b({'|'.join((stem, stem.replace('_', '-'), *defined))})\b")
 
@@ -273,9 +272,7 @@ def verdict_of(mutant: Mutant, limit_s: float, unsound: dict[str, bool]) -> str:
 
 
 def main() -> int:
-    options = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, required=True, help="file of results, one line of JSON each")
     options.add_argument("--count", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)

@@ -91,9 +91,7 @@ def _forgotten_cube(scene: Scene, amount: float, row: float, column: float) -> S
     """Somebody left a cube on the floor, of up to 100 mm, in the floor's paint."""
     edge = 1 + 99 * amount
     centre = np.array([330 + 130 * column, edge / 2 + 0.2, 60 + 90 * row])
-    cube = Surface(
-        "forgotten", scene.surface("floor").material, *box_mesh(centre, np.full(3, edge), 90 * row)
-    )
+    cube = Surface("forgotten", scene.surface("floor").material, *box_mesh(centre, np.full(3, edge), 90 * row))
     return replace(scene, surfaces=(*scene.surfaces, cube))
 
 

@@ -27,12 +27,8 @@ from cboxlab.validation.diagnose.stepwise import signatures_of
 def main() -> None:
     """Print how many pairs cannot be told from others, and which."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "capture", type=Path, help="a capture in which no effect is hidden, of the published box"
-    )
-    parser.add_argument(
-        "--chi2", type=float, default=200.0, help="what each of the two effects alone would gain"
-    )
+    parser.add_argument("capture", type=Path, help="a capture in which no effect is hidden, of the published box")
+    parser.add_argument("--chi2", type=float, default=200.0, help="what each of the two effects alone would gain")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     model = Model()
@@ -47,9 +43,7 @@ def main() -> None:
     for i, j in combinations(range(len(able)), 2):
         if effects[i] != effects[j]:
             own = np.append(columns[i], columns[j])
-            rivals.append(
-                (frozenset((effects[i], effects[j])), own, np.linalg.inv(products[np.ix_(own, own)]))
-            )
+            rivals.append((frozenset((effects[i], effects[j])), own, np.linalg.inv(products[np.ix_(own, own)])))
     draw = np.random.default_rng(arguments.seed)
 
     def change(effect: str) -> np.ndarray:

@@ -88,9 +88,7 @@ def mean_flip(first: Side, second: Side) -> float:
     return float(evaluate(*pictures, "HDR", inputsRGB=False, applyMagma=False)[1])
 
 
-def made_up(
-    clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: float = 0, stated: float = 1
-) -> Side:
+def made_up(clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: float = 0, stated: float = 1) -> Side:
     """One side with noise of 8 % a pixel, nearly the same at all wavelengths."""
     radiance = clean.radiance
     shape = (BATCHES, *radiance.shape[:2])
@@ -117,21 +115,13 @@ def alarms(pairs: int) -> None:
             wrong += not regress_sides(first, second)[0].same
             if options.get("stated", 1):
                 failed += not pixel_rule(first, second)
-        rule = (
-            f"per-pixel rule fails {failed}"
-            if options.get("stated", 1)
-            else "per-pixel rule needs standard errors"
-        )
+        rule = f"per-pixel rule fails {failed}" if options.get("stated", 1) else "per-pixel rule needs standard errors"
         print(f"{name:25s} false alarms {wrong}; {rule}", flush=True)
 
 
-def rendered(
-    scene: Scene, camera: Camera, seed: int, max_bounces: int | None = None, samples: int = SAMPLES
-) -> Side:
+def rendered(scene: Scene, camera: Camera, seed: int, max_bounces: int | None = None, samples: int = SAMPLES) -> Side:
     """One path traced picture."""
-    image = render(
-        scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces, integrator="path"
-    )
+    image = render(scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces, integrator="path")
     return side_of([labelled_cube(image)], [f"seed {seed}"])
 
 
@@ -158,11 +148,14 @@ def with_tilted_lamp(scene: Scene) -> Scene:
 
 def with_coat(scene: Scene) -> Scene:
     """White paint as rough plastic of index 1.5, which reflects 4 % straight on."""
-    bsdf = {"type": "roughplastic", "distribution": "ggx", "alpha": 0.15, "int_ior": 1.5,
-            "diffuse_reflectance": "reflectance"}  # fmt: skip
-    return replace(
-        scene, materials={**scene.materials, "white": replace(scene.materials["white"], bsdf=bsdf)}
-    )
+    bsdf = {
+        "type": "roughplastic",
+        "distribution": "ggx",
+        "alpha": 0.15,
+        "int_ior": 1.5,
+        "diffuse_reflectance": "reflectance",
+    }
+    return replace(scene, materials={**scene.materials, "white": replace(scene.materials["white"], bsdf=bsdf)})
 
 
 def through_tent(size: int, seed: int) -> Side:
@@ -229,9 +222,7 @@ def across_renderers(pairs: int) -> None:
         total[one, other] = total.get((one, other), 0) + 1
         wrong[one, other] = wrong.get((one, other), 0) + (not regress_sides(first, second)[0].same)
         failed += not pixel_rule(first, second)
-    print(
-        f"{pairs} pairs across renderers: false alarms {sum(wrong.values())}; per-pixel rule fails {failed}"
-    )
+    print(f"{pairs} pairs across renderers: false alarms {sum(wrong.values())}; per-pixel rule fails {failed}")
     for pair, count in total.items():
         print(f"  {' and '.join(pair)}: {wrong[pair]} of {count}")
 
@@ -277,16 +268,21 @@ def naming(seeds: int, size: int, rows: str) -> None:
     changes: dict[str, tuple[str, dict[str, object], Callable[[int], Side]]] = {
         "depth 3": ("path-depth", {"max_bounces": 3}, lambda seed: rendered(box, camera, seed, 3)),
         "depth 7": ("path-depth", {"max_bounces": 7}, lambda seed: rendered(box, camera, seed, 7)),
-        "white paint x 1.01": ("paint", {"material": "white"},
-                               lambda seed: rendered(with_paint(box, "white", 1.01), camera, seed)),
-        "gloss of 0.04 on white": ("gloss", {"material": "white"},
-                                   lambda seed: rendered(with_coat(box), camera, seed)),
+        "white paint x 1.01": (
+            "paint",
+            {"material": "white"},
+            lambda seed: rendered(with_paint(box, "white", 1.01), camera, seed),
+        ),
+        "gloss of 0.04 on white": ("gloss", {"material": "white"}, lambda seed: rendered(with_coat(box), camera, seed)),
         "lamp x 1.02": ("lamp-scale", {}, lambda seed: scaled(rendered(box, camera, seed), 1.02)),
-        "swapped walls": ("swapped-walls", {"surfaces": ["right", "left"]},
-                          lambda seed: rendered(with_swapped_walls(box), camera, seed)),
+        "swapped walls": (
+            "swapped-walls",
+            {"surfaces": ["right", "left"]},
+            lambda seed: rendered(with_swapped_walls(box), camera, seed),
+        ),
         "tent filter": ("pixel-filter", {}, lambda seed: through_tent(size, seed)),
         "shift of (0.3; -0.5) px": ("shift", {}, lambda seed: rendered(box, off, seed)),
-    }  # fmt: skip
+    }
     baseline = rendered(box, camera, 1)
     variants = build_variants(box, camera, baseline)
     print(f"{size} x {size}, {SAMPLES * BATCHES} samples per pixel, {seeds} seeds, the scene known")
@@ -299,21 +295,13 @@ def naming(seeds: int, size: int, rows: str) -> None:
         for run in range(seeds):
             outcome, compared = regress_sides(baseline, picture(50_000 * (index + 1) + run))
             named = None if outcome.same else named_changes(compared, variants)[0]
-            found = (
-                named is not None
-                and named.change == change
-                and asked.items() <= dict(named.parameters).items()
-            )
+            found = named is not None and named.change == change and asked.items() <= dict(named.parameters).items()
             right += found
             first = named if found and first is None else first
             if not found:
                 others.append("same" if named is None else f"{named.change} {dict(named.parameters)}")
         each = (time.perf_counter() - start) / seeds
-        shown = (
-            ""
-            if first is None
-            else f"; one of them {dict(first.parameters)}, probability {first.probability:.2f}"
-        )
+        shown = "" if first is None else f"; one of them {dict(first.parameters)}, probability {first.probability:.2f}"
         print(f"{name:24s} named first {right}/{seeds}, {each:.0f} s each{shown}", flush=True)
         for other in others:
             print(f"    instead: {other}", flush=True)
@@ -324,8 +312,14 @@ def remember_pictures() -> None:
     plain, build, known = PatchLight.picture, transport_explanations.build_variants, dict[object, object]()
 
     def picture(light: PatchLight) -> NDArray:
-        arrays = (light.patch_reflectance, light.fragment_reflectance, light.patch_emission, light.fragment_emission,
-                  light.wavelength_nm, light.added)  # fmt: skip
+        arrays = (
+            light.patch_reflectance,
+            light.fragment_reflectance,
+            light.patch_emission,
+            light.fragment_emission,
+            light.wavelength_nm,
+            light.added,
+        )
         key = (id(light.transport), light.max_bounces, *map(digest, arrays))
         if key not in known:
             known[key] = plain(light)
@@ -353,9 +347,7 @@ def scaled(side: Side, factor: float) -> Side:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=["alarms", "renderers", "power", "naming"])
     parser.add_argument("--pairs", type=int, default=1000)
     parser.add_argument("--seeds", type=int, default=20)

@@ -24,15 +24,17 @@ WITHIN, SIGMA = 0.002, 0.001
 SIZE, REFERENCE_SAMPLES = 64, 2048
 #: Samples per pixel and batch, batches.
 SAMPLES = {
-    "mitsuba": (1600, 8), "radiance": (1024, 8), "raysect": (720, 80), "luxcore": (1024, 8), "pbrt": (1024, 8),
-}  # fmt: skip
+    "mitsuba": (1600, 8),
+    "radiance": (1024, 8),
+    "raysect": (720, 80),
+    "luxcore": (1024, 8),
+    "pbrt": (1024, 8),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--with", dest="names", default="mitsuba,radiance,raysect")
     parser.add_argument("--effort", type=float, default=1.0)
     parser.add_argument("--out", type=Path)

@@ -58,9 +58,7 @@ def add_series(folder: Path) -> None:
         if seconds not in darks:
             darks.add(seconds)
             shots.append(Shot("dark", None, seconds, 2))
-        for path, counts in photograph(
-            shots, lambda shot, f=factor: f * field, maps, settings, generator
-        ).items():
+        for path, counts in photograph(shots, lambda shot, f=factor: f * field, maps, settings, generator).items():
             name = path.replace("frames/", f"frames/series{number}-")
             write_raw(folder / name, counts)
             if "dark" not in name:
@@ -78,9 +76,7 @@ def add_series(folder: Path) -> None:
 
 def simulated(folder: Path) -> Path:
     """A capture of the published box by a simulated PXL 1300L, with the sphere's series."""
-    write_model_capture(
-        folder, Model(), perturbed_camera(SIZE, SEED), CaptureSettings(), SEED, relative_error=3e-3
-    )
+    write_model_capture(folder, Model(), perturbed_camera(SIZE, SEED), CaptureSettings(), SEED, relative_error=3e-3)
     add_series(folder)
     return folder
 

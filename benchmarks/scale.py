@@ -36,9 +36,7 @@ def measured(title: str, *arguments: str) -> bool:
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     seconds, cpu = time.perf_counter() - start, usage.ru_utime + usage.ru_stime
-    print(
-        f"{title:40}{seconds:9.1f} s{cpu:9.1f} CPU s{usage.ru_maxrss / 1e6:8.2f} GB  exit {process.returncode}"
-    )
+    print(f"{title:40}{seconds:9.1f} s{cpu:9.1f} CPU s{usage.ru_maxrss / 1e6:8.2f} GB  exit {process.returncode}")
     return process.returncode == 0
 
 

@@ -68,9 +68,7 @@ def main() -> None:
                 "plain numpy, expected electrons": lambda: plain(cube, exposure),
                 "expected_electrons": lambda: expected_electrons(cube, camera, exposure),
                 "expected_electrons, file on disk": lambda: expected_electrons(on_disk, camera, exposure),
-                "expected_electrons, 8 components": lambda: expected_electrons(
-                    coefficients, camera, exposure
-                ),
+                "expected_electrons, 8 components": lambda: expected_electrons(coefficients, camera, exposure),
                 "simulate (with noise)": lambda: simulate(cube, camera, exposure, seed=1),
             }
             results = {name: measured(work) for name, work in ways.items()}

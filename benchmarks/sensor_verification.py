@@ -45,10 +45,12 @@ COLUMNS = ("mean", "mean_percent", "rms", "maximum", "maximum_percent")
 HEADER = ("mean |error|", "mean %", "rms", "max", "max %")
 #: Table I, by exposure: mean, mean %, RMS, maximum, maximum %.
 TABLE_1 = {
-    "1/8": (1.49, 1.22, 2.59, 9.07, 13.23), "1/15": (3.18, 4.03, 4.11, 9.64, 30.99),
-    "1/30": (4.96, 7.66, 5.43, 13.21, 24.13), "1/60": (3.47, 9.39, 3.66, 6.75, 26.19),
+    "1/8": (1.49, 1.22, 2.59, 9.07, 13.23),
+    "1/15": (3.18, 4.03, 4.11, 9.64, 30.99),
+    "1/30": (4.96, 7.66, 5.43, 13.21, 24.13),
+    "1/60": (3.47, 9.39, 3.66, 6.75, 26.19),
     "1/125": (1.85, 7.22, 1.96, 3.04, 15.16),
-}  # fmt: skip
+}
 #: Tables IV (DCS-200), V (DCS-420) and VI (chart, DCS-200), by channel, the same columns.
 TABLE_4 = {
     "R": (0.53, 0.65, 1.42, 8.07, 4.22),
@@ -61,16 +63,20 @@ TABLE_5 = {
     "B": (0.47, 0.66, 0.59, 1.50, 2.63),
 }
 TABLE_6 = {
-    "R": (2.80, 2.63, 3.97, 13.63, 9.97), "G": (2.85, 2.41, 4.27, 11.70, 13.63), "B": (2.81, 4.68, 3.60, 9.95, 15.80),
-}  # fmt: skip
+    "R": (2.80, 2.63, 3.97, 13.63, 9.97),
+    "G": (2.85, 2.41, 4.27, 11.70, 13.63),
+    "B": (2.81, 4.68, 3.60, 9.95, 15.80),
+}
 #: Section IV: mean errors of X, Y, Z over their maxima, and Delta E*ab, mean and maximum.
 SECTION_4 = (0.027, 0.0274, 0.0655, 6.6874, 14.79)
 #: Error of each light's power and of the shutter, one sigma: what the per cent column of Table IV suggests.
 POWER_ERROR = 0.008
 ESTIMATES = {
-    "constant bands": band_constant, "positive Wiener": wiener, "smoothest that fits": least_squares,
+    "constant bands": band_constant,
+    "positive Wiener": wiener,
+    "smoothest that fits": least_squares,
     "convex sets": lambda readings: convex_sets(readings)[0],
-}  # fmt: skip
+}
 DRAWS = 1_000_000
 
 
@@ -84,9 +90,7 @@ def estimated(name: str, run: chart.CalibrationRun) -> SensorCamera:
     camera = load_camera(name)
     seen = (chart.GRID >= chart.BANDS[0]) & (chart.GRID <= chart.BANDS[-1])
     channels = {
-        letter: Spectrum(
-            chart.GRID[seen], wiener(run.readings[letter])[seen] * camera.detector.gain_e_per_dn, "zero"
-        )
+        letter: Spectrum(chart.GRID[seen], wiener(run.readings[letter])[seen] * camera.detector.gain_e_per_dn, "zero")
         for letter in "RGB"
     }
     return dataclasses.replace(camera, channels=channels)
@@ -102,9 +106,7 @@ def sensitivity_tables(result: dict) -> dict[str, SensorCamera]:
             for method, estimate in ESTIMATES.items():
                 for index, letter in enumerate("RGB"):
                     found = estimate(run.readings[letter])
-                    fitted = chart.errors(
-                        chart.predicted_counts(run, letter, found, camera), run.recorded[letter]
-                    )
+                    fitted = chart.errors(chart.predicted_counts(run, letter, found, camera), run.recorded[letter])
                     truth = np.interp(chart.GRID, chart.NM, independent.electrons[index]) / independent.gain
                     inside = (chart.GRID >= 400) & (chart.GRID <= 700)
                     miss = float(np.sqrt(np.mean((found - truth)[inside] ** 2)) / truth.max())
@@ -149,18 +151,23 @@ def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -
     expected *= (expected.ravel() @ measured.ravel()) / (expected.ravel() @ expected.ravel())
     d65 = colour.SDS_ILLUMINANTS["D65"]
     correction = fit_correction(
-        expected, chart_reflectances(), Spectrum(np.array(d65.wavelengths), np.array(d65.values), "zero"),
+        expected,
+        chart_reflectances(),
+        Spectrum(np.array(d65.wavelengths), np.array(d65.values), "zero"),
         1 / 12 + camera.detector.dark(seconds)[1] ** 2,
-    )  # fmt: skip
+    )
     pair = correction.xyz(measured), correction.xyz(found)
     white = pair[0][18]
     lab = [colour.XYZ_to_Lab(xyz / white[1], colour.XYZ_to_xy(white)) for xyz in pair]
     difference = np.linalg.norm(lab[0] - lab[1], axis=-1)
     relative = np.abs(pair[0] - pair[1]).mean(axis=0) / pair[0].max(axis=0)
     return {
-        "X": float(relative[0]), "Y": float(relative[1]), "Z": float(relative[2]),
-        "delta_e_mean": float(difference.mean()), "delta_e_maximum": float(difference.max()),
-    }  # fmt: skip
+        "X": float(relative[0]),
+        "Y": float(relative[1]),
+        "Z": float(relative[2]),
+        "delta_e_mean": float(difference.mean()),
+        "delta_e_maximum": float(difference.max()),
+    }
 
 
 def colour_from_truth(result: dict) -> None:
@@ -176,10 +183,11 @@ def colour_from_truth(result: dict) -> None:
         seconds = auto_exposure(cube, camera)
         white_dn = float(linear_counts(camera.detector.full_scale_dn, camera, seconds))
         training, seen = (
-            demosaic(linear_counts(frame, camera, seconds), camera, white_dn)
-            .reshape(24, chart.PATCH_PX, chart.PATCH_PX, 3)[:, 10:-10, 10:-10]
+            demosaic(linear_counts(frame, camera, seconds), camera, white_dn).reshape(
+                24, chart.PATCH_PX, chart.PATCH_PX, 3
+            )[:, 10:-10, 10:-10]
             for frame in (expected_counts(cube, camera, seconds), simulate(cube, camera, seconds, seed=4))
-        )  # fmt: skip
+        )
         variance = camera.detector.dark(seconds)[1] ** 2 + training.mean() / camera.detector.gain_e_per_dn
         for target, white in (("the lamp", tungsten), ("D65", d65)):
             truth = (chart_reflectances() * white.at(nm)) @ observer.T / (white.at(nm) @ observer[1])
@@ -190,9 +198,10 @@ def colour_from_truth(result: dict) -> None:
             pixels = colour.XYZ_to_Lab(fitted.xyz(seen), at) - true_lab[:, None, None]
             of_patches = np.linalg.norm(patches, axis=-1)
             result[f"{camera.name}, XYZ under {target}"] = {
-                "patches": float(of_patches.mean()), "largest": float(of_patches.max()),
+                "patches": float(of_patches.mean()),
+                "largest": float(of_patches.max()),
                 "pixels": float(np.linalg.norm(pixels, axis=-1).mean()),
-            }  # fmt: skip
+            }
 
 
 def photon_count(result: dict) -> None:
@@ -246,9 +255,11 @@ def statistics_of_draws(results: dict[str, dict]) -> None:
     weight = 1 / np.array(variances)
     slope, floor = np.polyfit(means, variances, 1, w=weight)
     results["transfer"]["Sony ILCE-7RM2"] = {
-        "gain found": float(1 / slope), "gain put in": detector.gain_e_per_dn,
-        "sigma found": float(np.sqrt(floor)), "sigma put in": sigma,
-    }  # fmt: skip
+        "gain found": float(1 / slope),
+        "gain put in": detector.gain_e_per_dn,
+        "sigma found": float(np.sqrt(floor)),
+        "sigma put in": sigma,
+    }
 
 
 def bases(result: dict) -> None:
@@ -260,9 +271,7 @@ def bases(result: dict) -> None:
     for count in (3, 5, 8, 12, 31):
         coefficients = to_basis(cube, principal_components(cube, count))
         error = np.abs(expected_counts(coefficients, camera, 1 / 30) - full).max()
-        result[f"{count} components"] = {
-            "spectral": spectral_error(cube, coefficients), "largest, DN": float(error)
-        }  # fmt: skip
+        result[f"{count} components"] = {"spectral": spectral_error(cube, coefficients), "largest, DN": float(error)}
 
 
 def real_frames(folder: Path, result: dict) -> None:
@@ -275,9 +284,7 @@ def real_frames(folder: Path, result: dict) -> None:
         )
         if name == next(iter(frames.STEPS)):
             for seconds in np.unique(cells.exposure_s):
-                result[f"{name}: {seconds:g} s"] = frames.statistics(
-                    cells.chosen(cells.exposure_s == seconds)
-                )
+                result[f"{name}: {seconds:g} s"] = frames.statistics(cells.chosen(cells.exposure_s == seconds))
     for band in dict.fromkeys(cells.band.tolist()):
         for pixel in frames.PIXELS:
             keep = (cells.band == band) & (cells.pixel == pixel) & ~cells.clipped
@@ -292,9 +299,7 @@ def real_frames(folder: Path, result: dict) -> None:
 
 def line(name: str, *cells: object) -> None:
     """One line of a table."""
-    print(
-        f"{name:66s}" + "".join(f"{c:>13.3g}" if isinstance(c, float | int) else f"{c!s:>13s}" for c in cells)
-    )
+    print(f"{name:66s}" + "".join(f"{c:>13.3g}" if isinstance(c, float | int) else f"{c!s:>13s}" for c in cells))
 
 
 def show(title: str, results: dict, papers: dict[str, tuple[float, ...]]) -> None:

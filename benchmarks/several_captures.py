@@ -60,9 +60,7 @@ def _told(found: Diagnosis) -> str:
     return f"{', '.join(found.selected) or 'nothing'}{f' (not told apart: {groups})' if groups else ''}"
 
 
-def _case(
-    truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int
-) -> bool:
+def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int) -> bool:
     camera, settings = perturbed_camera(SIZE_PX, seed), CaptureSettings()
     scale = scale_of(Model(), camera, settings, seed)
     box, bands = photographed_scene(Model()), tuple(settings.filters)
@@ -76,21 +74,15 @@ def _case(
             place = Path(folder) / f"{index}"
             there = effect.at_aperture(settings.f_number / how.f_number)
             effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (there,)
-            write_model_capture(
-                place, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3
-            )
+            write_model_capture(place, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
             validations.append(validate(place, Model()))
         first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
         if not both.selected and not both.further[0].adequate:
             # as the report advises
             both = diagnose(validations[1], further=validations[:1])
     right = both.selected[:1] == (truth,)
-    values = ", ".join(
-        f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in effect.values.items()
-    )
-    print(
-        f"{truth} ({values}): one capture {_told(first)}; both {_told(both)}; {both.further[0]}", flush=True
-    )
+    values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in effect.values.items())
+    print(f"{truth} ({values}): one capture {_told(first)}; both {_told(both)}; {both.further[0]}", flush=True)
     return right
 
 

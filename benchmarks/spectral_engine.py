@@ -122,9 +122,7 @@ def _without_lamp(size: int) -> np.ndarray:
     return (coverage[..., -1] == 0) & (coverage.sum(axis=-1) > 0.5)
 
 
-def _floors(
-    contenders: dict[str, Contender], size: int, samples: int, say: Callable[..., None]
-) -> dict[str, float]:
+def _floors(contenders: dict[str, Contender], size: int, samples: int, say: Callable[..., None]) -> dict[str, float]:
     """Of each of our contenders, and of the path tracer with many samples ("long"): bare rays over the whole cost."""
     from ray_floor import bare_seconds, own_rays
 
@@ -151,9 +149,7 @@ def _floors(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print the JSON object only")
     parser.add_argument("--parts", default=",".join(PARTS), help="comma-separated, of " + ", ".join(PARTS))
     parser.add_argument("--size", type=int, default=256, help="width and height, pixels")

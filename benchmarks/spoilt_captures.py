@@ -60,9 +60,7 @@ def named(mistake: Mistake, source: Path, others: tuple[Path, ...], seed: int) -
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", nargs="*", type=Path)
     parser.add_argument("--sound", type=Path)
     parser.add_argument("--only", default="")

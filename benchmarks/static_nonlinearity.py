@@ -33,9 +33,7 @@ def series(
         count = camera(light, seconds) + noise * generator.standard_normal(POINTS)
         inside = (count > 20) & (count < 240)
         unit = generator.uniform(0.1, 10)
-        found.append(
-            LightSeries(f"{seconds:.4f} s", unit * light[inside], count[inside], np.full(inside.sum(), noise))
-        )
+        found.append(LightSeries(f"{seconds:.4f} s", unit * light[inside], count[inside], np.full(inside.sum(), noise)))
     return found
 
 
@@ -54,9 +52,7 @@ def row(name: str, curve: CalibrationCurve, in_counts: bool) -> str:
     found, key = curve.statistics, "_dn" if in_counts else ""
     ours = [found[f"{kind}{key}"] for kind in ("mean_absolute", "rms", "largest")]
     form = ".2f" if in_counts else ".4f"
-    return "  ".join(
-        [f"{name:8}", *(f"{o:{form}} ({p:{form}})" for o, p in zip(ours, PAPER[name], strict=True))]
-    )
+    return "  ".join([f"{name:8}", *(f"{o:{form}} ({p:{form}})" for o, p in zip(ours, PAPER[name], strict=True))])
 
 
 def main() -> None:

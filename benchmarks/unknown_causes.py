@@ -82,9 +82,16 @@ def write_capture(folder: Path, name: str, seed: int, taken: int = 0) -> Truth:
     sees_lamp = _sound(place, place + 5000 * taken).sees_lamp
     scene = photographed_scene(Model())
     write_photographs(
-        folder, made.light(total), uniform, sees_lamp, camera=camera, scene=scene, settings=settings, seed=noise,
+        folder,
+        made.light(total),
+        uniform,
+        sees_lamp,
+        camera=camera,
+        scene=scene,
+        settings=settings,
+        seed=noise,
         hooks=made.hooks,
-    )  # fmt: skip
+    )
     return made.truth
 
 
@@ -99,14 +106,24 @@ def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
     found = diagnosis.explanation
     place = None if found is None or found.centre_px is None else list(found.centre_px)
     row = {
-        "key": f"{name}:{seed}", "cause": name, "truth": truth.family, "true_surface": truth.surface,
-        "true_centre": truth.centre_px, "true_band": truth.band, "selected": list(diagnosis.selected),
-        "family": None if found is None else found.family, "surface": None if found is None else found.surface,
-        "centre": place, "bands": [] if found is None else list(found.bands),
-        "share": 0.0 if found is None else found.share, "runner_up": None if found is None else found.runner_up,
-        "told_apart": found is not None and found.told_apart, "chi2_per_dof": diagnosis.chi2_per_dof,
-        "seconds": seconds, "cpu_seconds": cpu,
-    }  # fmt: skip
+        "key": f"{name}:{seed}",
+        "cause": name,
+        "truth": truth.family,
+        "true_surface": truth.surface,
+        "true_centre": truth.centre_px,
+        "true_band": truth.band,
+        "selected": list(diagnosis.selected),
+        "family": None if found is None else found.family,
+        "surface": None if found is None else found.surface,
+        "centre": place,
+        "bands": [] if found is None else list(found.bands),
+        "share": 0.0 if found is None else found.share,
+        "runner_up": None if found is None else found.runner_up,
+        "told_apart": found is not None and found.told_apart,
+        "chi2_per_dof": diagnosis.chi2_per_dof,
+        "seconds": seconds,
+        "cpu_seconds": cpu,
+    }
     return {**row, **_score(row)}
 
 
@@ -117,9 +134,7 @@ def _score(row: Mapping[str, Any]) -> dict[str, bool]:
     if true is None:
         placed = row["true_surface"] is None or row["surface"] == row["true_surface"]
     else:
-        placed = found is not None and bool(
-            np.hypot(found[0] - true[0], found[1] - true[1]) < _PLACE * SIZE_PX
-        )
+        placed = found is not None and bool(np.hypot(found[0] - true[0], found[1] - true[1]) < _PLACE * SIZE_PX)
     return {"right": row["family"] == row["truth"] and row["selected"] == ["unknown"], "place": placed}
 
 

@@ -39,9 +39,12 @@ def run(name: str, seed: int) -> dict[str, Any]:
         (folder / "out.json").rename(folder / "diagnosis.json")
         _cbox(folder, "effects", "--new", "found", "--from", "diagnosis.json")
         row = {
-            "key": f"{name}:{seed}", "truth": truth.family, "family": found["family"], "form": found["form"],
+            "key": f"{name}:{seed}",
+            "truth": truth.family,
+            "family": found["family"],
+            "form": found["form"],
             "bytes": (folder / "found.toml").stat().st_size,
-        }  # fmt: skip
+        }
         for capture in ("first", "second"):
             fitted = _cbox(folder, "add", f"{capture}.toml", "found.toml", "--fit", capture)
             row[capture] = {

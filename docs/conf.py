@@ -10,13 +10,16 @@ import generated_pages
 project = "cboxlab"
 author = "the authors of cboxlab"
 release = importlib.metadata.version("cboxlab")
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 suppress_warnings = ["myst.xref_missing_file"]
 html_theme = "furo"
 html_title = f"cboxlab {release}"
-autodoc_typehints = "none"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
 
 
 def setup(app):

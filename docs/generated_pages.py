@@ -44,9 +44,7 @@ def _command(name: str, command) -> Iterator[str]:
     for parameter in own:
         label = _argument(parameter) if parameter in arguments else ", ".join(parameter.opts)
         default = parameter.default
-        shown = (
-            "" if default in (None, False, "") or callable(default) or parameter.required else f"`{default}`"
-        )
+        shown = "" if default in (None, False, "") or callable(default) or parameter.required else f"`{default}`"
         text = (parameter.help or "").replace("|", "\\|")
         yield f"| `{label}` | {_quoted_brackets(text)} | {'required' if parameter.required else shown} |"
     yield ""
@@ -134,9 +132,7 @@ def notebook(path: Path) -> str:
     """A notebook's cells: text as it is, code as blocks."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     parts = [
-        "".join(cell["source"])
-        if cell["cell_type"] == "markdown"
-        else f"```python\n{''.join(cell['source'])}\n```"
+        "".join(cell["source"]) if cell["cell_type"] == "markdown" else f"```python\n{''.join(cell['source'])}\n```"
         for cell in cells
     ]
     parts.insert(1, f"{{download}}`The notebook <{path.name}>`")

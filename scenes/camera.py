@@ -21,9 +21,17 @@ REFERENCE_ROTATION = np.diag([-1.0, -1.0, 1.0])
 
 #: Order of ``Camera.parameters`` and of its covariance.
 PARAMETER_NAMES = (
-    "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg",
-    "focal_length_px", "principal_u_px", "principal_v_px", "k1",
-)  # fmt: skip
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "rx_deg",
+    "ry_deg",
+    "rz_deg",
+    "focal_length_px",
+    "principal_u_px",
+    "principal_v_px",
+    "k1",
+)
 
 #: Each round of the inverse leaves the part of the error by which displacements change over the displacement's length.
 _INVERSION_ROUNDS = 6
@@ -69,18 +77,20 @@ class Camera:
         R is ``rotation``, R0 is REFERENCE_ROTATION.
         """
         turn = Rotation.from_matrix(self.rotation @ REFERENCE_ROTATION.T).as_rotvec(degrees=True)
-        return np.concatenate(
-            [self.position_mm, turn, [self.focal_length_px], self.principal_point_px, [self.k1]]
-        )
+        return np.concatenate([self.position_mm, turn, [self.focal_length_px], self.principal_point_px, [self.k1]])
 
     def with_parameters(self, values: ArrayLike) -> Camera:
         """The same image size with other parameters (10,), in the order of PARAMETER_NAMES."""
         p = np.asarray(values, float)
         rotation = Rotation.from_rotvec(p[3:6], degrees=True).as_matrix() @ REFERENCE_ROTATION
         return replace(
-            self, position_mm=p[:3].copy(), rotation=rotation, focal_length_px=float(p[6]),
-            principal_point_px=p[7:9].copy(), k1=float(p[9]),
-        )  # fmt: skip
+            self,
+            position_mm=p[:3].copy(),
+            rotation=rotation,
+            focal_length_px=float(p[6]),
+            principal_point_px=p[7:9].copy(),
+            k1=float(p[9]),
+        )
 
     def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Image positions (n, 2) in px of world points (n, 3); NaN for points behind the camera."""
@@ -115,9 +125,7 @@ class Camera:
         if first is None:
             return self
         plain = replace(self, further_distortion=None)
-        u, v = np.meshgrid(
-            np.linspace(0, self.width_px - 1, _GRID), np.linspace(0, self.height_px - 1, _GRID)
-        )
+        u, v = np.meshgrid(np.linspace(0, self.width_px - 1, _GRID), np.linspace(0, self.height_px - 1, _GRID))
         image = np.stack([u.ravel(), v.ravel()], axis=-1)
         points, target = plain.position_mm + plain.directions(*image.T), image + first(image)
         seen = np.isfinite(points).all(axis=1)

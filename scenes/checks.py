@@ -56,9 +56,7 @@ def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
     if outside.size:
         value, wavelength = spectrum.values[outside[0]], spectrum.wavelength_nm[outside[0]]
         hint = "divide by 100 if the table is in percent" if 1 < spectrum.values.max() <= 100 else ""
-        faults.append(
-            InputError(where, f"reflectance {value:g} at {wavelength:g} nm", "values from 0 to 1", hint)
-        )
+        faults.append(InputError(where, f"reflectance {value:g} at {wavelength:g} nm", "values from 0 to 1", hint))
     return faults
 
 
@@ -67,9 +65,7 @@ def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
     faults = table_faults(spectrum, where)
     if spectrum.values.min() < 0:
         at = spectrum.wavelength_nm[np.argmin(spectrum.values)]
-        faults.append(
-            InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values of 0 or more")
-        )
+        faults.append(InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values of 0 or more"))
     elif spectrum.values.max() == 0:
         faults.append(InputError(where, "a radiance of 0 everywhere", "a value above 0"))
     return faults
@@ -83,9 +79,7 @@ def texture_faults(texture: Texture, where: str) -> list[InputError]:
         beyond = np.argwhere((reflectance < -ROUNDING) | (reflectance > 1 + ROUNDING))
         if len(beyond):
             column, at = beyond[0]
-            found = (
-                f"reflectance {reflectance[column, at]:g} at {grid[at]:g} nm in row {row}, column {column}"
-            )
+            found = f"reflectance {reflectance[column, at]:g} at {grid[at]:g} nm in row {row}, column {column}"
             return [InputError(where, found, "sums of channels times spectra from 0 to 1")]
     return []
 
@@ -107,9 +101,7 @@ def inside_faults(surface: Surface, material: Material, where: str) -> list[Inpu
     volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     if not closed or volume <= 0:
         found = "a surface that is turned inside out" if closed else "an open surface"
-        faults.append(
-            InputError(where, found, "a closed surface, its corners counter-clockwise from outside")
-        )
+        faults.append(InputError(where, found, "a closed surface, its corners counter-clockwise from outside"))
     return faults
 
 

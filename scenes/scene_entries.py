@@ -164,9 +164,7 @@ def surface_mesh(entry: SurfaceEntry, lamps: list[LampEntry], folder: Path, wher
     """The triangles of a surface. Raises InputError (at ``where``) for a shape that cannot be built."""
     given = [key for key in ("quads_mm", "box", "sphere", "mesh") if getattr(entry, key) is not None]
     if len(given) != 1:
-        raise InputError(
-            where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, sphere, mesh"
-        )
+        raise InputError(where, " and ".join(given) or "no shape", "exactly one of quads_mm, box, sphere, mesh")
     for key, shape in (("hole", "quads_mm"), ("unit_mm", "mesh")):
         if key in entry.model_fields_set and given != [shape]:
             raise InputError(f"{where}.{key}", f"'{key}' with '{given[0]}'", f"'{key}' only with '{shape}'")

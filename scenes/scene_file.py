@@ -76,8 +76,7 @@ def _read(path: Path) -> SceneFile:
         faults = faults_of_validation(path, error, SceneFile)
         if not isinstance(content.get("lamp"), list):  # the keys of one [lamp] have no number
             faults = [
-                InputError(f.where.replace(": lamp[0]", ": lamp", 1), f.found, f.expected, f.hint)
-                for f in faults
+                InputError(f.where.replace(": lamp[0]", ": lamp", 1), f.found, f.expected, f.hint) for f in faults
             ]
         raise combined(faults) from None
 

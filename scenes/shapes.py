@@ -17,9 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 __all__ = [
-    "Mesh", "box_mesh", "file_mesh", "file_uv", "joined", "moved_on_floor", "plate_mesh", "quad_mesh", "ring_mesh",
-    "sphere_mesh", "vector_area",
-]  # fmt: skip
+    "Mesh",
+    "box_mesh",
+    "file_mesh",
+    "file_uv",
+    "joined",
+    "moved_on_floor",
+    "plate_mesh",
+    "quad_mesh",
+    "ring_mesh",
+    "sphere_mesh",
+    "vector_area",
+]
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -104,10 +113,7 @@ def plate_mesh(outer: ArrayLike, holes: Sequence[ArrayLike]) -> Mesh:
     for axis in axes / np.linalg.norm(axes, axis=1, keepdims=True):
         reach = sorted((float((hole @ axis).min()), float((hole @ axis).max())) for hole in inside)
         ends = np.maximum.accumulate([end for _, end in reach])
-        gaps += [
-            (start - end, (start + end) / 2, axis)
-            for end, (start, _) in zip(ends[:-1], reach[1:], strict=True)
-        ]
+        gaps += [(start - end, (start + end) / 2, axis) for end, (start, _) in zip(ends[:-1], reach[1:], strict=True)]
     gap, place, axis = max(gaps, key=itemgetter(0))
     if gap <= 0:
         raise ValueError("no straight line parts the holes")
@@ -141,9 +147,7 @@ def sphere_mesh(center_mm: ArrayLike, radius_mm: float) -> Mesh:
     """A sphere lit from outside: 20,480 triangles of its area, whose distances from the centre are right to 0.02 %."""
     shape = trimesh.creation.icosphere(_SPHERE_DIVISIONS)
     scale = radius_mm * np.sqrt(4 * np.pi / shape.area)
-    return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(
-        shape.faces, np.int64
-    )
+    return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
 
 
 def moved_on_floor(vertices_mm: ArrayLike, dx_mm: float, dz_mm: float, yaw_deg: float) -> NDArray[np.float64]:

@@ -40,9 +40,7 @@ def imported(source: str, package: str) -> set[str]:
             names = [f"{stem}.{alias.name}" for alias in node.names]
         else:
             continue
-        found |= {
-            _by_folder(name.removeprefix("cboxlab.")) for name in names if name.split(".")[0] == "cboxlab"
-        }
+        found |= {_by_folder(name.removeprefix("cboxlab.")) for name in names if name.split(".")[0] == "cboxlab"}
     return found
 
 
@@ -121,8 +119,10 @@ def _room(room: str, edges: dict[str, set[str]], top: int) -> tuple[list[str], i
             place[package] = (_MARGIN + 12 + level * (_BOX[0] + _GAP[0]), first + row * (_BOX[1] + _GAP[1]))
     colour = _COLOURS[room]
     width = _MARGIN + 12 + (max(levels.values()) + 1) * (_BOX[0] + _GAP[0])
-    lines = [f'<rect x="{_MARGIN}" y="{top}" width="{width}" height="{height}" rx="6" fill="none" stroke="{colour}"/>',
-             f'<text x="{_MARGIN + 12}" y="{top + 21}" fill="{colour}" font-weight="bold">{room}/</text>']  # fmt: skip
+    lines = [
+        f'<rect x="{_MARGIN}" y="{top}" width="{width}" height="{height}" rx="6" fill="none" stroke="{colour}"/>',
+        f'<text x="{_MARGIN + 12}" y="{top + 21}" fill="{colour}" font-weight="bold">{room}/</text>',
+    ]
     for package, other in _reduced(edges):
         (x, y), (u, v) = place[package], place[other]
         start, end = (x, y + _BOX[1] / 2), (u + _BOX[0], v + _BOX[1] / 2)
@@ -132,9 +132,7 @@ def _room(room: str, edges: dict[str, set[str]], top: int) -> tuple[list[str], i
         )
     for package, (x, y) in place.items():
         name = package.removeprefix(f"{room}.") if "." in package else "(no packages)"
-        lines.append(
-            f'<rect x="{x:g}" y="{y:g}" width="{_BOX[0]}" height="{_BOX[1]}" rx="4" fill="{colour}"/>'
-        )
+        lines.append(f'<rect x="{x:g}" y="{y:g}" width="{_BOX[0]}" height="{_BOX[1]}" rx="4" fill="{colour}"/>')
         centre = f'x="{x + _BOX[0] / 2:g}" y="{y + 20:g}"'
         lines.append(f'<text {centre} fill="#ffffff" text-anchor="middle">{escape(name)}</text>')
     return lines, height

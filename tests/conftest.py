@@ -15,9 +15,7 @@ from helpers.places import SHARED
 from hypothesis import HealthCheck, settings
 
 # derandomize: the same examples on every run, so that a failure can be repeated
-settings.register_profile(
-    "repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)
+settings.register_profile("repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("repeatable")
 
 

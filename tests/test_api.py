@@ -25,9 +25,7 @@ EFFECTS = ("veiling-glare", "ghost", "lamp-drift")
 def names(tmp_path_factory):
     """The names that the page's code leaves, and the folder it ran in."""
     folder = tmp_path_factory.mktemp("api")
-    write_model_capture(
-        folder / "capture", Model(), perturbed_camera(32, 3), CaptureSettings(), 3, relative_error=0.05
-    )
+    write_model_capture(folder / "capture", Model(), perturbed_camera(32, 3), CaptureSettings(), 3, relative_error=0.05)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 7
     found: dict = {}

@@ -223,9 +223,7 @@ def test_envi_headers(tmp_path, line, words):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_radiance_that_is_not_finite_is_located(tmp_path, value):
     path = tmp_path / "cube.exr"
-    write_cube(
-        path, as_cube(np.where(CUBE.radiance.values == 7, value, CUBE.radiance.values), [500.0, 600.0])
-    )
+    write_cube(path, as_cube(np.where(CUBE.radiance.values == 7, value, CUBE.radiance.values), [500.0, 600.0]))
     refused(read_cube, path, "1 values that are not finite", "'y': 0", "'x': 3")
 
 
@@ -249,9 +247,7 @@ def test_complex_radiance_is_refused(tmp_path):
     refused(read_cube, path, "radiance")
 
 
-@pytest.mark.parametrize(
-    "content", [[], {}, {"sha256_of_salt_and_answer": 3}, {"sha256_of_salt_and_answer": "0"}]
-)
+@pytest.mark.parametrize("content", [[], {}, {"sha256_of_salt_and_answer": 3}, {"sha256_of_salt_and_answer": "0"}])
 def test_seals_of_another_form_are_refused(tmp_path, content):
     (tmp_path / "sealed.json").write_text(json.dumps(content))
     (tmp_path / "answer.sealed").write_text("AAAA")

@@ -75,9 +75,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
     camera = manifest.camera
     if manifest.mosaic is None and isinstance(camera.quantum_efficiency, tuple):
-        yield InputError(
-            f"{path}: camera.quantum_efficiency", "a list", "one column", "A list needs [mosaic]."
-        )
+        yield InputError(f"{path}: camera.quantum_efficiency", "a list", "one column", "A list needs [mosaic].")
     if manifest.mosaic is not None and isinstance(camera.quantum_efficiency, str):
         yield InputError(
             f"{path}: camera.quantum_efficiency",

@@ -49,9 +49,13 @@ _KINDS = {
     "target": ("target", "chessboard", "charuco", "checkerboard"),
 }
 _TABLES: dict[str, type[BaseModel]] = {
-    "band": BandTable, "bracket": BracketTable, "dark": DarkTable, "flat": FlatTable, "reference": ReferenceTable,
+    "band": BandTable,
+    "bracket": BracketTable,
+    "dark": DarkTable,
+    "flat": FlatTable,
+    "reference": ReferenceTable,
     "target": TargetTable,
-}  # fmt: skip
+}
 #: Keys that a capture may lack, and that a validation against a model takes.
 _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
     ("[camera]", CameraTable, ("pixel_pitch_um", "gain_e_per_dn", "read_noise_e", "quantum_efficiency")),
@@ -196,9 +200,12 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     if path.exists():
         raise InputError(path, "a file that exists already", "no such file", "Move it away to start again.")
     files = sorted(
-        p for place in (folder, folder / "frames") if place.is_dir() for p in place.iterdir()
+        p
+        for place in (folder, folder / "frames")
+        if place.is_dir()
+        for p in place.iterdir()
         if p.suffix.lower() in SUFFIXES
-    )  # fmt: skip
+    )
     frames = [frame for file in files for frame in read_foreign(file)]
     if not frames:
         raise InputError(folder, "no frames", f"files ending in {', '.join(SUFFIXES)}")
@@ -207,9 +214,10 @@ def write_first_manifest(folder: Path) -> FirstManifest:
         common = sizes.most_common(1)[0][0]
         odd = next(frame for frame in frames if frame.counts.shape != common)
         raise InputError(
-            odd.path, f"{odd.counts.shape[1]} x {odd.counts.shape[0]} px",
+            odd.path,
+            f"{odd.counts.shape[1]} x {odd.counts.shape[0]} px",
             f"{common[1]} x {common[0]} px like the other frames",
-        )  # fmt: skip
+        )
     paths = {}
     for frame in frames:
         if frame.path.suffix.lower() in (".tif", ".tiff"):
@@ -252,8 +260,9 @@ def _manifest(
         raise InputError(folder, "no frame of a scene", expected)
     missing += [
         MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
-        for kind, without in _WITHOUT if not tables[kind]
-    ]  # fmt: skip
+        for kind, without in _WITHOUT
+        if not tables[kind]
+    ]
     text = "\n".join(blocks) + "\n" + _FURTHER
     return text, dict(tables), sorted(missing, key=lambda key: not key.required)
 
@@ -262,9 +271,13 @@ def _head(folder: Path, frames: list[ForeignFrame], missing: list[MissingKey]) -
     """The manifest's first tables, from what the frames' files say of camera and lens."""
     height, width = frames[0].counts.shape
     head = [
-        'format = "capture/1"', f"name = {_quoted(folder.resolve().name)}", "", "[camera]",
-        f"width_px = {width}", f"height_px = {height}",
-    ]  # fmt: skip
+        'format = "capture/1"',
+        f"name = {_quoted(folder.resolve().name)}",
+        "",
+        "[camera]",
+        f"width_px = {width}",
+        f"height_px = {height}",
+    ]
     white, largest = _common(frames, "white_level"), max(int(f.counts.max()) for f in frames)
     if white is not None:
         head.append(f"bit_depth = {int(np.ceil(np.log2(white + 1)))}")
@@ -285,6 +298,7 @@ def _head(folder: Path, frames: list[ForeignFrame], missing: list[MissingKey]) -
     missing += [
         MissingKey(where, example_of(table, key), table.model_fields[key].description or "", False)
         for where, table, keys in _USEFUL
-        for key in keys if key not in stated
-    ]  # fmt: skip
+        for key in keys
+        if key not in stated
+    ]
     return "\n".join(head) + "\n"

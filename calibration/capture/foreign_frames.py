@@ -45,9 +45,11 @@ def _as_counts(path: Path, values: NDArray, where: str = "") -> NDArray[np.uint1
         raise InputError(label, "values that are not finite", "counts")
     if np.issubdtype(values.dtype, np.floating) and 0 < values.max() <= 1:
         raise InputError(
-            label, f"values up to {values.max():.3g}", "counts",
+            label,
+            f"values up to {values.max():.3g}",
+            "counts",
             "Multiply by the largest count of the camera before exporting.",
-        )  # fmt: skip
+        )
     rounded = np.rint(values.astype(np.float64))
     if rounded.min() < 0 or rounded.max() > 65535:
         raise InputError(label, f"values from {rounded.min():g} to {rounded.max():g}", "counts of 0 to 65535")
@@ -55,8 +57,12 @@ def _as_counts(path: Path, values: NDArray, where: str = "") -> NDArray[np.uint1
 
 
 def _needs(path: Path, package: str) -> InputError:
-    return InputError(path, f"a file that needs the package {package} to be read", "that package installed",
-                      "pip install 'cboxlab[readers]'")  # fmt: skip
+    return InputError(
+        path,
+        f"a file that needs the package {package} to be read",
+        "that package installed",
+        "pip install 'cboxlab[readers]'",
+    )
 
 
 def _number(value: Any) -> float | None:
@@ -151,15 +157,18 @@ def _read_exr(path: Path) -> Iterator[ForeignFrame]:
         for name, channel in channels.items():
             counts = _as_counts(path, np.asarray(channel.pixels), name)
             metadata = _known(filter=name if len(channels) > 1 else None)
-            yield ForeignFrame(
-                path, f"{path.stem}-{name}" if len(channels) > 1 else path.stem, counts, metadata
-            )
+            yield ForeignFrame(path, f"{path.stem}-{name}" if len(channels) > 1 else path.stem, counts, metadata)
 
 
 _READERS: dict[str, Callable[[Path], Iterator[ForeignFrame]]] = {
-    ".tif": _read_tiff, ".tiff": _read_tiff, ".fits": _read_fits, ".fit": _read_fits, ".fts": _read_fits,
-    ".exr": _read_exr, **dict.fromkeys(_RAW_SUFFIXES, _read_raw),
-}  # fmt: skip
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+    ".fits": _read_fits,
+    ".fit": _read_fits,
+    ".fts": _read_fits,
+    ".exr": _read_exr,
+    **dict.fromkeys(_RAW_SUFFIXES, _read_raw),
+}
 
 #: File name endings that can be read.
 SUFFIXES = tuple(_READERS)

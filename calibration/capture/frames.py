@@ -17,9 +17,16 @@ __all__ = ["check_frame", "read_frame"]
 _COMPRESSIONS, _DEFLATED = (1, 5, 8, 32773, 32946), (8, 32946)
 #: The first bytes of files that are taken for frames.
 _OTHERS = {
-    b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"SIMPLE  ": "FITS", b"\x93NUMPY": "NumPy", b"\x89HDF": "HDF5",
-    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"P5": "PGM", b"v/1\x01": "OpenEXR",
-}  # fmt: skip
+    b"\x89PNG": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"SIMPLE  ": "FITS",
+    b"\x93NUMPY": "NumPy",
+    b"\x89HDF": "HDF5",
+    b"\x1f\x8b": "gzip",
+    b"PK\x03\x04": "zip",
+    b"P5": "PGM",
+    b"v/1\x01": "OpenEXR",
+}
 _HINT = "Export it again as a one-channel 16-bit unsigned TIFF."
 
 
@@ -39,9 +46,7 @@ def _check_page(path: Path, file: tifffile.TiffFile, height: int, width: int) ->
         )
     if (orientation := page.tags.valueof("Orientation", 1)) != 1:
         hint = "Save the frame with its first row at the top and without an orientation tag."
-        raise InputError(
-            path, f"orientation {orientation}", "orientation 1, rows as the sensor read them", hint
-        )
+        raise InputError(path, f"orientation {orientation}", "orientation 1, rows as the sensor read them", hint)
     if page.compression not in _COMPRESSIONS:
         raise InputError(path, f"compression {page.compression}", "none, deflate, LZW or PackBits", _HINT)
     end = max((o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
@@ -63,9 +68,7 @@ def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffil
         file.filehandle.seek(offset)
         unpacked = zlib.decompressobj().decompress(file.filehandle.read(size), largest + 1)
         if len(unpacked) > largest:
-            raise InputError(
-                path, "packed data of more than its size", f"{largest} bytes in each strip", _HINT
-            )
+            raise InputError(path, "packed data of more than its size", f"{largest} bytes in each strip", _HINT)
 
 
 def _other_kind(path: Path) -> str | None:
@@ -74,9 +77,7 @@ def _other_kind(path: Path) -> str | None:
         begin = file.read(8)
     if not begin:
         return "an empty file"
-    return next(
-        (f"a file of the kind {kind}" for mark, kind in _OTHERS.items() if begin.startswith(mark)), None
-    )
+    return next((f"a file of the kind {kind}" for mark, kind in _OTHERS.items() if begin.startswith(mark)), None)
 
 
 def check_frame(path: Path, height: int, width: int) -> None:

@@ -84,9 +84,7 @@ def _kind(value: Any) -> str:
 
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
-Frames = Annotated[
-    tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)
-]
+Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_of_some_size)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
 Moment = Annotated[float, AfterValidator(_of_some_size)]
@@ -96,9 +94,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 QuantumEfficiency = Annotated[
     Annotated[ColumnReference, Tag("<text>")]
-    | Annotated[
-        tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")
-    ],
+    | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")],
     Discriminator(_kind),
 ]
 
@@ -131,8 +127,9 @@ class CameraTable(_Table):
     model: str | None = _key("the camera's name", '"PXL 1300L"', None)
     pixel_pitch_um: Positive | None = _key(
         "distance of neighbouring pixels, um, square pixels; for the absolute scale and the first guess of the camera",
-        "9.0", None,
-    )  # fmt: skip
+        "9.0",
+        None,
+    )
     gain_e_per_dn: Positive | None = _key(
         "electrons per count; measured from repeats where there are any", "12.0", None
     )
@@ -140,8 +137,9 @@ class CameraTable(_Table):
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
         "electrons per photon, 0 to 1; with a [mosaic] a list of three columns, R, G, B",
-        '"spectra/camera.csv:quantum_efficiency"', None,
-    )  # fmt: skip
+        '"spectra/camera.csv:quantum_efficiency"',
+        None,
+    )
 
 
 class LensTable(_Table):
@@ -189,8 +187,9 @@ class FlatTable(BracketTable):
 
     radiance: ColumnReference | None = _key(
         "of the field, W m^-2 sr^-1 nm^-1; that of the reference source where left out",
-        '"spectra/flat.csv:radiance"', None,
-    )  # fmt: skip
+        '"spectra/flat.csv:radiance"',
+        None,
+    )
 
 
 class ReferenceTable(BracketTable):
@@ -210,8 +209,9 @@ class LampTable(_Table):
     )
     spectral_uncertainty: NotNegative | None = _key(
         "relative standard deviation of its spectrum, beyond the scale; its spectrum is taken as exact where left out",
-        "0.01", None,
-    )  # fmt: skip
+        "0.01",
+        None,
+    )
 
 
 class GeometryTable(_Table):
@@ -229,12 +229,8 @@ class TargetTable(_Table):
     kind: Literal["chessboard", "circles", "charuco"] = _key("what is printed on it", '"chessboard"')
     rows: Count = _key("rows of circles, or of inner corners between squares", "6")
     columns: Count = _key("the same for columns", "9")
-    pitch_mm: Positive = _key(
-        "distance of neighbouring corners or circles, mm; measure it on the print", "25.0"
-    )
-    frames: Frames = _key(
-        "one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]'
-    )
+    pitch_mm: Positive = _key("distance of neighbouring corners or circles, mm; measure it on the print", "25.0")
+    frames: Frames = _key("one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]')
     start_s: Moment | None = _key(_START, "0.0", None)
 
 

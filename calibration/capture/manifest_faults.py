@@ -76,14 +76,10 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
     where = f"{path}: {_key(data, location)}"
     if error["type"] == "missing":
         example = example_of(_table_at(location[:-1]), str(location[-1]))
-        return InputError(
-            where, "nothing", "this key", f"Add it, such as {example}" if example else "Add it."
-        )
+        return InputError(where, "nothing", "this key", f"Add it, such as {example}" if example else "Add it.")
     if error["type"] == "extra_forbidden":
         known = list(_table_at(location[:-1]).model_fields)
-        return InputError(
-            where, "an unknown key", f"one of {', '.join(known)}", nearest(str(location[-1]), known)
-        )
+        return InputError(where, "an unknown key", f"one of {', '.join(known)}", nearest(str(location[-1]), known))
     return InputError(where, shown(error["input"]), expectation(error))
 
 

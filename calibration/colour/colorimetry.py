@@ -113,9 +113,12 @@ def train_filter_weights(
 
 
 def _described(
-    responses: Sequence[BandResponse], weights: NDArray[np.float64], goal: NDArray[np.float64],
-    method: str, noise: NDArray[np.float64],
-) -> FilterWeights:  # fmt: skip
+    responses: Sequence[BandResponse],
+    weights: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    method: str,
+    noise: NDArray[np.float64],
+) -> FilterWeights:
     curves = np.stack([response.response for response in responses])
     reconstructed = weights @ curves
     scaled = weights * (curves @ responses[0].grid.weights)

@@ -57,9 +57,7 @@ def lab_differences(
     return np.asarray(delta_E_CIE1976(first, second)), np.asarray(delta_E_CIE2000(first, second))
 
 
-def colour_error(
-    weights: FilterWeights, responses: Sequence[BandResponse], radiances: Radiances
-) -> ColourError:
+def colour_error(weights: FilterWeights, responses: Sequence[BandResponse], radiances: Radiances) -> ColourError:
     """Errors over the radiances. Raises ValueError if X, Y or Z of a radiance is not above 0."""
     step = INTEGRAL_GRID.weights
     target = colour_matching_functions()
@@ -108,9 +106,7 @@ def choose_filters(
         relative = signal / exact[:, axis : axis + 1]
         scale = np.sqrt(np.mean(relative**2, axis=0))
         relative = relative / np.where(scale > 0, scale, 1.0)
-        own.append(
-            relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates))
-        )
+        own.append(relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates)))
         cross.append(relative.mean(axis=0))
 
     def loss(chosen: tuple[int, ...]) -> float:

@@ -58,9 +58,7 @@ def _reflectances(scene: Scene | None) -> NDArray[np.float64] | None:
     return np.stack([material.reflectance.at(WAVELENGTH_NM) for material in scene.materials.values()])
 
 
-def study_colour(
-    capture: Capture, responses: Sequence[BandResponse], relative_noise: ArrayLike
-) -> ColourStudy:
+def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_noise: ArrayLike) -> ColourStudy:
     """Least squares, regularised and trained weights of a capture's bands.
 
     relative_noise : (band,) standard deviation over signal of a single pixel. The training spectra use the lamp

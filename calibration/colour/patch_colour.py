@@ -22,9 +22,7 @@ __all__ = ["ILLUMINANT", "PatchErrors", "patch_errors", "patch_xyz", "patches_cs
 ILLUMINANT = "D65"
 
 
-def smoothest_spectra(
-    filters: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def smoothest_spectra(filters: NDArray[np.float64], wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
     """(wavelength, band) matrix M: M r is the spectrum of least curvature whose band means are r.
 
     filters : (band, wavelength) of unit sum on the even grid ``wavelength_nm``. The integral of the squared
@@ -78,9 +76,7 @@ def patch_errors(table: PatchTable, known: Mapping[str, Spectrum]) -> PatchError
     spectra = [known[str(table.labels[index].column)] for index in chosen]
     exact = np.stack([_illuminant() @ s.at(WAVELENGTH_NM) for s in spectra]) * 100.0 / white[1]
     bands = np.stack([table.filters @ s.at(table.grid.nm) for s in spectra])
-    first, second = lab_differences(
-        measured[chosen], exact, np.broadcast_to(white * 100.0 / white[1], exact.shape)
-    )
+    first, second = lab_differences(measured[chosen], exact, np.broadcast_to(white * 100.0 / white[1], exact.shape))
     return PatchErrors(
         tuple(table.labels[index].label for index in chosen),
         table.reflectance[chosen] - bands,

@@ -52,9 +52,7 @@ def _defects(
     return mask
 
 
-def _channel_masks(
-    capture: Capture, channels: Mapping[str, str] | None
-) -> dict[str, NDArray[np.bool_] | None]:
+def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict[str, NDArray[np.bool_] | None]:
     """(y, x) of each band, None without a mosaic."""
     bands, mosaic = capture.band_ids, capture.manifest.mosaic
     if channels is None or mosaic is None:

@@ -163,9 +163,12 @@ def correct(
     for index, exposure in enumerate(dark.exposure_s):
         level_variance = noise.variance(dark.thermal(exposure)) / dark.repeats[index]
         for power, share in enumerate(
-            (weights[index] ** 2, -2 * weights[index] * flat.dark_weights[index] / mean,
-             (flat.dark_weights[index] / mean) ** 2)
-        ):  # fmt: skip
+            (
+                weights[index] ** 2,
+                -2 * weights[index] * flat.dark_weights[index] / mean,
+                (flat.dark_weights[index] / mean) ** 2,
+            )
+        ):
             shared[power] += share * level_variance
     coefficients = np.stack(
         [

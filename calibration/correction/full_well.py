@@ -50,9 +50,7 @@ def with_full_well(capture: Capture) -> Capture:
     manifest = capture.manifest
     tables: list[FrameTable] = [*manifest.band, *manifest.bracket, *manifest.flats, *manifest.reference]
     found = [
-        _saturated_count(capture.frames(table), capture.full_scale_dn)
-        for table in tables
-        if len(table.frames) > 1
+        _saturated_count(capture.frames(table), capture.full_scale_dn) for table in tables if len(table.frames) > 1
     ]
     counts = [count for count in found if count is not None]
     return replace(capture, full_well_dn=int(min(counts))) if counts else capture

@@ -168,9 +168,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     quietest = min((float(s.variance.mean()) for s in unlit), default=np.inf)
     rounded = quietest < _ROUNDED_VARIANCE
     if not lit:
-        notes.append(
-            f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}"
-        )
+        notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
     if not unlit:
         notes.append("read noise not measured: no usable dark frames with repeats")
     shown, floor, slope = [*lit, *unlit], _UNKNOWN, _UNKNOWN
@@ -200,9 +198,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         ("read noise", camera.read_noise_e, read, read_sigma),
     ):
         if stated is not None and value is not None and sigma is not None and abs(stated - value) > 5 * sigma:
-            notes.append(
-                f"{name}: the manifest states {stated:g}, the frames show {value:.4g} +- {sigma:.2g}"
-            )
+            notes.append(f"{name}: the manifest states {stated:g}, the frames show {value:.4g} +- {sigma:.2g}")
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
     return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes))

@@ -65,16 +65,28 @@ def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: ArrayLike = 0
     degrees = freedom if excess > 0 else np.inf
     falls = np.diff(level) < -3 * np.hypot(noise[1:], noise[:-1])
     return DarkFit(
-        time, level, float(line[0]), float(sigma[0]), float(line[1]), float(sigma[1]), residual,
-        float(np.sqrt(np.mean(residual**2))), degrees, not bool(np.any(falls)),
+        time,
+        level,
+        float(line[0]),
+        float(sigma[0]),
+        float(line[1]),
+        float(sigma[1]),
+        residual,
+        float(np.sqrt(np.mean(residual**2))),
+        degrees,
+        not bool(np.any(falls)),
         _verdict(time, line[1], sigma[1], residual, falls, degrees),
-    )  # fmt: skip
+    )
 
 
 def _verdict(
-    time: NDArray[np.float64], rate: float, sigma: float, residual: NDArray[np.float64],
-    falls: NDArray[np.bool_], freedom: float,
-) -> str:  # fmt: skip
+    time: NDArray[np.float64],
+    rate: float,
+    sigma: float,
+    residual: NDArray[np.float64],
+    falls: NDArray[np.bool_],
+    freedom: float,
+) -> str:
     chance = 2 * float(student.sf(abs(rate) / sigma, freedom)) if sigma > 0 else 0.0
     if chance > _IMPROBABLE:
         text = "no trend with exposure time"

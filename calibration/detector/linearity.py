@@ -143,9 +143,7 @@ def _covariance(
     own = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
     frames = np.array([means.frames[shot == k][0] for k in range(count)])
     jitter = REPEATABILITY**2 / frames
-    expected = jitter + np.bincount(shot, own**2, count) / np.bincount(shot, minlength=count) / np.maximum(
-        sizes, 1e-12
-    )
+    expected = jitter + np.bincount(shot, own**2, count) / np.bincount(shot, minlength=count) / np.maximum(sizes, 1e-12)
     # With few exposures the observed scatter is uncertain: it is used only if significantly larger.
     misfit = float(np.sum(shown**2 / expected))
     if spare > 0 and chi2.sf(misfit, spare) < _IMPROBABLE:

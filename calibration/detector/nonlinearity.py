@@ -97,8 +97,7 @@ def fit_curve(series: Sequence[LightSeries], dark_count: float, knots: int = 24)
     most half the number of points. Raises ValueError for fewer than 6 points, or no count above the dark level.
     """
     light, count, sigma = (
-        np.concatenate([getattr(s, name) for s in series]).astype(float)
-        for name in ("light", "count", "sigma")
+        np.concatenate([getattr(s, name) for s in series]).astype(float) for name in ("light", "count", "sigma")
     )
     which = np.concatenate([np.full(len(s.light), k) for k, s in enumerate(series)])
     if count.size < 6 or count.max() <= dark_count:
@@ -132,9 +131,13 @@ def _scale(light: NDArray[np.float64], value: NDArray[np.float64]) -> float:
 
 
 def _fit(
-    light: NDArray[np.float64], count: NDArray[np.float64], sigma: NDArray[np.float64],
-    which: NDArray[np.int64], places: NDArray[np.float64], series: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+    light: NDArray[np.float64],
+    count: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    which: NDArray[np.int64],
+    places: NDArray[np.float64],
+    series: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(m,) values at the knots, 1 at the last, and (series,) scales in units of 1 / light."""
     widths = np.diff(places)
     basis = _increment_basis(count, places)

@@ -119,9 +119,7 @@ def frame_statistics(
     )
 
 
-def transfer(
-    dark: FrameStatistics, bright: Sequence[FrameStatistics], saturation_dn: int
-) -> PhotonTransfer | None:
+def transfer(dark: FrameStatistics, bright: Sequence[FrameStatistics], saturation_dn: int) -> PhotonTransfer | None:
     """The parameters from one dark and some bright settings; None if no bright setting can be used."""
     # repeats without any noise are copies of one frame, or clipped
     levels = sorted((b for b in bright if b.mean > dark.mean and b.temporal > 0), key=lambda b: b.mean)
@@ -148,18 +146,24 @@ def transfer(
     noise = float(np.sqrt(read) / gain) if read > 0 else np.nan
     noise_sigma = noise * float(np.hypot(dark.temporal_sigma / (2 * max(read, 1e-12)), gain_sigma / gain))
     dsnu = float(np.sqrt(dark.spatial) / gain) if dark.spatial > 0 else np.nan
-    dsnu_sigma = dsnu * float(
-        np.hypot(dark.spatial_sigma / (2 * max(dark.spatial, 1e-12)), gain_sigma / gain)
-    )
+    dsnu_sigma = dsnu * float(np.hypot(dark.spatial_sigma / (2 * max(dark.spatial, 1e-12)), gain_sigma / gain))
     middle = min(fitted, key=lambda b: abs(b.mean - dark.mean - full / 2))
     pattern, signal = middle.spatial - dark.spatial, middle.mean - dark.mean
     prnu = float(np.sqrt(pattern) / signal) if pattern > 0 else np.nan
     prnu_sigma = prnu * float(np.hypot(middle.spatial_sigma, dark.spatial_sigma)) / (2 * max(pattern, 1e-12))
     saturation = (peak.mean - dark.mean) / gain if saturates else None
     return PhotonTransfer(
-        gain, gain_sigma, noise, noise_sigma, dsnu, dsnu_sigma, prnu, prnu_sigma, saturation,
+        gain,
+        gain_sigma,
+        noise,
+        noise_sigma,
+        dsnu,
+        dsnu_sigma,
+        prnu,
+        prnu_sigma,
+        saturation,
         (saturation_dn - dark.mean) / gain,
-    )  # fmt: skip
+    )
 
 
 def measure_photon_transfer(
@@ -173,9 +177,7 @@ def measure_photon_transfer(
     tables: list[FrameTable] = [*capture.manifest.flats, *capture.manifest.reference]
     if not darks or dark.clipped:
         return None
-    patterns = {
-        t.exposure_s: frame_statistics(capture.frames(t), capture.saturation_dn, flatten=False) for t in darks
-    }
+    patterns = {t.exposure_s: frame_statistics(capture.frames(t), capture.saturation_dn, flatten=False) for t in darks}
     first = patterns[darks[0].exposure_s]
     bright = []
     for table in tables:

@@ -109,9 +109,14 @@ def _models(x: NDArray[np.float64], full_scale_dn: float) -> dict[str, Model]:
 
 
 def fit_response(
-    law: Law, setting: ArrayLike, signal: ArrayLike, sigma: ArrayLike, full_scale_dn: float,
-    frames: ArrayLike = 1, shared_sigma: float = 0.0,
-) -> ResponseFit:  # fmt: skip
+    law: Law,
+    setting: ArrayLike,
+    signal: ArrayLike,
+    sigma: ArrayLike,
+    full_scale_dn: float,
+    frames: ArrayLike = 1,
+    shared_sigma: float = 0.0,
+) -> ResponseFit:
     """Fit S = a x by weighted least squares; if the fit is rejected, find the departure that explains it best.
 
     setting, signal, sigma : (n,), n >= 3; signal and sigma in DN, sigma from noise only. full_scale_dn : for the
@@ -135,16 +140,29 @@ def fit_response(
         if left > 0.5 * misfit:
             departure, after = None, residual
     return ResponseFit(
-        law, value, level, spread, slope,
-        float(np.hypot(np.sum(weight * x**2) ** -0.5, shared_sigma * slope)), residual, misfit, probability,
-        departure, after, _verdict(law, residual, probability, departure, after),
-    )  # fmt: skip
+        law,
+        value,
+        level,
+        spread,
+        slope,
+        float(np.hypot(np.sum(weight * x**2) ** -0.5, shared_sigma * slope)),
+        residual,
+        misfit,
+        probability,
+        departure,
+        after,
+        _verdict(law, residual, probability, departure, after),
+    )
 
 
 def _best_departure(
-    law: Law, x: NDArray[np.float64], level: NDArray[np.float64], spread: NDArray[np.float64],
-    slope: float, full_scale_dn: float,
-) -> tuple[Departure, NDArray[np.float64], float]:  # fmt: skip
+    law: Law,
+    x: NDArray[np.float64],
+    level: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    slope: float,
+    full_scale_dn: float,
+) -> tuple[Departure, NDArray[np.float64], float]:
     fits = {}
     for kind, model in _models(x, full_scale_dn).items():
         fit = least_squares(
@@ -178,9 +196,12 @@ def _best_departure(
 
 
 def _verdict(
-    law: Law, residual: NDArray[np.float64], probability: float, departure: Departure | None,
+    law: Law,
+    residual: NDArray[np.float64],
+    probability: float,
+    departure: Departure | None,
     after: NDArray[np.float64],
-) -> str:  # fmt: skip
+) -> str:
     how = "proportional to" if law.power == 1 else "inverse square of"
     largest = f"largest deviation {100 * np.abs(residual).max():.2g} %"
     if probability >= _IMPROBABLE:

@@ -124,9 +124,16 @@ def response_points(
 
 
 def _points(
-    capture: Capture, source: str, tables: list[BandTable | BracketTable], *, usable: NDArray[np.bool_],
-    bands: CorrectedBands, dark: DarkLibrary, noise: NoiseModel, channel: str | None,
-) -> list[ResponsePoint]:  # fmt: skip
+    capture: Capture,
+    source: str,
+    tables: list[BandTable | BracketTable],
+    *,
+    usable: NDArray[np.bool_],
+    bands: CorrectedBands,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channel: str | None,
+) -> list[ResponsePoint]:
     if not tables:
         return []
     band = tables[0].id if isinstance(tables[0], BandTable) else tables[0].band
@@ -207,9 +214,7 @@ def light_series(points: tuple[ResponsePoint, ...]) -> list[LightSeries]:
         own = [p for p in points if (p.band, p.source) == (band, source)]
         if len(own) < 3:
             continue
-        light = [
-            float(np.prod([(p.settings[key] or 1.0) ** law.power for key, law in LAWS.items()])) for p in own
-        ]
+        light = [float(np.prod([(p.settings[key] or 1.0) ** law.power for key, law in LAWS.items()])) for p in own]
         count = np.array([p.count_dn for p in own])
         sigma = np.array([np.hypot(p.sigma_dn, REPEATABILITY * p.signal_dn / np.sqrt(p.frames)) for p in own])
         series.append(LightSeries(f"{band} {source}", np.array(light), count, sigma))

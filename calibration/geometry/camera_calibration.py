@@ -25,9 +25,7 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
                 row, column = divmod(int(channel_mask(pattern, (2, 2), "G").argmax()), 2)
                 image, step = image[row::2, column::2], 2
             try:
-                world, found = detect_target(
-                    image, target.kind, target.rows, target.columns, target.pitch_mm, name
-                )
+                world, found = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
                 notes.append(f"target not used: {fault}")
                 continue

@@ -198,16 +198,12 @@ def _opencv_calibration(camera: Camera, points: SurveyedPoints, chosen: NDArray[
         )
     except cv2.error:
         return camera
-    refined = camera_from_opencv(
-        camera.width_px, camera.height_px, matrix, distortion.ravel()[0], turns[0], shifts[0]
-    )
+    refined = camera_from_opencv(camera.width_px, camera.height_px, matrix, distortion.ravel()[0], turns[0], shifts[0])
     errors = [c.project(points.points_mm[chosen]) - points.image_px[chosen] for c in (camera, refined)]
     return refined if np.sum(errors[1] ** 2) < np.sum(errors[0] ** 2) else camera
 
 
-def _robust_fit(
-    start: Camera, points: SurveyedPoints, sigma: float | None
-) -> tuple[Camera, NDArray[np.bool_], float]:
+def _robust_fit(start: Camera, points: SurveyedPoints, sigma: float | None) -> tuple[Camera, NDArray[np.bool_], float]:
     """A fit robust against outliers, the points consistent with it (n,), and the scatter of the majority, px.
 
     The Cauchy loss grows like a logarithm, so the influence of an outlier decreases with its size. The scale of
@@ -222,9 +218,7 @@ def _robust_fit(
         # The length of a 2-D Gaussian error has the median sigma sqrt(2 ln 2).
         scale = shrinkage * float(np.median(np.nan_to_num(errors, nan=1e6))) / np.sqrt(2 * np.log(2))
         # The lower bound avoids a scale of zero for points without noise.
-        camera = _least_squares(
-            camera, points, np.ones(count, bool), loss, 2 * max(scale, sigma or 0.0, 1e-6)
-        )
+        camera = _least_squares(camera, points, np.ones(count, bool), loss, 2 * max(scale, sigma or 0.0, 1e-6))
     errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
     scale = shrinkage * float(np.median(errors)) / np.sqrt(2 * np.log(2))
     scale = max(scale, sigma or 0.0, 1e-6)
@@ -293,9 +287,7 @@ def _consistent(
     return accepted
 
 
-def _covariance(
-    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], sigma: float
-) -> NDArray[np.float64]:
+def _covariance(camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], sigma: float) -> NDArray[np.float64]:
     covariance = sigma**2 * inverse_information(
         parameter_jacobian(camera, points.points_mm[kept]), points.source, SURVEY_HINT
     )

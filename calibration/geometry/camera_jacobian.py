@@ -38,9 +38,7 @@ def parameter_jacobian(
     jacobian = np.zeros((len(depth), 2, len(PARAMETER_NAMES)))
     jacobian[:, :, :3] = -by_local @ camera.rotation
     # A small change dr of the rotation vector turns the camera's axes by J_left dr (left Jacobian of SO(3)).
-    jacobian[:, :, 3:6] = (
-        -by_local @ _cross(local) @ _left_jacobian(np.radians(values[3:6])) * np.radians(1.0)
-    )
+    jacobian[:, :, 3:6] = -by_local @ _cross(local) @ _left_jacobian(np.radians(values[3:6])) * np.radians(1.0)
     jacobian[:, :, 6] = radial[:, None] * xy
     jacobian[:, :, 7:9] = np.eye(2)
     jacobian[:, :, 9] = camera.focal_length_px * square[:, None] * xy
@@ -76,8 +74,4 @@ def _left_jacobian(turn: NDArray[np.float64]) -> NDArray[np.float64]:
     angle, cross = float(np.linalg.norm(turn)), _cross(turn)
     if angle < 1e-4:
         return np.eye(3) + cross / 2 + cross @ cross / 6
-    return (
-        np.eye(3)
-        + (1 - np.cos(angle)) / angle**2 * cross
-        + (angle - np.sin(angle)) / angle**3 * cross @ cross
-    )
+    return np.eye(3) + (1 - np.cos(angle)) / angle**2 * cross + (angle - np.sin(angle)) / angle**3 * cross @ cross

@@ -59,9 +59,13 @@ def _fit(
     flags |= cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO
     try:
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-            [world.astype(np.float32)], [image.astype(np.float32)], (camera.width_px, camera.height_px),
-            matrix, np.zeros(5), flags=flags,
-        )  # fmt: skip
+            [world.astype(np.float32)],
+            [image.astype(np.float32)],
+            (camera.width_px, camera.height_px),
+            matrix,
+            np.zeros(5),
+            flags=flags,
+        )
     except cv2.error:
         return None
     return matrix, distortion, turns[0], shifts[0]

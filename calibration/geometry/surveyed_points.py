@@ -80,14 +80,10 @@ def read_points(path: Path) -> SurveyedPoints:
 
 def _require_enough(points: SurveyedPoints, count: int) -> None:
     if count < FEWEST_POINTS:
-        raise InputError(
-            points.source, f"{count} usable points", f"at least {FEWEST_POINTS} points", SURVEY_HINT
-        )
+        raise InputError(points.source, f"{count} usable points", f"at least {FEWEST_POINTS} points", SURVEY_HINT)
 
 
-def require_determined(
-    points: SurveyedPoints, kept: NDArray[np.bool_], width_px: int, height_px: int
-) -> None:
+def require_determined(points: SurveyedPoints, kept: NDArray[np.bool_], width_px: int, height_px: int) -> None:
     """Raise InputError if the arrangement of the kept points cannot determine a camera."""
     count = int(kept.sum())
     _require_enough(points, count)

@@ -72,9 +72,7 @@ def fit_camera_targets(
     without tilt (which do not separate focal length from distance).
     """
     if len(views) < (1 if survey else 2):
-        raise InputError(
-            source, f"{len(views)} view of a flat target", "at least two, tilted differently", HINT
-        )
+        raise InputError(source, f"{len(views)} view of a flat target", "at least two, tilted differently", HINT)
     for number, (world, _) in enumerate(views, 1):
         if len(world) < 6:
             raise InputError(f"{source}: view {number}", f"{len(world)} points", "at least 6")
@@ -105,8 +103,12 @@ def fit_camera_targets(
     cameras = [replace(c, covariance=_of_view(inverse, index)) for index, c in enumerate(cameras)]
     share = float(np.sqrt(inverse[0, 0])) / cameras[0].focal_length_px
     if share > LARGEST_UNCERTAINTY:
-        raise InputError(source, f"a relative uncertainty of the focal length of {share:.0%}",
-                         f"at most {LARGEST_UNCERTAINTY:.0%}", HINT)  # fmt: skip
+        raise InputError(
+            source,
+            f"a relative uncertainty of the focal length of {share:.0%}",
+            f"at most {LARGEST_UNCERTAINTY:.0%}",
+            HINT,
+        )
     return TargetFit(
         cameras=tuple(cameras[: len(views)]),
         intrinsics=cameras[0].parameters[INTRINSICS],
@@ -132,9 +134,7 @@ def _starting_cameras(
                 worlds, images, (width_px, height_px), np.eye(3), np.zeros(5), flags=flags
             )
         except cv2.error:
-            raise InputError(
-                source, "views inconsistent with any camera", "views tilted differently", HINT
-            ) from None
+            raise InputError(source, "views inconsistent with any camera", "views tilted differently", HINT) from None
     else:
         u, v = lens.principal_point_px
         matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
@@ -150,9 +150,7 @@ def _starting_cameras(
     ]
 
 
-def _adjust(
-    cameras: Sequence[Camera], measured: Sequence[TargetView], sigmas: Sequence[float]
-) -> list[Camera]:
+def _adjust(cameras: Sequence[Camera], measured: Sequence[TargetView], sigmas: Sequence[float]) -> list[Camera]:
     """Least squares over the shared intrinsics and all poses, each view weighted by its sigma."""
 
     def with_values(values: NDArray[np.float64]) -> list[Camera]:
@@ -173,9 +171,7 @@ def _adjust(
         poses = [np.concatenate([values[4 + 6 * i : 10 + 6 * i], values[:4]]) for i in range(len(cameras))]
         return _jacobian(cameras, measured, sigmas, poses)
 
-    start = np.concatenate(
-        [cameras[-1].parameters[INTRINSICS], *(camera.parameters[POSE] for camera in cameras)]
-    )
+    start = np.concatenate([cameras[-1].parameters[INTRINSICS], *(camera.parameters[POSE] for camera in cameras)])
     solution = least_squares(
         residuals, start, jac=jacobian, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200
     )

@@ -69,9 +69,11 @@ def detect_target(
         found = _circles(values, rows, columns)
     if len(found) < (6 if kind == "charuco" else rows * columns):
         raise InputError(
-            source, f"no {kind} of {rows} x {columns} points", "the whole target in view, sharp",
+            source,
+            f"no {kind} of {rows} x {columns} points",
+            "the whole target in view, sharp",
             "rows and columns count disks, or the inner corners between squares",
-        )  # fmt: skip
+        )
     return object_mm, found
 
 
@@ -96,9 +98,7 @@ def _chessboard(values: NDArray[np.float64], rows: int, columns: int) -> NDArray
     return np.asarray(refined).reshape(-1, 2).astype(np.float64)
 
 
-def _charuco(
-    image: NDArray[np.uint8], rows: int, columns: int
-) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+def _charuco(image: NDArray[np.uint8], rows: int, columns: int) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
     """Indices and positions of the corners, with the dictionary and layout that detects the most."""
     best: tuple[NDArray[np.int_], NDArray[np.float64]] = np.empty(0, int), np.empty((0, 2))
     for name in ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000"):

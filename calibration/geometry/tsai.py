@@ -93,15 +93,17 @@ def from_tsai(tsai: TsaiCamera) -> Conversion[Camera]:
     Least squares of u - c = f x + f k1 r^2 x, linear in f and f k1, at the exact directions x of a grid of
     pixels. The covariance is None. Raises InputError for lengths not above 0 and for an invalid rotation.
     """
-    for name, value in (("focal_length_mm", tsai.focal_length_mm), ("s_x", tsai.horizontal_scale),
-                        ("d_x", tsai.pixel_pitch_mm[0]), ("d_y", tsai.pixel_pitch_mm[1])):  # fmt: skip
+    for name, value in (
+        ("focal_length_mm", tsai.focal_length_mm),
+        ("s_x", tsai.horizontal_scale),
+        ("d_x", tsai.pixel_pitch_mm[0]),
+        ("d_y", tsai.pixel_pitch_mm[1]),
+    ):
         if not value > 0:
             raise InputError(f"Tsai camera: {name}", f"{value:g}", "a number above 0")
     orthonormal = np.allclose(tsai.rotation @ tsai.rotation.T, np.eye(3), atol=1e-3)
     if not orthonormal or np.linalg.det(tsai.rotation) < 0:
-        raise InputError(
-            "Tsai camera: R", "a matrix that is not a rotation", "orthonormal, right-handed rows"
-        )
+        raise InputError("Tsai camera: R", "a matrix that is not a rotation", "orthonormal, right-handed rows")
     image = _grid(tsai.width_px, tsai.height_px)
     direction = tsai.undistorted_mm(image) / tsai.focal_length_mm
     cubic = direction * np.sum(direction**2, axis=1, keepdims=True)
@@ -111,9 +113,14 @@ def from_tsai(tsai: TsaiCamera) -> Conversion[Camera]:
     left, _, right = np.linalg.svd(tsai.rotation)
     rotation = left @ right
     camera = Camera(
-        tsai.width_px, tsai.height_px, float(focal), tsai.centre_px.copy(), float(product / focal),
-        rotation, -rotation.T @ tsai.translation_mm,
-    )  # fmt: skip
+        tsai.width_px,
+        tsai.height_px,
+        float(focal),
+        tsai.centre_px.copy(),
+        float(product / focal),
+        rotation,
+        -rotation.T @ tsai.translation_mm,
+    )
     return _with_difference(camera, (terms @ [focal, product]).reshape(-1, 2) + tsai.centre_px - image)
 
 
@@ -134,9 +141,16 @@ def to_tsai(camera: Camera, pixel_pitch_mm: float) -> Conversion[TsaiCamera]:
     scale = np.linalg.norm(terms, axis=0)
     focal, kappa1 = np.linalg.lstsq(terms / scale, distorted.ravel(), rcond=None)[0] / scale
     tsai = TsaiCamera(
-        camera.width_px, camera.height_px, float(focal), camera.principal_point_px.copy(), 1.0, float(kappa1),
-        camera.rotation.copy(), -camera.rotation @ camera.position_mm, np.full(2, pixel_pitch_mm),
-    )  # fmt: skip
+        camera.width_px,
+        camera.height_px,
+        float(focal),
+        camera.principal_point_px.copy(),
+        1.0,
+        float(kappa1),
+        camera.rotation.copy(),
+        -camera.rotation @ camera.position_mm,
+        np.full(2, pixel_pitch_mm),
+    )
     world = camera.position_mm + np.column_stack([direction, np.ones(len(direction))]) @ camera.rotation
     return _with_difference(tsai, tsai.project(world) - image)
 

@@ -34,11 +34,7 @@ def band_images(
     signal = np.asarray(signal, np.float64)
     variance = np.asarray(variance, np.float64)
     flags = np.zeros(signal.shape, np.uint8) if mask is None else np.asarray(mask, np.uint8)
-    if (
-        not (signal.shape == variance.shape == flags.shape)
-        or signal.ndim != 3
-        or len(bands) != signal.shape[0]
-    ):
+    if not (signal.shape == variance.shape == flags.shape) or signal.ndim != 3 or len(bands) != signal.shape[0]:
         raise ValueError(
             f"band images need equal (band, y, x) shapes, got {signal.shape}, {variance.shape}, {flags.shape}"
         )

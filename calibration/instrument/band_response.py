@@ -116,9 +116,7 @@ class ResponseFactors:
         )
 
 
-def rest_curve(
-    efficiency: Spectrum, lens: Spectrum, grid: WavelengthGrid = INTEGRAL_GRID
-) -> NDArray[np.float64]:
+def rest_curve(efficiency: Spectrum, lens: Spectrum, grid: WavelengthGrid = INTEGRAL_GRID) -> NDArray[np.float64]:
     """(w,) F Q T_lens, quanta per joule: a band's response without its filter, 0 outside INTEGRAL_GRID."""
     inside = grid.part(INTEGRAL_GRID)
     wavelength = grid.nm[inside]

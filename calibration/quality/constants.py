@@ -62,7 +62,7 @@ def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) 
         (0.5, "an aperture one stop off"),
         (4.0, "an aperture two stops off"),
         (0.25, "an aperture two stops off"),
-    ]  # fmt: skip
+    ]
     f_number = manifest.band[0].f_number
     if focal is not None and f_number:
         factors.append((f_number**4 / focal**2, "an aperture's diameter in mm in place of the f-number"))
@@ -70,9 +70,7 @@ def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) 
         if focal_px is not None and camera.pixel_pitch_um:
             other = focal_px * camera.pixel_pitch_um * 1e-3
             if not 1 / _FOCAL < other / focal < _FOCAL:
-                factors.insert(
-                    0, ((other / focal) ** 2, f"a focal length of {other:.3g} mm, as the points show")
-                )
+                factors.insert(0, ((other / focal) ** 2, f"a focal length of {other:.3g} mm, as the points show"))
                 factors.insert(0, ((focal / other) ** 2, f"a pixel pitch {focal / other:.3g} times larger"))
     if noise.gain_e_per_dn and noise.gain_sigma is not None and camera.gain_e_per_dn:
         ratio = camera.gain_e_per_dn / noise.gain_e_per_dn
@@ -106,9 +104,7 @@ def check_constant(
         ratio = median / radiometry.nominal
         if ratio <= 0 or not _LOWEST < ratio < _HIGHEST:
             named = _named_factors(capture, noise, focal_px)
-            near = [
-                text for factor, text in named if ratio > 0 and abs(np.log(ratio / factor)) < np.log(1.15)
-            ]
+            near = [text for factor, text in named if ratio > 0 and abs(np.log(ratio / factor)) < np.log(1.15)]
             guess = "; ".join(dict.fromkeys(near[:3])) or (
                 "exposure, aperture, image distance, gain, pixel pitch, a transmittance or the source's radiance"
             )
@@ -135,19 +131,19 @@ def check_constant(
             )
 
 
-def _exchanged(
-    capture: Capture, ratios: Mapping[str, float], channels: Mapping[str, str] | None
-) -> tuple[str, ...]:
+def _exchanged(capture: Capture, ratios: Mapping[str, float], channels: Mapping[str, str] | None) -> tuple[str, ...]:
     """Two bands whose C are off as their exchanged frames, with or without exposures, make them; all others agree."""
     off = {band: float(np.log(ratio)) for band, ratio in ratios.items() if ratio > 0}
     apart = [band for band in off if abs(off[band]) > 2 * _AGREE]
     if len(off) < 5 or len(apart) != 2:
         return ()
     tables = [capture.references(band)[0] for band in apart]
-    units = np.array([
-        counts_over_constant(capture, table, table.radiance, channels[table.band] if channels else None) or np.nan
-        for table in tables
-    ])  # fmt: skip
+    units = np.array(
+        [
+            counts_over_constant(capture, table, table.radiance, channels[table.band] if channels else None) or np.nan
+            for table in tables
+        ]
+    )
     first, second = (off[band] for band in apart)
     for counts in (units, units / [table.exposure_s for table in tables]):
         expected = np.log(counts[1] / counts[0])

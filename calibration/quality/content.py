@@ -19,8 +19,13 @@ __all__ = ["check_frame_content", "check_names", "check_spectra_content"]
 #: Smallest share of pixels that differ from the most common count; frames below it (clipped darks) are not compared.
 _FEWEST_DIFFERENT = 0.05
 _KINDS = {
-    "dark": "dark", "bias": "dark", "flat": "flat", "sphere": "reference", "reference": "reference", "ref": "reference",
-}  # fmt: skip
+    "dark": "dark",
+    "bias": "dark",
+    "flat": "flat",
+    "sphere": "reference",
+    "reference": "reference",
+    "ref": "reference",
+}
 _EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
 #: Largest factor between an exposure and its file's name, and frames of one factor that make it that of all.
 _AS_NAMED, _SEVERAL = 1.25, 4
@@ -87,16 +92,18 @@ def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion
             named = tokens & bands
             if stack.band is not None and named and stack.band.lower() not in named:
                 yield Suspicion(
-                    f"a frame of another band: {path} is listed under {stack.band}", f"{stack.key}.frames",
+                    f"a frame of another band: {path} is listed under {stack.band}",
+                    f"{stack.key}.frames",
                     f"Its name says {', '.join(sorted(named))}.",
-                )  # fmt: skip
+                )
             kinds = {_KINDS[token] for token in tokens if token in _KINDS}
             own = {"bracket": "band"}.get(stack.kind, stack.kind)
             if kinds and own not in kinds and kinds | {own} != {"flat", "reference"}:
                 yield Suspicion(
-                    f"a {' or '.join(sorted(kinds))} frame is listed among the {own} frames", f"{stack.key}.frames",
+                    f"a {' or '.join(sorted(kinds))} frame is listed among the {own} frames",
+                    f"{stack.key}.frames",
                     f"The file is called {path}.",
-                )  # fmt: skip
+                )
     yield from _exposures_named(stacks)
     yield from _peaks(capture)
 
@@ -116,16 +123,18 @@ def _exposures_named(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
     if alike and not 1 / _AS_NAMED < (factor := float(np.median(factors))) < _AS_NAMED:
         stack, path, seconds = named[0]
         yield Suspicion(
-            f"all exposures are {factor:.4g} times those in the names of the frames (another unit)", "exposure_s",
+            f"all exposures are {factor:.4g} times those in the names of the frames (another unit)",
+            "exposure_s",
             f"{path} is listed under {stack.exposure_s:g} s, and {len(named) - 1} others likewise.",
-        )  # fmt: skip
+        )
         return
     for (stack, path, seconds), factor in zip(named, factors, strict=True):
         if not 1 / _AS_NAMED < factor < _AS_NAMED:
             yield Suspicion(
-                f"a frame of {seconds:g} s is listed under {stack.exposure_s:g} s", f"{stack.key}.exposure_s",
+                f"a frame of {seconds:g} s is listed under {stack.exposure_s:g} s",
+                f"{stack.key}.exposure_s",
                 f"The file is called {path}.",
-            )  # fmt: skip
+            )
 
 
 def _peaks(capture: Capture) -> Iterator[Suspicion]:
@@ -145,6 +154,7 @@ def _peaks(capture: Capture) -> Iterator[Suspicion]:
         nearest = min(named, key=lambda other: abs(named[other] - peak))
         if nearest != name and abs(named[name] - peak) > 25 and abs(named[nearest] - peak) < 15:
             yield Suspicion(
-                f"the filter of {name} is that of {nearest}", f"band[{index}] ({name}).transmittance",
+                f"the filter of {name} is that of {nearest}",
+                f"band[{index}] ({name}).transmittance",
                 f"Its pass band is at {peak:.0f} nm; the band is named after {named[name]:.0f} nm.",
-            )  # fmt: skip
+            )

@@ -72,9 +72,7 @@ def _scale(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
         )
 
 
-def _levels(
-    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
-) -> Iterator[Suspicion]:
+def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -> Iterator[Suspicion]:
     full = capture.saturation_dn
     sigma = float(np.sqrt(noise.floor_dn2))
     below = []

@@ -103,9 +103,7 @@ def _levels(
             )
 
 
-def _charge(
-    darks: Sequence[_Dark], time: NDArray[np.float64], variance: float, full_scale: int
-) -> Iterator[Suspicion]:
+def _charge(darks: Sequence[_Dark], time: NDArray[np.float64], variance: float, full_scale: int) -> Iterator[Suspicion]:
     """Detects hot pixels whose charge does not increase with exposure; only the order is tested."""
     frames = np.stack([dark.frame - _level(dark.frame) for dark in darks])
     sigma = np.sqrt(variance)
@@ -127,9 +125,7 @@ def _charge(
         for k in np.flatnonzero(left):
             longer, shorter = left & (time > 1.3 * time[k]), left & (time < time[k] / 1.3)
             apart = _SIGMAS * np.hypot(noise[k], noise)
-            wrong[k] = np.sum(longer & (charge[k] - charge > apart)) + np.sum(
-                shorter & (charge - charge[k] > apart)
-            )
+            wrong[k] = np.sum(longer & (charge[k] - charge > apart)) + np.sum(shorter & (charge - charge[k] > apart))
         worst = int(np.argmax(wrong))
         if wrong[worst] == 0:
             break

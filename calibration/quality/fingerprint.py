@@ -29,7 +29,7 @@ _TURNS = {
     "turned by 90 degrees": lambda image: np.rot90(image),
     "turned by 270 degrees": lambda image: np.rot90(image, 3),
     "transposed about the other diagonal": lambda image: image[::-1, ::-1].T,
-}  # fmt: skip
+}
 
 
 def _detail(net: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,20 +71,14 @@ def _place(peak: tuple[int, ...], shape: tuple[int, int]) -> tuple[int, int]:
 
 def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
     """Detects frames that are mirrored, turned or shifted relative to the flats, or do not show their pattern."""
-    net = {
-        s.key: s.mean - s.thinned(dark.at(s.exposure_s))
-        for s in stacks
-        if s.kind in ("band", "flat", "reference")
-    }
+    net = {s.key: s.mean - s.thinned(dark.at(s.exposure_s)) for s in stacks if s.kind in ("band", "flat", "reference")}
     flats = [s for s in stacks if s.kind == "flat" and s.mean.shape == net[s.key].shape]
     places = {s.place for s in flats}
     if len(flats) < 2 or len(places) != 1:
         return
     patterns = {key: _pattern(image) for key, image in net.items()}
     common = np.mean([patterns[s.key] for s in flats], axis=0)
-    pairs = [
-        float(_correlations(patterns[a.key], patterns[b.key])[0, 0]) for a, b in itertools.pairwise(flats)
-    ]
+    pairs = [float(_correlations(patterns[a.key], patterns[b.key])[0, 0]) for a, b in itertools.pairwise(flats)]
     # Without a pattern of the sensor (or in simulations without noise) nothing can be tested.
     if np.median(pairs) < _STRONG:
         return

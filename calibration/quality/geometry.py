@@ -50,11 +50,7 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
     if fit is None:
         return
     if not fit.sigma_estimated and fit.degrees_of_freedom >= 6:
-        ratio = (
-            fit.reprojection_rms_px
-            / fit.point_sigma_px
-            * np.sqrt(2 * fit.kept.sum() / fit.degrees_of_freedom)
-        )
+        ratio = fit.reprojection_rms_px / fit.point_sigma_px * np.sqrt(2 * fit.kept.sum() / fit.degrees_of_freedom)
         if not 1 / _SCATTER / 1.5 < ratio < _SCATTER:
             yield Suspicion(
                 "the points do not scatter as stated (a wrong point_sigma_px, or points of another picture)",
@@ -137,11 +133,7 @@ def explain_points(capture: Capture, fault: InputError) -> Suspicion | None:
         if fit.kept.mean() < 0.8 or fit.reprojection_rms_px > 5 * sigma:
             continue
         # Several mirrorings fit equally well; the right one has an upright camera and points on surfaces.
-        off = (
-            0.0
-            if scene is None
-            else float(np.mean(distance_to_surfaces(scene, changed.points_mm) > _OFF_SURFACE_MM))
-        )
+        off = 0.0 if scene is None else float(np.mean(distance_to_surfaces(scene, changed.points_mm) > _OFF_SURFACE_MM))
         agreeing[how] = (1 + float(fit.camera.rotation[1, 1]) + 4 * off, fit.reprojection_rms_px)
     if not agreeing:
         return None

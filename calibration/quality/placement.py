@@ -30,7 +30,7 @@ _TURNS = {
     "turned by 90 degrees": lambda image: np.rot90(image, 1, (-2, -1)),
     "turned by 270 degrees": lambda image: np.rot90(image, 3, (-2, -1)),
     "exchanged about the other diagonal": lambda image: np.swapaxes(image[..., ::-1, ::-1], -1, -2),
-}  # fmt: skip
+}
 
 
 def check_orientation(capture: Capture, view: SceneView | None) -> Iterator[Suspicion]:
@@ -48,9 +48,7 @@ def check_orientation(capture: Capture, view: SceneView | None) -> Iterator[Susp
         found = []
         for one, other in zip(logarithm, rough, strict=True):
             good = seen & np.isfinite(one)
-            found.append(
-                float(np.corrcoef(one[good], other[good])[0, 1]) if np.count_nonzero(good) > 50 else np.nan
-            )
+            found.append(float(np.corrcoef(one[good], other[good])[0, 1]) if np.count_nonzero(good) > 50 else np.nan)
         return np.array(found)
 
     here = agreement(view.relative)

@@ -72,9 +72,7 @@ def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, 
     misfit = max(float(squares.mean()), 1e-6)
     bins = np.array([float(part.mean()) for part in np.array_split(squares[np.argsort(a)], _BINS)])
     noise = np.clip(image * np.sqrt(weight), -20, 20)
-    return _Pair(
-        stack, repeat, misfit, scale, bins, _neighbours(noise, good), (rows / misfit, columns / misfit)
-    )
+    return _Pair(stack, repeat, misfit, scale, bins, _neighbours(noise, good), (rows / misfit, columns / misfit))
 
 
 def _without_means(
@@ -86,9 +84,7 @@ def _without_means(
     return noise - mean, float(np.mean(mean**2 * total))
 
 
-def _lines(
-    noise: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], tuple[float, float]]:
+def _lines(noise: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[float, float]]:
     """Noise (y, x) less what rows and columns share, which readout may give them, and the variances of both."""
     without_rows, rows = _without_means(noise, weight, 1)
     without_both, columns = _without_means(without_rows, weight, 0)
@@ -101,9 +97,7 @@ def _neighbours(noise: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
     for one, other in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
         both = good[one] & good[other]
         a, b = noise[one][both], noise[other][both]
-        found.append(
-            float(np.corrcoef(a, b)[0, 1]) if np.count_nonzero(both) > 200 and a.std() > 0 < b.std() else 0.0
-        )
+        found.append(float(np.corrcoef(a, b)[0, 1]) if np.count_nonzero(both) > 200 and a.std() > 0 < b.std() else 0.0)
     return min(found)
 
 
@@ -192,9 +186,7 @@ def _striped(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
                 )
 
 
-def check_noise(
-    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
-) -> Iterator[Suspicion]:
+def check_noise(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -> Iterator[Suspicion]:
     """Checks the stated gain and read noise against the scatter of repeats, and its increase with the signal."""
     camera = capture.manifest.camera
     for name, key, stated, value, sigma in (
@@ -222,9 +214,7 @@ def check_noise(
                 key,
                 f"The noise of the frames gives {value:.4g} +- {sigma:.2g}; {stated:g} is stated.{hint}",
             )
-    curves = [
-        pair.bins / pair.misfit for pair in _pairs(capture, stacks, dark, noise) if pair.stack.kind == "band"
-    ]
+    curves = [pair.bins / pair.misfit for pair in _pairs(capture, stacks, dark, noise) if pair.stack.kind == "band"]
     if len(curves) > 1:
         curve = np.median(curves, axis=0)
         if curve[0] > 2.5 * curve[-1] and np.all(np.diff(curve) < 0.1):

@@ -162,9 +162,7 @@ def radiance_over_lamp(
     total = np.zeros((len(place_mm), reflectance.shape[1]))
     for _ in range(_REFLECTIONS):
         start = position + _OFFSET_MM * facing
-        light = _light_of_lamp(
-            scene.lamp.surface.vertices_mm[scene.lamp.surface.faces], triangles, start, facing, draw
-        )
+        light = _light_of_lamp(scene.lamp.surface.vertices_mm[scene.lamp.surface.faces], triangles, start, facing, draw)
         np.add.at(total, path, weight * light[:, None] / np.pi)
         direction = _cosine(facing, draw)
         nearest, triangle = np.full(len(start), np.inf), np.zeros(len(start), int)
@@ -182,9 +180,12 @@ def radiance_over_lamp(
 
 
 def _light_of_lamp(
-    lamp: NDArray[np.float64], triangles: NDArray[np.float64], start: NDArray[np.float64],
-    facing: NDArray[np.float64], draw: np.random.Generator,
-) -> NDArray[np.float64]:  # fmt: skip
+    lamp: NDArray[np.float64],
+    triangles: NDArray[np.float64],
+    start: NDArray[np.float64],
+    facing: NDArray[np.float64],
+    draw: np.random.Generator,
+) -> NDArray[np.float64]:
     """(n,) irradiance by a lamp of radiance 1, estimated with one shadow ray each, sr."""
     across = np.cross(lamp[:, 1] - lamp[:, 0], lamp[:, 2] - lamp[:, 0])
     areas = 0.5 * np.linalg.norm(across, axis=1)

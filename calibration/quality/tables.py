@@ -37,9 +37,7 @@ def stated_columns(capture: Capture) -> list[Column]:
     ]
     stated.append(("lens transmittance", "lens.transmittance", manifest.lens.transmittance))
     for index, band in enumerate(manifest.band):
-        stated.append(
-            ("filter transmittance", f"band[{index}] ({band.id}).transmittance", band.transmittance)
-        )
+        stated.append(("filter transmittance", f"band[{index}] ({band.id}).transmittance", band.transmittance))
     if manifest.lamp is not None:
         stated.append(("lamp radiance", "lamp.radiance", manifest.lamp.radiance))
     for index, reference in enumerate(manifest.reference):
@@ -58,9 +56,7 @@ def check_scene(capture: Capture) -> Iterator[Suspicion]:
     try:
         load_scene(str(capture.scene))
     except (InputError, OSError) as error:
-        yield Suspicion(
-            "the scene file cannot be read", "scene", f"{error}. Checks against the box were left out."
-        )
+        yield Suspicion("the scene file cannot be read", "scene", f"{error}. Checks against the box were left out.")
 
 
 def _once(columns: list[Column]) -> list[Column]:
@@ -148,11 +144,7 @@ def _coverage(capture: Capture, columns: list[Column]) -> Iterator[Suspicion]:
     """Detects tables that end within a band's response."""
     used = {
         band.id: np.prod(
-            [
-                _held(s)
-                for kind, key, _, s in columns
-                if kind == "lens transmittance" or f"({band.id}).t" in key
-            ]
+            [_held(s) for kind, key, _, s in columns if kind == "lens transmittance" or f"({band.id}).t" in key]
             or [np.ones(WAVELENGTH_NM.size)],
             axis=0,
         )
@@ -208,9 +200,7 @@ def check_numbers(capture: Capture) -> Iterator[Suspicion]:
     manifest = capture.manifest
     camera, focal = manifest.camera, manifest.lens.focal_length_mm
     if camera.pixel_pitch_um is not None:
-        width = (
-            (manifest.crop.full_width_px if manifest.crop else camera.width_px) * camera.pixel_pitch_um / 1e3
-        )
+        width = (manifest.crop.full_width_px if manifest.crop else camera.width_px) * camera.pixel_pitch_um / 1e3
         if not 0.3 < width < 300:
             yield Suspicion(
                 "the pixel pitch is in another unit than um",
@@ -218,9 +208,7 @@ def check_numbers(capture: Capture) -> Iterator[Suspicion]:
                 f"With {camera.pixel_pitch_um:g} um the sensor is {width:.3g} mm wide; sensors are 1 to 100 mm wide.",
             )
     if focal is not None and not 1 < focal < 3000:
-        yield Suspicion(
-            "the focal length is in another unit than mm", "lens.focal_length_mm", f"It is {focal:g} mm."
-        )
+        yield Suspicion("the focal length is in another unit than mm", "lens.focal_length_mm", f"It is {focal:g} mm.")
     lit: list[tuple[str, BandTable | BracketTable]] = [
         *((f"band[{i}] ({b.id})", b) for i, b in enumerate(manifest.band)),
         *((f"bracket[{i}] ({b.band})", b) for i, b in enumerate(manifest.bracket)),
@@ -239,8 +227,11 @@ def check_numbers(capture: Capture) -> Iterator[Suspicion]:
             break
     numbers = [table.f_number for _, table in lit if table.f_number]
     if numbers and not 0.5 <= min(numbers) <= max(numbers) <= 64:
-        yield Suspicion("the f-number is no f-number", "band.f_number", f"They run from {min(numbers):g} to "
-                        f"{max(numbers):g}; lenses have 0.7 to 45.")  # fmt: skip
+        yield Suspicion(
+            "the f-number is no f-number",
+            "band.f_number",
+            f"They run from {min(numbers):g} to {max(numbers):g}; lenses have 0.7 to 45.",
+        )
     lamp = manifest.lamp
     for name in ("relative_uncertainty", "spectral_uncertainty"):
         value = None if lamp is None else getattr(lamp, name)

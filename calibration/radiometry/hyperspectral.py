@@ -50,9 +50,11 @@ def _centre(capture: Capture, band: str) -> tuple[float, Spectrum]:
     reference = capture.band(band).transmittance
     if reference is None:
         raise InputError(
-            capture.folder / "capture.toml", f"band {band} without transmittance", "one for every band",
+            capture.folder / "capture.toml",
+            f"band {band} without transmittance",
+            "one for every band",
             "The wavelength of a band is computed from its transmittance.",
-        )  # fmt: skip
+        )
     curve = capture.light(reference)
     grid = np.arange(curve.wavelength_nm[0], curve.wavelength_nm[-1] + 0.25, 0.5)
     values = curve.at(grid)
@@ -122,9 +124,7 @@ def hyperspectral_cube(
     """
     inside = np.asarray(region, bool)
     if inside.shape != capture.shape or not np.any(inside):
-        raise InputError(
-            "region", f"{int(inside.sum())} pixels of {inside.shape}", f"some of {capture.shape}"
-        )
+        raise InputError("region", f"{int(inside.sum())} pixels of {inside.shape}", f"some of {capture.shape}")
     centres = {band: _centre(capture, band) for band in capture.band_ids}
     order = sorted(centres, key=lambda band: centres[band][0])
     chosen = reference_band or order[len(order) // 2]
@@ -148,9 +148,7 @@ def hyperspectral_cube(
         variance = np.where(usable, move(one["variance"].values, found, smooth=False), np.nan)
         level, count = float(np.nanmean(moved[inside])), int(usable[inside].sum())
         if count == 0 or not level > 0:
-            raise InputError(
-                f"region in band {band}", "no light" if count else "no usable pixel", "a lit region"
-            )
+            raise InputError(f"region in band {band}", "no light" if count else "no usable pixel", "a lit region")
         scale = _filter_mean(centres[band][1], reading) / level
         planes.append(scale * moved)
         errors.append(scale * np.sqrt(variance))
@@ -171,9 +169,7 @@ def hyperspectral_cube(
             "missing": "NaN",
         },
     )
-    return HyperspectralCube(
-        cube, tuple(order), np.array(scales), np.array(sigmas), tuple(moves), tuple(notes)
-    )
+    return HyperspectralCube(cube, tuple(order), np.array(scales), np.array(sigmas), tuple(moves), tuple(notes))
 
 
 def as_scene(cube: xr.Dataset) -> xr.Dataset:

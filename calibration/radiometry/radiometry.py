@@ -84,11 +84,7 @@ def _reference_constant(
     flat = bands.flats[table.band]
     net = correct(capture, table, uniform_flat(capture.shape, dark), dark, noise)
     unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
-    good = (
-        ~net.saturated
-        & ~flat.saturated
-        & ((bands.images["mask"].sel(band=table.band).values & unusable) == 0)
-    )
+    good = ~net.saturated & ~flat.saturated & ((bands.images["mask"].sel(band=table.band).values & unusable) == 0)
     if channel is not None and capture.manifest.mosaic is not None:
         good &= channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
     variance = evaluate_variance(net.coefficients, net.signal)
@@ -168,9 +164,7 @@ def _one_per_band(constants: Sequence[BandConstant]) -> tuple[BandConstant, ...]
     return tuple(joined)
 
 
-def join_constants(
-    constants: Sequence[BandConstant], nominal: float | None, notes: Sequence[str] = ()
-) -> Radiometry:
+def join_constants(constants: Sequence[BandConstant], nominal: float | None, notes: Sequence[str] = ()) -> Radiometry:
     """One C from those of at least one reference table.
 
     Bands are weighted by 1 / (noise^2 + scatter^2), see ``band_scatter``.

@@ -126,9 +126,7 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _ROUNDS, _CHANGE)
     try:
         everything = np.full(shape, 255, np.uint8)
-        correlation, found = cv2.findTransformECC(
-            first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3
-        )
+        correlation, found = cv2.findTransformECC(first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3)
     except cv2.error:
         return _registration(np.eye(2, 3), shape, 0.0)
     affine = np.vstack([np.asarray(found, float), [0, 0, 1]])
@@ -137,13 +135,9 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
     return _registration((before @ similar @ np.linalg.inv(before))[:2], shape, float(correlation))
 
 
-def move(
-    image: NDArray[np.float64], registration: Registration, *, smooth: bool = True
-) -> NDArray[np.float64]:
+def move(image: NDArray[np.float64], registration: Registration, *, smooth: bool = True) -> NDArray[np.float64]:
     """The band's image (y, x) resampled to the reference's pixels, NaN outside; cubic or (not smooth) linear."""
     # ndimage's order is (v, u)
     turned, shift = registration.matrix[::-1, 1::-1], registration.matrix[::-1, 2]
     order = 3 if smooth else 1
-    return np.asarray(
-        affine_transform(image, turned, shift, order=order, mode="constant", cval=np.nan), np.float64
-    )
+    return np.asarray(affine_transform(image, turned, shift, order=order, mode="constant", cval=np.nan), np.float64)

@@ -61,9 +61,7 @@ def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> 
     return rest_curve(efficiency, capture.light(lens), grid)
 
 
-def response_curve(
-    capture: Capture, band: BandTable, channel: str | None = None
-) -> NDArray[np.float64] | None:
+def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
     """(301,) F Q T_lens T_i on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
 
     channel : "R", "G" or "B" of a sensor with a mosaic.

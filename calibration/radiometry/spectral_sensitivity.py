@@ -40,9 +40,7 @@ class NarrowBandReadings:
         count, width = len(self.response), len(self.wavelength_nm)
         if self.stimuli.shape != (count, width) or self.sigma.shape != (count,) or count < 2 or width < 3:
             found = f"stimuli of shape {self.stimuli.shape} for {count} readings, {width} wavelengths"
-            raise InputError(
-                "readings", found, "(readings, wavelengths), at least two readings, one sigma each"
-            )
+            raise InputError("readings", found, "(readings, wavelengths), at least two readings, one sigma each")
         if np.any(np.diff(self.wavelength_nm) <= 0):
             raise InputError("readings: wavelength", "values that do not ascend", "ascending wavelengths, nm")
         if np.any(self.stimuli < 0) or np.any(self.matrix.sum(axis=1) <= 0) or np.any(self.sigma <= 0):

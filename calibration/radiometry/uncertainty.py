@@ -62,9 +62,7 @@ def xyz_parts(
     values, matrix = np.asarray(signal, float), np.asarray(xyz_per_dn, float)
 
     def spread(variances: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(
-            np.einsum("ib,b...,jb->...ij", matrix, variances, matrix, optimize=True), np.float64
-        )
+        return np.asarray(np.einsum("ib,b...,jb->...ij", matrix, variances, matrix, optimize=True), np.float64)
 
     size, direction = np.linalg.eigh(uncertainty.band_covariance)
     root = direction * np.sqrt(np.maximum(size, 0.0))
@@ -92,12 +90,8 @@ def measure_uncertainty(
     share = np.array([weight.get(band, 0.0) for band in bands])
     ones = np.ones(len(bands))
     taken = np.outer(ones, share)
-    band = radiometry.scatter**2 * (
-        np.eye(len(bands)) - taken - taken.T + share @ share * np.outer(ones, ones)
-    )
+    band = radiometry.scatter**2 * (np.eye(len(bands)) - taken - taken.T + share @ share * np.outer(ones, ones))
     noise = np.array([weight[c.band] * c.sigma for c in radiometry.by_band])
-    common = (
-        float(np.sqrt(noise @ noise)) / radiometry.constant if radiometry.constant and noise.size else 0.0
-    )
+    common = float(np.sqrt(noise @ noise)) / radiometry.constant if radiometry.constant and noise.size else 0.0
     degrees = max(len(radiometry.by_band) - 1, 0) if radiometry.scatter > 0 else np.inf
     return Uncertainty(bands, band, float(np.hypot(common, reference_relative_sigma)), degrees)

@@ -83,9 +83,7 @@ class Calibration(OwnMappings):
     def photograph(self) -> NDArray[np.float64]:
         """(y, x) mean of the bands, each divided by its 99th percentile, for display and edge detection."""
         signal = self.images["signal"].values
-        return np.asarray(
-            np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64
-        )
+        return np.asarray(np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance (band, y, x) in DN^2 of the corrected signals, given their expectation (band, y, x) in DN."""
@@ -174,9 +172,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         blind = [response.band for response in responses if not response.response.any()]
         if blind:
             responses = None
-            notes.append(
-                f"no absolute signals and no XYZ: by their tables {', '.join(blind)} see no visible light"
-            )
+            notes.append(f"no absolute signals and no XYZ: by their tables {', '.join(blind)} see no visible light")
     if responses is not None:
         colour = study_colour(capture, responses, _typical_noise(bands.images))
         notes.append(colour.reason)
@@ -196,7 +192,5 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         measure_uncertainty(radiometry, capture.band_ids, reference_relative_sigma),
         patches,
         tuple(dict.fromkeys(notes)),
-        find_suspicions(
-            capture, bands, dark, noise, radiometry, camera_fit, channels=channels, already=explained
-        ),
+        find_suspicions(capture, bands, dark, noise, radiometry, camera_fit, channels=channels, already=explained),
     )

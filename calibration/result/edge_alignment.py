@@ -217,14 +217,11 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
             good = clear > _CLEAR
             index = np.flatnonzero(usable)[good]
             parts.append(
-                (places[index], normal[index], offset[good], np.full(index.size, number),
-                 np.full(index.size, owner))
-            )  # fmt: skip
+                (places[index], normal[index], offset[good], np.full(index.size, number), np.full(index.size, owner))
+            )
     if not parts:
         empty = np.zeros(0)
-        return EdgeOffsets(
-            (), empty.reshape(0, 3), empty.reshape(0, 2), empty, empty.astype(int), empty.astype(int)
-        )
+        return EdgeOffsets((), empty.reshape(0, 3), empty.reshape(0, 2), empty, empty.astype(int), empty.astype(int))
     place, normal, offset, edges, owners = (np.concatenate(column) for column in zip(*parts, strict=True))
     return EdgeOffsets(tuple(name for name, _ in objects), place, normal, offset, edges, owners)
 
@@ -304,9 +301,7 @@ def align_edges(
         residual = offsets.offset_px - design @ values
         sigma = _scatter(residual[keep], offsets.edge[keep])
         keep = used & (np.abs(residual) < _OUTLIER_SIGMAS * np.hypot(sigma, EDGE_BIAS_PX))
-    refined = replace(
-        camera.with_parameters(start.parameters + values[:10]), covariance=inverse[:10, :10].copy()
-    )
+    refined = replace(camera.with_parameters(start.parameters + values[:10]), covariance=inverse[:10, :10].copy())
     errors = []
     for block in (0, *blocks):
         own = keep & (offsets.owner == block)
@@ -371,9 +366,7 @@ def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError
     scene, camera = calibration.capture.known_scene(), calibration.camera
     where = calibration.capture.folder / "capture.toml"
     if camera is None:
-        raise InputError(
-            where, "no camera: no [geometry]", "surveyed points, to predict the edges of the box"
-        )
+        raise InputError(where, "no camera: no [geometry]", "surveyed points, to predict the edges of the box")
     if scene is None:
         stated = calibration.capture.manifest.scene
         found = "no scene" if stated is None else f"scene {stated!r}, which cannot be read"

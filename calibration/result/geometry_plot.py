@@ -78,13 +78,13 @@ def plot_geometry(
         u, v = points.image_px[kept].T
         axes.plot(u, v, "o", mfc="none", mec=colour, ms=5, label=label)
         du, dv = residuals[kept].T
-        axes.quiver(
-            u, v, du, dv, color=colour, angles="xy", scale_units="xy", scale=1 / enlarged, width=0.003
-        )
+        axes.quiver(u, v, du, dv, color=colour, angles="xy", scale_units="xy", scale=1 / enlarged, width=0.003)
     axes.set(
         title=f"Surveyed points, residuals x {enlarged:g}: rms {fit.reprojection_rms_px:.3f} px per coordinate",
-        xlabel="u (px)", ylabel="v (px)", xlim=(-0.5, photograph.shape[1] - 0.5),
+        xlabel="u (px)",
+        ylabel="v (px)",
+        xlim=(-0.5, photograph.shape[1] - 0.5),
         ylim=(photograph.shape[0] - 0.5, -0.5),
-    )  # fmt: skip
+    )
     axes.legend(fontsize="small", loc="lower left")
     figure.savefig(path, dpi=110, metadata={"Software": None})

@@ -65,9 +65,7 @@ def plot_dark(calibration: Calibration, path: Path) -> None:
         axes.legend(fontsize="small")
     low, middle, high = np.percentile(dark.level.reshape(dark.exposure_s.size, -1), [1, 50, 99], axis=1)
     axes.errorbar(dark.exposure_s, middle, [middle - low, high - middle], fmt="o-", capsize=4, color="black")
-    axes.set(
-        xlabel="exposure (s)", ylabel="dark level (DN): median, 1st to 99th percentile", title="Dark level"
-    )
+    axes.set(xlabel="exposure (s)", ylabel="dark level (DN): median, 1st to 99th percentile", title="Dark level")
     axes.grid(alpha=0.3)
     _save(figure, path)
 

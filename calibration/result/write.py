@@ -76,9 +76,7 @@ def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
     dark = calibration.dark
     levels = []
     sigmas = dark_level_sigma(dark, calibration.noise)
-    for exposure, repeats, level, sigma in zip(
-        dark.exposure_s, dark.repeats, dark.level, sigmas, strict=True
-    ):
+    for exposure, repeats, level, sigma in zip(dark.exposure_s, dark.repeats, dark.level, sigmas, strict=True):
         levels.append(
             {
                 "exposure_s": float(exposure),
@@ -162,8 +160,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
         "uncertainty": uncertainty_record(calibration.uncertainty),
         "sensor": sensor_record(calibration.sensor),
         "masked": {
-            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
-            for name, value in flags.items()
+            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0))) for name, value in flags.items()
         },
         "patches": None
         if patches is None

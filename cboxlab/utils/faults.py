@@ -106,9 +106,7 @@ def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> Input
 
 def expectation(details: Mapping[str, Any]) -> str:
     """What an error that pydantic found asks for, in words for the file's author."""
-    key = next(
-        (part for part in reversed(details["loc"]) if isinstance(part, str) and not part.startswith("<")), ""
-    )
+    key = next((part for part in reversed(details["loc"]) if isinstance(part, str) and not part.startswith("<")), "")
     in_list = bool(details["loc"]) and isinstance(details["loc"][-1], int)
     one_for_many = details["type"] in _LIST_TYPES and isinstance(details["input"], Mapping)
     if one_for_many or (in_list and details["type"] in _TABLE_TYPES):

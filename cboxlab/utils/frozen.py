@@ -16,9 +16,7 @@ class FrozenDict(dict[Key, Value]):
     """A dictionary that cannot be changed. It can be pickled, and written as JSON."""
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
-        raise TypeError(
-            "a mapping in a frozen object cannot be changed: make another object with a changed copy"
-        )
+        raise TypeError("a mapping in a frozen object cannot be changed: make another object with a changed copy")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse

@@ -118,9 +118,7 @@ def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(path, "values nested too deeply", expected) from None
     except ValueError as error:  # faults of the TOML; integers of thousands of digits
-        raise InputError(
-            path, f"a fault in the TOML: {error}", expected, _toml_hint(text, str(error))
-        ) from None
+        raise InputError(path, f"a fault in the TOML: {error}", expected, _toml_hint(text, str(error))) from None
     for key, value, depth in _values(content):
         if isinstance(value, str) and (odd := _CONTROL.search(value)):
             hint = "In double quotes a backslash begins an escape: write paths with /."
@@ -190,9 +188,7 @@ def read_channels(path: Path) -> NDArray[np.float64]:
 
     Raises InputError for a file that is neither, or not finite.
     """
-    expected = (
-        "a grey or RGB picture (.png), or an array of (rows, columns) or (rows, columns, channels) (.npy)"
-    )
+    expected = "a grey or RGB picture (.png), or an array of (rows, columns) or (rows, columns, channels) (.npy)"
     require_regular_file(path, expected)
     try:
         if path.suffix.lower() == ".npy":

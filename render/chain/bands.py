@@ -27,9 +27,7 @@ def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> x
     near_lamp = binary_dilation(image.sees_lamp, np.ones((3, 3)))
     mask = np.where(near_lamp, np.uint8(Mask.LAMP), np.uint8(0))
     stack = np.broadcast_to(mask, (len(responses), *mask.shape))
-    return band_images(
-        [r.band for r in responses], np.moveaxis(mean, -1, 0), np.moveaxis(variance, -1, 0), stack
-    )
+    return band_images([r.band for r in responses], np.moveaxis(mean, -1, 0), np.moveaxis(variance, -1, 0), stack)
 
 
 def _pooled(mean: np.ndarray, variance: np.ndarray, single_surface: np.ndarray) -> np.ndarray:

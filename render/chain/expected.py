@@ -38,9 +38,7 @@ def _frames(light: Light, curves: BandCurves, sensing: Sensing, camera: Camera) 
     response = sensing.flat / np.where(has_flat[:, None, None], uneven, 1.0)
     mean = [r[u].mean() if has else 1.0 for r, u, has in zip(response, sensing.usable, has_flat, strict=True)]
     response = response / np.array(mean)[:, None, None]
-    reference = _reference_gain(sensing) * band_signals(
-        uniform_light(sensing.reference_radiance), curves, shares
-    )
+    reference = _reference_gain(sensing) * band_signals(uniform_light(sensing.reference_radiance), curves, shares)
     return Counts(
         bands=sensing.curves.bands,
         scene=light.signal * response + sensing.dark_scene[:, None, None],
@@ -80,9 +78,7 @@ def expected_counts(light: Light, sensing: Sensing, effects: Sequence[ActsAtStag
 
 def _corrected(counts: Counts, sensing: Sensing) -> NDArray[np.float64]:
     """(band, y, x) DN: the laboratory's correction of the frames."""
-    reference_level = (_reference_gain(sensing) * _uniform(sensing.curves, sensing.reference_radiance))[
-        :, 0, 0
-    ]
+    reference_level = (_reference_gain(sensing) * _uniform(sensing.curves, sensing.reference_radiance))[:, 0, 0]
     scene, flat, reference = (
         frame - dark[:, None, None]
         for frame, dark in (

@@ -27,15 +27,17 @@ Stage = Literal["scene", "settings", "transport", "camera", "filter", "optics", 
 #: scene: geometry, paints, lamp. settings: how much of the light's way the renderer follows. transport: what lights
 #: the picture. camera: where it stands. filter: what the bands pass. optics: the picture on the sensor. counts: the
 #: raw frames.
-STAGES: Mapping[Stage, type] = MappingProxyType({
-    "scene": Scene,
-    "settings": RenderSettings,
-    "transport": PatchLight,
-    "camera": Camera,
-    "filter": BandCurves,
-    "optics": Light,
-    "counts": Counts,
-})  # fmt: skip
+STAGES: Mapping[Stage, type] = MappingProxyType(
+    {
+        "scene": Scene,
+        "settings": RenderSettings,
+        "transport": PatchLight,
+        "camera": Camera,
+        "filter": BandCurves,
+        "optics": Light,
+        "counts": Counts,
+    }
+)
 
 #: Stages of what is photographed, and not of how a model of it is rendered.
 PHOTOGRAPHED: tuple[Stage, ...] = tuple(stage for stage in STAGES if stage != "settings")

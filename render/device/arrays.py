@@ -22,8 +22,10 @@ def device_array(kind: type, values: ArrayLike) -> Any:
     It is aligned here, so that a computation has one kernel, which is found again on disk.
     """
     number = {
-        dr.VarType.Float32: np.float32, dr.VarType.UInt32: np.uint32, dr.VarType.UInt64: np.uint64,
-    }[dr.type_v(kind)]  # fmt: skip
+        dr.VarType.Float32: np.float32,
+        dr.VarType.UInt32: np.uint32,
+        dr.VarType.UInt64: np.uint64,
+    }[dr.type_v(kind)]
     given = np.ravel(values)
     memory = np.empty(given.size * np.dtype(number).itemsize + _ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % _ALIGNMENT

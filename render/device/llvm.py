@@ -28,9 +28,7 @@ def usable_llvm(named: str | None = None) -> Path | None:
     candidates = [] if named is None else [Path(named)]
     found = [path for folder in _FOLDERS for path in Path(folder).glob("libLLVM*.so*")]
     found += list(Path("/usr/lib").glob("llvm-*/lib/libLLVM*.so*"))
-    release = {
-        path: int(m.group(1)) for path in found if (m := re.search(r"(?:LLVM-|\.so\.)(\d+)", path.name))
-    }
+    release = {path: int(m.group(1)) for path in found if (m := re.search(r"(?:LLVM-|\.so\.)(\d+)", path.name))}
     candidates += sorted(release, key=lambda path: release[path], reverse=True)
     for path in candidates:
         try:

@@ -34,9 +34,7 @@ def catalogue() -> dict[str, Effect]:
     for entry in entry_points(group=_GROUP):
         effect = _loaded(entry)
         if effect.id in known:
-            raise InputError(
-                _where(entry), f"'{effect.id}', which is there already", "an identifier of its own"
-            )
+            raise InputError(_where(entry), f"'{effect.id}', which is there already", "an identifier of its own")
         known[effect.id] = effect
     return dict(sorted(known.items()))
 
@@ -62,8 +60,10 @@ def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str,
     surfaces = tuple(surface.name for surface in scene.surfaces)
     blocks = tuple(name.removesuffix("-block") for name in surfaces if name.endswith("-block"))
     names: dict[Kind, tuple[str, ...]] = {
-        "material": tuple(scene.materials), "surface": surfaces, "block": blocks,
-    }  # fmt: skip
+        "material": tuple(scene.materials),
+        "surface": surfaces,
+        "block": blocks,
+    }
     return {**names, "band": bands} if bands else names
 
 

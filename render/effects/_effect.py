@@ -147,9 +147,7 @@ class Effect:
     def __post_init__(self) -> None:
         """Raises ValueError for a title that does not fit into a list."""
         if len(self.title) > _LONGEST_TITLE:
-            raise ValueError(
-                f"{self.id}: a title of {len(self.title)} characters, at most {_LONGEST_TITLE} fit"
-            )
+            raise ValueError(f"{self.id}: a title of {len(self.title)} characters, at most {_LONGEST_TITLE} fit")
 
     @property
     def in_few_words(self) -> str:
@@ -164,15 +162,26 @@ class Effect:
     def to_dict(self) -> dict[str, Any]:
         """What the effect is, ready for JSON. A parameter has bounds or choices; its null value may be infinite."""
         return {
-            "effect": self.id, "stage": self.stage, "title": self.in_few_words, "summary": self.summary,
+            "effect": self.id,
+            "stage": self.stage,
+            "title": self.in_few_words,
+            "summary": self.summary,
             "parameters": [
-                {"name": p.name, "choices": list(p.choices)} if p.choices
-                else {"name": p.name, "unit": p.unit, "null": p.null, "low": p.low, "high": p.high,
-                      "default": p.default}
+                {"name": p.name, "choices": list(p.choices)}
+                if p.choices
+                else {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "null": p.null,
+                    "low": p.low,
+                    "high": p.high,
+                    "default": p.default,
+                }
                 for p in self.parameters
             ],
-            "confirm": self.confirm, "sources": list(self.sources),
-        }  # fmt: skip
+            "confirm": self.confirm,
+            "sources": list(self.sources),
+        }
 
     def within(self, scene: Scene) -> Effect:
         """The effect with the null values that it has in a scene."""
@@ -224,7 +233,5 @@ class AppliedEffect(OwnMappings):
 
     def at_aperture(self, factor: float) -> AppliedEffect:
         """The effect with the aperture's diameter times a factor."""
-        growing = {
-            p.name: factor * float(self.values[p.name]) for p in self.effect.numbers if p.grows_with_aperture
-        }
+        growing = {p.name: factor * float(self.values[p.name]) for p in self.effect.numbers if p.grows_with_aperture}
         return replace(self, values={**self.values, **growing}) if growing else self

@@ -18,8 +18,7 @@ EFFECT = Effect(
     id="dark-offset",
     stage="counts",
     title="counts carry an offset that the darks lack",
-    summary="An offset in all frames but the darks: a warmer sensor, a drifting bias, a light leak in the "
-    "camera.",
+    summary="An offset in all frames but the darks: a warmer sensor, a drifting bias, a light leak in the camera.",
     parameters=(Parameter("dn", "DN", null=0.0, low=-200.0, high=200.0, step=1.0),),
     apply=_apply,
     acts_on_charge=False,

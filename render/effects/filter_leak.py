@@ -20,8 +20,7 @@ EFFECT = Effect(
     id="filter-leak",
     stage="filter",
     title="filters pass light out of their band",
-    summary="Filters pass some light out of their band: T + f Tmax (1 - T / Tmax), flats and reference "
-    "included.",
+    summary="Filters pass some light out of their band: T + f Tmax (1 - T / Tmax), flats and reference included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
     apply=_apply,
     confirm="Stack two filters of different bands before the camera: what passes is leak. Or add a sharp "

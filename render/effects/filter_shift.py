@@ -29,9 +29,7 @@ EFFECT = Effect(
     title="pass bands shift towards the field's edge",
     summary="Pass bands move to shorter wavelengths off the axis: T(lambda / sqrt(1 - sin^2(theta) / n^2)), "
     "theta the field angle, flats and reference included. It grows with 1 / n^2.",
-    parameters=(
-        Parameter("effective_index", null=np.inf, low=1.05, step=0.05, scale="inverse square", example=2.0),
-    ),
+    parameters=(Parameter("effective_index", null=np.inf, low=1.05, step=0.05, scale="inverse square", example=2.0),),
     apply=_apply,
     confirm="Turn the filter against the optical axis and measure its pass band, or photograph a line "
     "source: its image fades towards the edge of the field in one band and grows in the next.",

@@ -35,13 +35,10 @@ def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) ->
     quanta = (1 - table[own]) * lamp * wavelength * trapezoidal_weights(wavelength)
     arriving_patch = (arriving + exchange.form_factors @ b.astype(np.float32)) @ quanta
     arriving_fragment = (transport.direct @ shares + transport.gather @ b.astype(np.float32)) @ quanta
-    bell = np.exp(-0.5 * ((light.grid_nm - peak_nm) / _BELL_SIGMA_NM) ** 2) / (
-        _BELL_SIGMA_NM * np.sqrt(2 * np.pi)
-    )
+    bell = np.exp(-0.5 * ((light.grid_nm - peak_nm) / _BELL_SIGMA_NM) ** 2) / (_BELL_SIGMA_NM * np.sqrt(2 * np.pi))
     emitted = values["yield"] * light.over_lamp(bell / light.grid_nm)
     return light.change(
-        patch_emission=light.patch_emission
-        + np.outer(np.where(patch_material == own, arriving_patch, 0), emitted),
+        patch_emission=light.patch_emission + np.outer(np.where(patch_material == own, arriving_patch, 0), emitted),
         fragment_emission=light.fragment_emission
         + np.outer(np.where(transport.material == own, arriving_fragment, 0), emitted),
     )

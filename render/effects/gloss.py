@@ -54,9 +54,12 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 
     samples = 2 ** round(np.log2(light.samples * min(8.0, 1 + (_BROAD / roughness) ** 2)))
     return with_reflection(
-        changed, own, Reflection(base, coat, means), of=("gloss", specular, roughness),
+        changed,
+        own,
+        Reflection(base, coat, means),
+        of=("gloss", specular, roughness),
         samples=(samples, max(light.samples, samples // 4)),
-    )  # fmt: skip
+    )
 
 
 EFFECT = Effect(

@@ -42,9 +42,7 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     seen = air.seen * _passed(air.centres, patches.centre, sigma)
     # by reciprocity, from how much of each patch a cell of air sees
     onto_patches = 4 * (air.volume[:, None] * seen).T / patches.area[:, None]
-    from_each = [
-        lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps
-    ]
+    from_each = [lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps]
     from_lamps = np.stack(from_each, axis=1) @ light.lamp_shares
     surround = np.outer(air.escape, light.surround)
     between = air.between_cells(sigma)
@@ -120,9 +118,7 @@ def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.f
     result = np.zeros((len(transport.face), values.shape[1]))
     for face in np.unique(transport.face):
         own, here = transport.face == face, np.flatnonzero(patches.facet == face)
-        distance, nearest = KDTree(patches.centre[here]).query(
-            transport.position[own], min(_NEIGHBOURS, len(here))
-        )
+        distance, nearest = KDTree(patches.centre[here]).query(transport.position[own], min(_NEIGHBOURS, len(here)))
         distance, nearest = distance.reshape(own.sum(), -1), nearest.reshape(own.sum(), -1)
         weight = 1 / np.maximum(distance, 1.0) ** 2
         weight /= weight.sum(axis=1, keepdims=True)
@@ -130,9 +126,7 @@ def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.f
     return result
 
 
-def _towards_camera(
-    light: PatchLight, air: AirTransport, smooth: NDArray, sigma: float
-) -> NDArray[np.float64]:
+def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
     """(y, x, w) mean radiance in the air times path length, mm, attenuated on its path to the camera.
 
     smooth : (v, w) of it all that is not the lamps' own.
@@ -144,8 +138,7 @@ def _towards_camera(
         along = (step + 0.5) * length
         point = eye + along[..., None] * air.direction
         lit = [
-            lamp.rays[..., step] * np.exp(-sigma * np.linalg.norm(point - lamp.centre, axis=-1))
-            for lamp in air.lamps
+            lamp.rays[..., step] * np.exp(-sigma * np.linalg.norm(point - lamp.centre, axis=-1)) for lamp in air.lamps
         ]
         radiance = air.at(point, smooth) + np.stack(lit, axis=-1) @ light.lamp_shares
         total += radiance * (np.exp(-sigma * along) * length)[..., None]

@@ -20,8 +20,7 @@ EFFECT = Effect(
     id="lamp-directional",
     stage="scene",
     title="the lamp's radiance falls with the angle",
-    summary="The lamp's radiance falls with the angle t from its normal as L0 cos(t)^n, L0 along the normal "
-    "kept.",
+    summary="The lamp's radiance falls with the angle t from its normal as L0 cos(t)^n, L0 along the normal kept.",
     parameters=(Parameter("exponent", "1", null=0.0, low=0.0, high=10.0, step=0.02),),
     apply=_apply,
     confirm="Measure the lamp's radiance at 0, 45 and 70 degrees from its normal with a spot radiometer. In "

@@ -62,13 +62,11 @@ EFFECT = Effect(
     id="lamp-offset",
     stage="scene",
     title="the lamp sits elsewhere in the ceiling",
-    summary="The lamp sits elsewhere in the ceiling's plane, its hole with it: shifted by dx along x and dz "
-    "along z.",
+    summary="The lamp sits elsewhere in the ceiling's plane, its hole with it: shifted by dx along x and dz along z.",
     parameters=(
         Parameter("dx_mm", "mm", null=0.0, low=-150.0, high=150.0, step=2.0),
         Parameter("dz_mm", "mm", null=0.0, low=-150.0, high=150.0, step=2.0),
     ),
     apply=_apply,
-    confirm="Survey the lamp's corners, or look for its edges in the picture: all shadows shift the other "
-    "way.",
+    confirm="Survey the lamp's corners, or look for its edges in the picture: all shadows shift the other way.",
 )

@@ -29,12 +29,8 @@ def _apply(scene: Scene, reflectance: float) -> Scene:
 
     def changed(lamp: Lamp) -> Lamp:
         table = lamp.reflectance
-        values = (
-            table.values * (reflectance / before) if before > 0 else np.full_like(table.values, reflectance)
-        )
-        return replace(
-            lamp, reflectance=Spectrum(table.wavelength_nm, np.minimum(values, 1.0), table.outside)
-        )
+        values = table.values * (reflectance / before) if before > 0 else np.full_like(table.values, reflectance)
+        return replace(lamp, reflectance=Spectrum(table.wavelength_nm, np.minimum(values, 1.0), table.outside))
 
     return scene.with_lamps(changed)
 

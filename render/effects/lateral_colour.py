@@ -70,9 +70,7 @@ EFFECT = Effect(
     summary="Magnification 1 + ppm (lambda - 550 nm) 1e-6 about the principal point, lambda the mean "
     "wavelength of each band: as if each had a focal length of its own. Where the scene behind a picture is not "
     "known it is resampled by cubic convolution.",
-    parameters=(
-        Parameter("ppm_per_nm", "1e-6 nm^-1", null=0.0, low=-200.0, high=200.0, step=2.0, tolerance=0.1),
-    ),
+    parameters=(Parameter("ppm_per_nm", "1e-6 nm^-1", null=0.0, low=-200.0, high=200.0, step=2.0, tolerance=0.1),),
     apply=_apply,
     confirm="Photograph the surveyed points, or a chessboard, in every band: the points' distance from the "
     "centre changes with wavelength.",

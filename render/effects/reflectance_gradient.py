@@ -26,8 +26,7 @@ def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> Patc
 
     return light.change(
         patch_reflectance=light.patch_reflectance * factor(patches.centre, patches.surface == index),
-        fragment_reflectance=light.fragment_reflectance
-        * factor(transport.position, transport.surface == index),
+        fragment_reflectance=light.fragment_reflectance * factor(transport.position, transport.surface == index),
     )
 
 

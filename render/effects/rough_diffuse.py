@@ -66,9 +66,12 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         return constant + back * (low + part * (high - low)), mi.Float(0)
 
     return with_reflection(
-        changed, own, Reflection(base, albedo=means), of=("rough-diffuse", sigma_rad),
+        changed,
+        own,
+        Reflection(base, albedo=means),
+        of=("rough-diffuse", sigma_rad),
         samples=(light.samples, light.samples),
-    )  # fmt: skip
+    )
 
 
 EFFECT = Effect(

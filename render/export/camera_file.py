@@ -72,9 +72,14 @@ def read_camera(path: Path) -> Camera:
             )
     centre = ((entry.width_px - 1) / 2, (entry.height_px - 1) / 2)
     return Camera(
-        entry.width_px, entry.height_px, entry.focal_length_px, np.array(entry.principal_point_px or centre),
-        entry.k1, rotation, position,
-    )  # fmt: skip
+        entry.width_px,
+        entry.height_px,
+        entry.focal_length_px,
+        np.array(entry.principal_point_px or centre),
+        entry.k1,
+        rotation,
+        position,
+    )
 
 
 def _looking(position: NDArray, target: NDArray, up: NDArray, path: Path) -> NDArray[np.float64]:

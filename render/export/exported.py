@@ -130,9 +130,7 @@ class Exported:
         return axes
 
 
-def exported_scene(
-    scene: Scene, camera: Camera, settings: ExportSettings, max_bounces: int | None = None
-) -> Exported:
+def exported_scene(scene: Scene, camera: Camera, settings: ExportSettings, max_bounces: int | None = None) -> Exported:
     """Raises InputError for what not all renderers have alike: anything but Lambertian surfaces and a plain lamp."""
     where = f"scene {scene.name}"
     if not scene.diffuse:
@@ -156,11 +154,13 @@ def exported_scene(
 def _lamps(scene: Scene, wavelength_nm: NDArray[np.float64]) -> tuple[ExportedLamp, ...]:
     return tuple(
         ExportedLamp(
-            lamp, f"lamp-{index}" if index else "lamp", lamp.radiance.at(wavelength_nm),
+            lamp,
+            f"lamp-{index}" if index else "lamp",
+            lamp.radiance.at(wavelength_nm),
             lamp.reflectance.at(wavelength_nm),
         )
         for index, lamp in enumerate(scene.lamps)
-    )  # fmt: skip
+    )
 
 
 def groups_of(channels: int, most: int) -> list[NDArray[np.int64]]:

@@ -44,16 +44,25 @@ class RendererFormat:
 
 _PYTHON = ("{python}", "run.py")
 #: By the name of the folder.
-FORMATS: Mapping[str, RendererFormat] = MappingProxyType({
-    "mitsuba": RendererFormat("Mitsuba 3", mitsuba.write, mitsuba.read, _PYTHON, "the package mitsuba", False),
-    "radiance": RendererFormat(
-        "Radiance", radiance.write, radiance.read, ("sh", "run.sh"), "oconv and rtrace, or the package pyradiance",
-        True, False,
-    ),
-    "raysect": RendererFormat("Raysect", raysect.write, raysect.read, _PYTHON, "the package raysect", True),
-    "pbrt": RendererFormat("pbrt-v4", pbrt.write, pbrt.read, ("sh", "run.sh"), "pbrt (version 4)", False),
-    "luxcore": RendererFormat("LuxCoreRender", luxcore.write, luxcore.read, _PYTHON, "the package pyluxcore", False),
-})  # fmt: skip
+FORMATS: Mapping[str, RendererFormat] = MappingProxyType(
+    {
+        "mitsuba": RendererFormat("Mitsuba 3", mitsuba.write, mitsuba.read, _PYTHON, "the package mitsuba", False),
+        "radiance": RendererFormat(
+            "Radiance",
+            radiance.write,
+            radiance.read,
+            ("sh", "run.sh"),
+            "oconv and rtrace, or the package pyradiance",
+            True,
+            False,
+        ),
+        "raysect": RendererFormat("Raysect", raysect.write, raysect.read, _PYTHON, "the package raysect", True),
+        "pbrt": RendererFormat("pbrt-v4", pbrt.write, pbrt.read, ("sh", "run.sh"), "pbrt (version 4)", False),
+        "luxcore": RendererFormat(
+            "LuxCoreRender", luxcore.write, luxcore.read, _PYTHON, "the package pyluxcore", False
+        ),
+    }
+)
 
 
 def write_export(folder: Path, exported: Exported) -> None:
@@ -86,9 +95,7 @@ def read_rendered(folder: Path, renderer: str) -> xr.Dataset:
     """
     known = FORMATS.get(renderer)
     if known is None:
-        raise InputError(
-            "renderer", f"'{renderer}'", f"one of {', '.join(FORMATS)}", suggestion(renderer, FORMATS)
-        )
+        raise InputError("renderer", f"'{renderer}'", f"one of {', '.join(FORMATS)}", suggestion(renderer, FORMATS))
     folder = Path(folder)
     layout = read_layout(folder)
     pictures = known.read(folder / renderer, layout)

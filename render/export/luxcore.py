@@ -73,24 +73,27 @@ def read(folder: Path, layout: Layout) -> NDArray[np.float32]:
 def _settings(exported: Exported, number: int) -> str:
     bounces, film = exported.max_bounces, exported.film
     depth = _MANY if bounces is None else bounces + 1
-    return "\n".join(
-        [
-            f'scene.file = "group-{number}.scn"',
-            'renderengine.type = "PATHCPU"',
-            'sampler.type = "RANDOM"',
-            f"batch.haltspp = {exported.film_samples}",
-            f"path.pathdepth.total = {depth}",
-            f"path.pathdepth.diffuse = {depth}",
-            "path.pathdepth.glossy = 1",
-            "path.pathdepth.specular = 1",
-            "path.clamping.variance.maxvalue = 0",
-            'film.filter.type = "NONE"',
-            f"film.width = {int(film.size[0])}",
-            f"film.height = {int(film.size[1]) + 1}",
-            'film.outputs.0.type = "RGB"',
-            f'film.outputs.0.filename = "out/group-{number}.exr"',
-        ]
-    ) + "\n"  # fmt: skip
+    return (
+        "\n".join(
+            [
+                f'scene.file = "group-{number}.scn"',
+                'renderengine.type = "PATHCPU"',
+                'sampler.type = "RANDOM"',
+                f"batch.haltspp = {exported.film_samples}",
+                f"path.pathdepth.total = {depth}",
+                f"path.pathdepth.diffuse = {depth}",
+                "path.pathdepth.glossy = 1",
+                "path.pathdepth.specular = 1",
+                "path.clamping.variance.maxvalue = 0",
+                'film.filter.type = "NONE"',
+                f"film.width = {int(film.size[0])}",
+                f"film.height = {int(film.size[1]) + 1}",
+                'film.outputs.0.type = "RGB"',
+                f'film.outputs.0.filename = "out/group-{number}.exr"',
+            ]
+        )
+        + "\n"
+    )
 
 
 def _scene(exported: Exported, group: NDArray[np.int64]) -> str:

@@ -72,15 +72,15 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         *_sensor(exported),
     ]
     for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
-        lines += [
-            f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"
-        ]  # fmt: skip
+        lines += [f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"]
     for surface in exported.scene.surfaces:
         lines += _shape(surface, f"material-{surface.material}", [])
     for one in exported.lamps:
         lines += [
-            f'  <bsdf type="diffuse" id="{one.key}--">', _rgb("reflectance", one.reflectance[group], 4), "  </bsdf>"
-        ]  # fmt: skip
+            f'  <bsdf type="diffuse" id="{one.key}--">',
+            _rgb("reflectance", one.reflectance[group], 4),
+            "  </bsdf>",
+        ]
         emitter = ['    <emitter type="area">', _rgb("radiance", one.radiance[group], 6), "    </emitter>"]
         lines += _shape(one.surface, f"{one.key}--", emitter)
     return "\n".join([*lines, "</scene>"]) + "\n"

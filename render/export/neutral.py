@@ -75,9 +75,7 @@ def write_neutral(folder: Path, exported: Exported) -> None:
     if means is not None:
         np.savez_compressed(folder / "warp.npz", row=means[0], column=means[1], weight=means[2])
     Image.fromarray(_surface_map(exported)).save(folder / "surfaces.png")
-    (folder / "camera.json").write_text(
-        json.dumps(camera_entry(exported.camera), indent=1) + "\n", encoding="utf-8"
-    )
+    (folder / "camera.json").write_text(json.dumps(camera_entry(exported.camera), indent=1) + "\n", encoding="utf-8")
     (folder / "scene.json").write_text(json.dumps(_entry(exported), indent=1) + "\n", encoding="utf-8")
 
 
@@ -85,9 +83,7 @@ def holds(folder: Path, exported: Exported) -> bool:
     """Whether a folder is an export of the same scene, camera and settings."""
     stated = [("scene.json", _entry(exported)), ("camera.json", camera_entry(exported.camera))]
     try:
-        alike = all(
-            json.loads((folder / name).read_text(encoding="utf-8")) == entry for name, entry in stated
-        )
+        alike = all(json.loads((folder / name).read_text(encoding="utf-8")) == entry for name, entry in stated)
         table = np.loadtxt(folder / "spectra" / "channels.csv", delimiter=",", skiprows=1, ndmin=2)
     except (OSError, ValueError):
         return False
@@ -143,9 +139,12 @@ def _surface_entry(surface: Surface) -> dict[str, Any]:
 def _lamp_entry(one: ExportedLamp) -> dict[str, Any]:
     radiance, reflectance = _lamp_spectra(one)
     return {
-        "name": one.surface.name, "mesh": mesh_path(one.surface), "radiance": radiance, "reflectance": reflectance,
+        "name": one.surface.name,
+        "mesh": mesh_path(one.surface),
+        "radiance": radiance,
+        "reflectance": reflectance,
         "reflects": one.lamp.reflects,
-    }  # fmt: skip
+    }
 
 
 def _ply(surface: Surface) -> str:
@@ -156,10 +155,14 @@ def _ply(surface: Surface) -> str:
         columns = np.hstack([columns, outwards / np.linalg.norm(outwards, axis=1, keepdims=True)])
         names += ["nx", "ny", "nz"]
     head = [
-        "ply", "format ascii 1.0", f"element vertex {len(columns)}",
-        *(f"property double {name}" for name in names), f"element face {len(surface.faces)}",
-        "property list uchar int vertex_indices", "end_header",
-    ]  # fmt: skip
+        "ply",
+        "format ascii 1.0",
+        f"element vertex {len(columns)}",
+        *(f"property double {name}" for name in names),
+        f"element face {len(surface.faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     rows = [" ".join(repr(float(x)) for x in vertex) for vertex in columns]
     rows += [" ".join(["3", *(str(int(i)) for i in face)]) for face in surface.faces]
     return "\n".join([*head, *rows]) + "\n"
@@ -210,18 +213,22 @@ def read_layout(folder: Path) -> Layout:
         if entry["format"] != "cboxlab-export/1":
             raise InputError(f"{path}: format", repr(entry["format"]), "'cboxlab-export/1'")
         settings = ExportSettings(
-            np.asarray(entry["wavelength_nm"], float), int(entry["samples"]), int(entry["batches"]),
+            np.asarray(entry["wavelength_nm"], float),
+            int(entry["samples"]),
+            int(entry["batches"]),
             int(entry["subpixels"]),
-        )  # fmt: skip
+        )
         film = entry["film"]
         return Layout(
-            int(entry["width_px"]), int(entry["height_px"]), int(film["width_px"]), int(film["height_px"]),
-            any(lamp["reflects"] for lamp in (entry["lamp"], *entry.get("further_lamps", ()))), settings
-        )  # fmt: skip
+            int(entry["width_px"]),
+            int(entry["height_px"]),
+            int(film["width_px"]),
+            int(film["height_px"]),
+            any(lamp["reflects"] for lamp in (entry["lamp"], *entry.get("further_lamps", ()))),
+            settings,
+        )
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            path, f"{type(error).__name__}: {error}", "a scene.json as an export writes it"
-        ) from None
+        raise InputError(path, f"{type(error).__name__}: {error}", "a scene.json as an export writes it") from None
 
 
 def read_surfaces(folder: Path) -> tuple[NDArray[np.int16], tuple[str, ...]]:

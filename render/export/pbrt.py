@@ -135,10 +135,12 @@ def _world(exported: Exported) -> str:
     for one in exported.lamps:
         lines += [
             f'MakeNamedMaterial "{one.key}--" "string type" "diffuse" "spectrum reflectance" {_steps(one.reflectance)}',
-            "AttributeBegin", f'NamedMaterial "{one.key}--"',
+            "AttributeBegin",
+            f'NamedMaterial "{one.key}--"',
             f'AreaLightSource "diffuse" "spectrum L" {_steps(one.radiance)} "float scale" {_scale(one.radiance)!r}',
-            *_shape(one.surface), "AttributeEnd",
-        ]  # fmt: skip
+            *_shape(one.surface),
+            "AttributeEnd",
+        ]
     return "\n".join(lines) + "\n"
 
 

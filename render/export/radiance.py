@@ -30,10 +30,16 @@ _MANY = 100
 def write(folder: Path, exported: Exported) -> None:
     """Scene files and run.sh."""
     settings = exported.settings
-    lines = ["#!/bin/sh", "# Needs oconv and rtrace of Radiance 6 or newer.", "set -e", 'cd "$(dirname "$0")"',
-             "mkdir -p out", "# the package pyradiance keeps Radiance's library beside its programs",
-             'library="$(dirname "$(command -v rtrace)")/../lib"',
-             '[ -n "$RAYPATH" ] || [ ! -f "$library/rayinit.cal" ] || export RAYPATH=".:$library"']  # fmt: skip
+    lines = [
+        "#!/bin/sh",
+        "# Needs oconv and rtrace of Radiance 6 or newer.",
+        "set -e",
+        'cd "$(dirname "$0")"',
+        "mkdir -p out",
+        "# the package pyradiance keeps Radiance's library beside its programs",
+        'library="$(dirname "$(command -v rtrace)")/../lib"',
+        '[ -n "$RAYPATH" ] || [ ! -f "$library/rayinit.cal" ] || export RAYPATH=".:$library"',
+    ]
     bounces = exported.max_bounces
     paths = f"-ab {_MANY if bounces is None else max(bounces - 1, 0)} -lr -{_MANY} -lw 2e-3"
     for number, group in enumerate(groups_of(settings.wavelength_nm.size, _MOST)):
@@ -68,8 +74,10 @@ def read(folder: Path, layout: Layout) -> NDArray[np.float32]:
 def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
     blocks = []
     for (name, _), values in zip(exported.scene.materials.items(), exported.reflectances, strict=True):
-        blocks += [_spectrum(f"spectrum-{name}", values[group]),
-                   f"spectrum-{name} plastic material-{name}\n0\n0\n5 1 1 1 0 0"]  # fmt: skip
+        blocks += [
+            _spectrum(f"spectrum-{name}", values[group]),
+            f"spectrum-{name} plastic material-{name}\n0\n0\n5 1 1 1 0 0",
+        ]
     for surface in exported.scene.surfaces:
         shapes = _sphere if surface.ball else _polygons
         blocks += shapes(surface, f"material-{surface.material}")

@@ -20,9 +20,7 @@ def raw_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Little-endian float32 of a shape. Raises InputError."""
     require_regular_file(path, _EXPECTED, _HINT)
     if path.stat().st_size != 4 * np.prod(shape):
-        raise InputError(
-            path, f"{path.stat().st_size} bytes", f"{4 * np.prod(shape)} bytes for {shape}", _HINT
-        )
+        raise InputError(path, f"{path.stat().st_size} bytes", f"{4 * np.prod(shape)} bytes for {shape}", _HINT)
     return np.fromfile(path, "<f4").reshape(shape)
 
 

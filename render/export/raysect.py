@@ -115,9 +115,7 @@ def write(folder: Path, exported: Exported) -> None:
     scene, settings, bounces = exported.scene, exported.settings, exported.max_bounces
     some = bounces != 0
     reflectances = some * exported.reflectances
-    materials = [
-        f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)
-    ]
+    materials = [f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)]
     surfaces = [f"    ({mesh_path(s)!r}, {s.material!r}, {_ball(s)!r})," for s in scene.surfaces]
     lamps = [
         f"    ({mesh_path(one.surface)!r}, {one.radiance.tolist()!r}, {(some * one.reflectance).tolist()!r}),"
@@ -127,9 +125,11 @@ def write(folder: Path, exported: Exported) -> None:
     depth = f"extinction_prob=0.2, extinction_min_depth={min(4, deepest)}, max_depth={deepest}"
     s = settings.subpixels
     numbers = (
-        exported.camera.height_px * s, exported.camera.width_px * s, exported.subpixel_samples,
+        exported.camera.height_px * s,
+        exported.camera.width_px * s,
+        exported.subpixel_samples,
         settings.wavelength_nm.size,
-    )  # fmt: skip
+    )
     filled = {
         "NUMBERS": ", ".join(str(n) for n in numbers),
         "MATERIALS": "\n".join(materials),

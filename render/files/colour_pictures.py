@@ -62,8 +62,11 @@ def primaries_matrix(chromaticities: ArrayLike) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
         white = columns[:, 3] / y[3]
     if not np.isfinite(white).all() or abs(np.linalg.det(columns[:, :3])) < 1e-6:
-        raise InputError("chromaticities", ", ".join(f"{v:g}" for v in np.ravel(chromaticities)),
-                         "primaries that span a triangle, and a white with y above 0")  # fmt: skip
+        raise InputError(
+            "chromaticities",
+            ", ".join(f"{v:g}" for v in np.ravel(chromaticities)),
+            "primaries that span a triangle, and a white with y above 0",
+        )
     return np.asarray(columns[:, :3] * np.linalg.solve(columns[:, :3], white))
 
 
@@ -71,8 +74,9 @@ def space_matrix(where: Path | str, declared: Declared, hint: str = "") -> NDArr
     """The declared colour space's matrix. Raises InputError where none, or another, is declared."""
     known = ", ".join(COLOUR_SPACES)
     if declared.colour_space is None:
-        raise InputError(where, "R, G, B of no stated colour space", f"one of {known}",
-                         f"declare colour-space=NAME. {hint}".strip())  # fmt: skip
+        raise InputError(
+            where, "R, G, B of no stated colour space", f"one of {known}", f"declare colour-space=NAME. {hint}".strip()
+        )
     if declared.colour_space not in COLOUR_SPACES:
         raise InputError("declared colour-space", f"'{declared.colour_space}'", f"one of {known}")
     return primaries_matrix(COLOUR_SPACES[declared.colour_space])

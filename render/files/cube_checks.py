@@ -55,9 +55,7 @@ def _require_coefficients(cube: xr.Dataset, path: Path) -> None:
 def require_cube(cube: xr.Dataset, path: Path) -> None:
     """Raise InputError unless ``cube`` has radiance over y, x and wavelength in the right units."""
     if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
-        found = (
-            ", ".join(f"{name}{tuple(map(str, a.dims))}" for name, a in cube.data_vars.items()) or "nothing"
-        )
+        found = ", ".join(f"{name}{tuple(map(str, a.dims))}" for name, a in cube.data_vars.items()) or "nothing"
         raise InputError(f"{path}: radiance", found, "radiance with dimensions y, x, wavelength")
     _require_axis_and_units(cube, "radiance", path)
 
@@ -136,9 +134,11 @@ def require_light(picture: xr.Dataset, source: Path | str) -> None:
     if below > _MOST_BELOW * above:
         share = below / (below + above)
         raise InputError(
-            source, f"values below 0, {share:.0%} of the sum of all sizes", "light, which is never below 0",
+            source,
+            f"values below 0, {share:.0%} of the sum of all sizes",
+            "light, which is never below 0",
             "A difference of two pictures is none; compare the two.",
-        )  # fmt: skip
+        )
 
 
 def as_cube(radiance: NDArray, wavelength_nm: ArrayLike, missing: bool = False) -> xr.Dataset:

@@ -154,7 +154,5 @@ def _readable(path: Path) -> CubeFormat:
     except OSError as error:
         raise InputError(path, error.strerror or str(error), "a file that can be read") from None
     if found is None:
-        raise InputError(
-            path, "no 'ENVI' and no '#?' at its beginning", "an ENVI header or a Radiance picture"
-        )
+        raise InputError(path, "no 'ENVI' and no '#?' at its beginning", "an ENVI header or a Radiance picture")
     return found

@@ -65,9 +65,13 @@ def _prepare(file: h5netcdf.File, strip: xr.Dataset, height: int) -> None:
         ordered = variable.transpose("y", "x", ...)
         shape = (height, *ordered.shape[1:])
         stored = file.create_variable(
-            str(name), ordered.dims, ordered.dtype, compression="gzip", compression_opts=4,
+            str(name),
+            ordered.dims,
+            ordered.dtype,
+            compression="gzip",
+            compression_opts=4,
             chunks=(min(ROWS, height), *shape[1:]),
-        )  # fmt: skip
+        )
         stored.attrs.update({key: _plain(value) for key, value in variable.attrs.items()})
 
 

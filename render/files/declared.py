@@ -38,11 +38,21 @@ _USED, _STATED = "declared_used", "declared_otherwise"
 
 #: Size and powers of watt, metre, steradian and candela.
 _UNITS = {
-    "W": (1.0, (1, 0, 0, 0)), "mW": (1e-3, (1, 0, 0, 0)), "uW": (1e-6, (1, 0, 0, 0)), "kW": (1e3, (1, 0, 0, 0)),
-    "m": (1.0, (0, 1, 0, 0)), "cm": (1e-2, (0, 1, 0, 0)), "mm": (1e-3, (0, 1, 0, 0)), "um": (1e-6, (0, 1, 0, 0)),
-    "nm": (1e-9, (0, 1, 0, 0)), "sr": (1.0, (0, 0, 1, 0)), "cd": (1.0, (0, 0, 0, 1)), "kcd": (1e3, (0, 0, 0, 1)),
-    "lm": (1.0, (0, 0, 1, 1)), "nit": (1.0, (0, -2, 0, 1)),
-}  # fmt: skip
+    "W": (1.0, (1, 0, 0, 0)),
+    "mW": (1e-3, (1, 0, 0, 0)),
+    "uW": (1e-6, (1, 0, 0, 0)),
+    "kW": (1e3, (1, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0)),
+    "cm": (1e-2, (0, 1, 0, 0)),
+    "mm": (1e-3, (0, 1, 0, 0)),
+    "um": (1e-6, (0, 1, 0, 0)),
+    "nm": (1e-9, (0, 1, 0, 0)),
+    "sr": (1.0, (0, 0, 1, 0)),
+    "cd": (1.0, (0, 0, 0, 1)),
+    "kcd": (1e3, (0, 0, 0, 1)),
+    "lm": (1.0, (0, 0, 1, 1)),
+    "nit": (1.0, (0, -2, 0, 1)),
+}
 _FACTOR = re.compile(r"(/?)\s*([A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?([+-]?\d)?\)?")
 _POWERS = str.maketrans("⁰¹²³⁻µμ", "0123-uu")
 PHOTOMETRIC_UNIT = "cd m^-2"
@@ -219,21 +229,13 @@ def require_used(
     """
     found = stated or {}
     for name in sorted(declared.given() - set(used)):
-        instead = (
-            f"{found[name]}, or none: the file states it itself"
-            if name in found
-            else "none: no file needs it"
-        )
+        instead = f"{found[name]}, or none: the file states it itself" if name in found else "none: no file needs it"
         raise InputError(f"declared {which}{_KEYS[name]}", _shown(getattr(declared, name)), instead)
 
 
 def scaled(values: NDArray, factor: float) -> NDArray:
     """Values times a factor, of their own type; the same array where the factor is 1."""
-    return (
-        values
-        if factor == 1
-        else (values * np.float64(factor)).astype(np.result_type(values.dtype, np.float32))
-    )
+    return values if factor == 1 else (values * np.float64(factor)).astype(np.result_type(values.dtype, np.float32))
 
 
 def sorted_planes(

@@ -27,9 +27,7 @@ _TABLE_TOP = 65535.0
 _FEW_BITS = 12
 
 
-def write_dng(
-    path: Path, counts: NDArray[np.uint16], camera: SensorCamera, exposure_s: float, white: Spectrum
-) -> None:
+def write_dng(path: Path, counts: NDArray[np.uint16], camera: SensorCamera, exposure_s: float, white: Spectrum) -> None:
     """Write counts (y, x) in DN, unchanged; an incomplete file is removed.
 
     The tags hold the dark level, the response curve F (as a linearisation table), the colour filter array, a colour
@@ -64,9 +62,14 @@ def write_dng(
     try:
         with replacing(path) as temporary:
             tifffile.imwrite(
-                temporary, counts, photometric="minisblack" if camera.pattern is None else "cfa",
-                metadata=None, extratags=tags, software=False, description=None,
-            )  # fmt: skip
+                temporary,
+                counts,
+                photometric="minisblack" if camera.pattern is None else "cfa",
+                metadata=None,
+                extratags=tags,
+                software=False,
+                description=None,
+            )
             if camera.pattern is None:  # tifffile supports linear raw only with three samples
                 with tifffile.TiffFile(temporary, mode="r+") as file:
                     file.pages.first.tags[_PHOTOMETRIC].overwrite(_LINEAR_RAW)
@@ -78,16 +81,12 @@ def _colour_tags(camera: SensorCamera, white: Spectrum) -> list[tuple]:
     pattern = camera.pattern or ()
     if [len(row) for row in pattern] != [2, 2] or set(camera.channels) != set("RGB"):
         where = f"camera {camera.name}: mosaic.pattern"
-        raise InputError(
-            where, repr(list(pattern)), "2 x 2 letters R, G, B for a DNG", "Write a .tif instead."
-        )
+        raise InputError(where, repr(list(pattern)), "2 x 2 letters R, G, B for a DNG", "Write a .tif instead.")
     cells = tuple("RGB".index(letter) for row in pattern for letter in row)
     sensitivity = np.stack([camera.channels[letter].at(WAVELENGTH_NM) for letter in "RGB"])
     neutral = sensitivity @ white.at(WAVELENGTH_NM)
     if neutral.min() <= 0:
-        raise InputError(
-            "DNG: white", "light with no signal in a channel", "light with a signal in all channels"
-        )
+        raise InputError("DNG: white", "light with no signal in a channel", "light with a signal in all channels")
     return [
         (33421, _SHORT, 2, (2, 2), True),
         (33422, _BYTE, 4, bytes(cells), True),

@@ -30,11 +30,20 @@ def write_envi(path: Path, cube: xr.Dataset) -> None:
     samples = float32_samples(cube)
     wavelengths = ", ".join(f"{w:.10g}" for w in cube["wavelength"].values)
     lines = [
-        "ENVI", "description = {spectral radiance}", f"samples = {samples.shape[1]}",
-        f"lines = {samples.shape[0]}", f"bands = {samples.shape[2]}", "header offset = 0",
-        "file type = ENVI Standard", "data type = 4", "interleave = bsq", "byte order = 0",
-        f"data units = {RADIANCE_UNIT}", "wavelength units = Nanometers", f"wavelength = {{{wavelengths}}}",
-    ]  # fmt: skip
+        "ENVI",
+        "description = {spectral radiance}",
+        f"samples = {samples.shape[1]}",
+        f"lines = {samples.shape[0]}",
+        f"bands = {samples.shape[2]}",
+        "header offset = 0",
+        "file type = ENVI Standard",
+        "data type = 4",
+        "interleave = bsq",
+        "byte order = 0",
+        f"data units = {RADIANCE_UNIT}",
+        "wavelength units = Nanometers",
+        f"wavelength = {{{wavelengths}}}",
+    ]
     if "missing" in cube.attrs:
         lines.append(f"data ignore value = {cube.attrs['missing']}")
     # The header is written last, so that a header implies complete data.
@@ -137,14 +146,10 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     planes, wavelength = sorted_planes(path, np.moveaxis(values, dims.index("wavelength"), -1), wavelength)
     planes, ignored = _without(path, planes, header.get("data ignore value", ""))
     cube = as_cube(scaled(planes, factor), wavelength, ignored)
-    return told(
-        cube, declared, used, stated={"units": header["data units"]} if "data units" in header else {}
-    )
+    return told(cube, declared, used, stated={"units": header["data units"]} if "data units" in header else {})
 
 
-def _wavelengths(
-    path: Path, header: dict[str, str], declared: Declared
-) -> tuple[NDArray[np.float64], list[str]]:
+def _wavelengths(path: Path, header: dict[str, str], declared: Declared) -> tuple[NDArray[np.float64], list[str]]:
     """In nm, and what was declared in place of the header's."""
     units = header.get("wavelength units", "unknown").lower()
     factor = {"nanometers": 1.0, "nm": 1.0, "micrometers": 1e3, "um": 1e3}.get(units)

@@ -74,9 +74,7 @@ def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> xr
         raise InputError(
             "declared wavelengths", f"{len(declared.wavelengths_nm)} wavelengths", f"{count}, as in {path}"
         )
-    return dataset.assign_coords(
-        wavelength=("wavelength", np.array(declared.wavelengths_nm), {"units": "nm"})
-    )
+    return dataset.assign_coords(wavelength=("wavelength", np.array(declared.wavelengths_nm), {"units": "nm"}))
 
 
 def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
@@ -99,9 +97,7 @@ def _require_own_arrays(path: Path) -> None:
             with path.open("rb") as file:
                 old = file.read(3) == b"CDF"
             found = "a NetCDF file of an older kind" if old else "a file that is not HDF5"
-            raise InputError(
-                path, found, "a NetCDF-4 file", "Convert it: nccopy -k nc4 OLD NEW." if old else ""
-            )
+            raise InputError(path, found, "a NetCDF-4 file", "Convert it: nccopy -k nc4 OLD NEW." if old else "")
         with h5py.File(path, "r") as arrays:
             _require_group(path, arrays, set())
     except InputError:

@@ -33,9 +33,7 @@ def scene_white(cube: xr.Dataset) -> Spectrum:
         return Spectrum(wavelength, np.ones(wavelength.size))
     lit = np.flatnonzero(lamp.any(axis=1))
     part = cube.isel(y=lit)
-    radiance = (part if "radiance" in part else from_basis(part))["radiance"].transpose(
-        "y", "x", "wavelength"
-    )
+    radiance = (part if "radiance" in part else from_basis(part))["radiance"].transpose("y", "x", "wavelength")
     return Spectrum(wavelength, np.asarray(radiance.values[lamp[lit]].mean(axis=0), float))
 
 
@@ -56,9 +54,7 @@ def xyz_weights(
     """
     low, high = max(wavelength_nm[0], within_nm[0]), min(wavelength_nm[-1], within_nm[1])
     if not high > low:
-        raise InputError(
-            "cube: wavelength", f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm", "visible light"
-        )
+        raise InputError("cube: wavelength", f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm", "visible light")
     grid = np.union1d(np.arange(np.ceil(low), np.floor(high) + 1), [low, high])
     rows = colour_matching_functions(grid)
     return np.stack([integration_weights(Spectrum(grid, row, "zero"), wavelength_nm) for row in rows], -1)

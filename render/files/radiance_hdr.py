@@ -116,9 +116,7 @@ def _header(path: Path, content: bytes) -> _Header:
     height, width = int(size[2]), int(size[4])
     if not (0 < height <= _LARGEST and 0 < width <= _LARGEST):
         raise InputError(path, f"{height} x {width} px", f"1 to {_LARGEST} px a side")
-    return _Header(
-        match[1], exposure, tuple(colour), primaries, size[1], size[3], height, width, line_end + 1
-    )
+    return _Header(match[1], exposure, tuple(colour), primaries, size[1], size[3], height, width, line_end + 1)
 
 
 def _numbers(path: Path, key: str, text: str, count: int) -> NDArray[np.float64]:

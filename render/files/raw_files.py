@@ -28,8 +28,13 @@ def write_raw(path: Path, counts: NDArray, metadata: Mapping[str, float | int | 
     try:
         with replacing(path) as temporary:
             tifffile.imwrite(
-                temporary, counts, photometric="minisblack", compression="zlib",
-                compressionargs={"level": 9}, description=description, metadata=None,
-            )  # fmt: skip
+                temporary,
+                counts,
+                photometric="minisblack",
+                compression="zlib",
+                compressionargs={"level": 9},
+                description=description,
+                metadata=None,
+            )
     except OSError as error:
         raise InputError(path, error.strerror or str(error), "a file that can be written") from None

@@ -24,15 +24,14 @@ def cube_of_bands(path: Path, channels: ExrChannels, declared: Declared) -> xr.D
     names = sorted((name for name in channels.planes if name != "A"), key=_natural)
     if declared.wavelengths_nm is None:
         raise InputError(
-            path, f"the channels {_listed(names)}, which name no wavelength",
+            path,
+            f"the channels {_listed(names)}, which name no wavelength",
             "emissive spectra such as 'S0.550,000000nm', R, G, B, or X, Y, Z",
             "declare wavelengths=400:700:20.",
-        )  # fmt: skip
+        )
     if len(declared.wavelengths_nm) != len(names):
         found = f"{len(declared.wavelengths_nm)} wavelengths"
-        raise InputError(
-            "declared wavelengths", found, f"{len(names)}, for the channels {_listed(names)} of {path}"
-        )
+        raise InputError("declared wavelengths", found, f"{len(names)}, for the channels {_listed(names)} of {path}")
     hint = (
         "Mitsuba's specfilm integrates over each response: the scale to that unit is 1 over the response's "
         "width in nm, where the scene's spectra are in it."
@@ -42,9 +41,7 @@ def cube_of_bands(path: Path, channels: ExrChannels, declared: Declared) -> xr.D
         path, np.stack([channels.planes[name] for name in names], axis=-1), np.array(declared.wavelengths_nm)
     )
     first, last = names[0], names[-1]
-    note = (
-        f"channel {first} is {declared.wavelengths_nm[0]:g} nm, {last} is {declared.wavelengths_nm[-1]:g} nm"
-    )
+    note = f"channel {first} is {declared.wavelengths_nm[0]:g} nm, {last} is {declared.wavelengths_nm[-1]:g} nm"
     return told(as_cube(scaled(planes, factor), grid), declared, ("units", "scale", "wavelengths_nm"), [note])
 
 

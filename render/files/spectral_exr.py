@@ -43,9 +43,7 @@ def spectral_channels(names: Iterable[str]) -> dict[str, float]:
     return {name: _nanometres(match) for name in names if (match := _CHANNEL.fullmatch(name))}
 
 
-def cube_of_spectral_channels(
-    path: Path, channels: ExrChannels, declared: Declared = AS_STATED
-) -> xr.Dataset:
+def cube_of_spectral_channels(path: Path, channels: ExrChannels, declared: Declared = AS_STATED) -> xr.Dataset:
     """The cube in memory. Raises InputError for wavelengths twice, and for other units."""
     wavelengths = spectral_channels(channels.planes)
     planes = np.stack([channels.planes[name] for name in wavelengths], axis=-1)

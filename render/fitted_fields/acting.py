@@ -29,26 +29,42 @@ AMPLITUDE = Parameter("amplitude", "1", null=0.0, low=-5.0, high=5.0, step=0.02,
 _STEP_PX = 0.05
 
 _STAGES: dict[Acts, Stage] = {
-    "offset": "counts", "levels": "counts", "gain": "counts", "previous": "counts",
-    "displacement": "optics", "neighbours": "optics", "moments": "optics", "halo": "optics",
+    "offset": "counts",
+    "levels": "counts",
+    "gain": "counts",
+    "previous": "counts",
+    "displacement": "optics",
+    "neighbours": "optics",
+    "moments": "optics",
+    "halo": "optics",
     "streak": "optics",
-    "lamp": "scene", "reflectance": "transport", "irradiance": "transport", "radiance": "transport",
+    "lamp": "scene",
+    "reflectance": "transport",
+    "irradiance": "transport",
+    "radiance": "transport",
     "front": "transport",
-}  # fmt: skip
+}
 
 
 def field_effect(name: str, field: FittedField, title: str, summary: str) -> Effect:
     """The effect of a field, with one parameter, the amplitude."""
     acting: Mapping[Stage, Callable[..., Any]] = {
-        "counts": _on_counts, "optics": _on_light, "scene": _on_scene, "transport": _on_surfaces,
-    }  # fmt: skip
+        "counts": _on_counts,
+        "optics": _on_light,
+        "scene": _on_scene,
+        "transport": _on_surfaces,
+    }
     stage = _STAGES[field.acts]
     return Effect(
-        id=name, stage=stage, title=title, summary=summary, parameters=(AMPLITUDE,),
+        id=name,
+        stage=stage,
+        title=title,
+        summary=summary,
+        parameters=(AMPLITUDE,),
         apply=partial(acting[stage], field, name),
         confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude there.",
         acts_on_charge=field.acts in ("gain", "previous"),
-    )  # fmt: skip
+    )
 
 
 def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[int]) -> NDArray[np.float64]:
@@ -102,9 +118,7 @@ def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> 
     if field.acts == "displacement":
         change = np.sum(np.moveaxis(fields, 1, 0) * _moved(light), axis=0)
     else:
-        exchanged = np.array(
-            [exchanges(field.acts, image, field.radius, field.angle_deg) for image in light.signal]
-        )
+        exchanged = np.array([exchanges(field.acts, image, field.radius, field.angle_deg) for image in light.signal])
         change = np.sum(fields * exchanged, axis=1)
     return light.with_signal(light.signal + amplitude * change)
 
@@ -118,9 +132,7 @@ def _moved(light: Light) -> NDArray[np.float64]:
     found = []
     for way in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
         ends = [
-            light.moved(
-                replace(light.camera, principal_point_px=np.array([u + sign * way[0], v + sign * way[1]]))
-            )
+            light.moved(replace(light.camera, principal_point_px=np.array([u + sign * way[0], v + sign * way[1]])))
             for sign in (1, -1)
         ]
         found.append((ends[0] - ends[1]) / (2 * _STEP_PX))
@@ -172,9 +184,7 @@ def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: fl
     )
 
 
-def _values(
-    field: FittedField, name: str, light: PatchLight
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _values(field: FittedField, name: str, light: PatchLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(p, w), (f, w) the maps' values. Raises InputError for a surface that the scene lacks."""
     transport, patches = light.transport, light.transport.light.patches
     known = [surface.name for surface in light.scene.surfaces]

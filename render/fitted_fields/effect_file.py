@@ -51,9 +51,7 @@ def load_effect_file(path: Path) -> Effect:
 
 def effect_text(title: str, summary: str, record: Mapping[str, Any]) -> str:
     """The content of an effect file. record : of its field, see ``field_record``."""
-    lines = [
-        "# An effect of one number, amplitude: 1 as found, 0 nothing. A model names it by this file's path."
-    ]
+    lines = ["# An effect of one number, amplitude: 1 as found, 0 nothing. A model names it by this file's path."]
     lines += [
         f"format = {json.dumps(_FORMAT)}",
         f"title = {json.dumps(title)}",

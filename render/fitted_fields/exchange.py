@@ -35,9 +35,11 @@ def exchanges(
 def number_of_exchanges(acts: str, radius: int) -> int:
     """How many of them there are; 1 for a field that exchanges nothing."""
     several = {
-        "neighbours": len(_neighbour_steps(radius)), "moments": 3, "halo": len(_HALO_WIDTHS_PX),
+        "neighbours": len(_neighbour_steps(radius)),
+        "moments": 3,
+        "halo": len(_HALO_WIDTHS_PX),
         "streak": len(_STREAK_WIDTHS_PX),
-    }  # fmt: skip
+    }
     return several.get(acts, 1)
 
 

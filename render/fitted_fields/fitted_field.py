@@ -27,14 +27,34 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 #: pi, relative to the lamp's radiance. radiance: of surfaces, relative to the lamp's, that lights nothing else. front:
 #: the part hidden by a thing, whose radiance is relative to the lamp's.
 Acts = Literal[
-    "offset", "levels", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
-    "lamp", "reflectance", "irradiance", "radiance", "front",
-]  # fmt: skip
+    "offset",
+    "levels",
+    "gain",
+    "previous",
+    "displacement",
+    "neighbours",
+    "moments",
+    "halo",
+    "streak",
+    "lamp",
+    "reflectance",
+    "irradiance",
+    "radiance",
+    "front",
+]
 
 #: What acts on the picture or on counts, by maps over the picture.
 ON_SENSOR: tuple[Acts, ...] = (
-    "offset", "levels", "gain", "previous", "displacement", "neighbours", "moments", "halo", "streak",
-)  # fmt: skip
+    "offset",
+    "levels",
+    "gain",
+    "previous",
+    "displacement",
+    "neighbours",
+    "moments",
+    "halo",
+    "streak",
+)
 
 #: Significant digits of numbers in records.
 _DIGITS = 6
@@ -112,8 +132,11 @@ class _Holder(_Strict):
 def field_record(field: FittedField) -> dict[str, Any]:
     """The field as numbers, strings, lists and dicts, ready for JSON and TOML; what is not used is left out."""
     record: dict[str, Any] = {
-        "acts": field.acts, "bands": list(field.bands), "nm": _rounded(field.nm), "size": list(field.size),
-    }  # fmt: skip
+        "acts": field.acts,
+        "bands": list(field.bands),
+        "nm": _rounded(field.nm),
+        "size": list(field.size),
+    }
     if field.image is not None and field.coefficients is not None:
         record["image"] = _image_record(field.image)
         if field.acts == "neighbours":
@@ -175,13 +198,15 @@ def field_of_record(record: Any, path: Path) -> FittedField:
         raise InputError(f"{where}.spectrum", found, f"{bands} numbers, one for each band")
     if not entry.surfaces and entry.acts != "lamp":
         raise InputError(f"{where}.surfaces", "nothing", "one map or more")
-    surfaces = tuple(
-        _surface_map(one, f"{where}.surfaces[{i}]", bands) for i, one in enumerate(entry.surfaces)
-    )
+    surfaces = tuple(_surface_map(one, f"{where}.surfaces[{i}]", bands) for i, one in enumerate(entry.surfaces))
     return FittedField(
-        entry.acts, tuple(entry.bands), np.array(entry.nm), entry.size, surfaces=surfaces,
+        entry.acts,
+        tuple(entry.bands),
+        np.array(entry.nm),
+        entry.size,
+        surfaces=surfaces,
         spectrum=np.array(entry.spectrum),
-    )  # fmt: skip
+    )
 
 
 def _image_field(entry: _Field, where: str) -> FittedField:
@@ -198,9 +223,16 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         expected = f"{wanted[0]} rows, one for each band, of {wanted[1]} numbers"
         raise InputError(f"{where}.coefficients", f"shape {found}", expected)
     return FittedField(
-        entry.acts, tuple(entry.bands), np.array(entry.nm), entry.size, maps, entry.radius,
-        entry.angle_deg, entry.most_dn, np.array(entry.coefficients),
-    )  # fmt: skip
+        entry.acts,
+        tuple(entry.bands),
+        np.array(entry.nm),
+        entry.size,
+        maps,
+        entry.radius,
+        entry.angle_deg,
+        entry.most_dn,
+        np.array(entry.coefficients),
+    )
 
 
 def _times(acts: Acts, radius: int, bands: int) -> int:

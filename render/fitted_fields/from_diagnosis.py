@@ -52,9 +52,10 @@ def _explanation(diagnosis: Path) -> Mapping[str, Any]:
     if found["family"] == "none":
         selected = ", ".join(content.get("selected") or []) or "nothing"
         raise InputError(
-            f"{diagnosis}: explanation.family", f"'none', {selected} being selected",
+            f"{diagnosis}: explanation.family",
+            f"'none', {selected} being selected",
             "the family of a field that explains what remains",
-        )  # fmt: skip
+        )
     if not found.get("field"):
         hint = "Diagnose the capture again with this version"
         raise InputError(f"{diagnosis}: explanation.field", "nothing", "the fitted field", hint)

@@ -39,9 +39,7 @@ class RenderedImage:
 
         Pixels at edges see other surfaces, too, or a part of a lamp: no mean of a surface may contain them.
         """
-        each = [
-            self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)
-        ]
+        each = [self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)]
         most = np.argmax(np.stack(each, axis=-1), axis=-1).astype(np.int16)
         most[most == len(self.surface_names)] = LAMP
         most[self.coverage.sum(axis=-1) < 0.5] = NOTHING

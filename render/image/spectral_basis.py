@@ -34,9 +34,7 @@ class SpectralBasis:
 def _blocks(cube: xr.Dataset) -> Iterator[NDArray[np.float64]]:
     radiance = cube["radiance"]
     rows = (slice(start, start + _ROWS) for start in range(0, cube.sizes["y"], _ROWS))
-    return (
-        radiance.isel(y=part).transpose("y", "x", "wavelength").values.astype(np.float64) for part in rows
-    )
+    return (radiance.isel(y=part).transpose("y", "x", "wavelength").values.astype(np.float64) for part in rows)
 
 
 def principal_components(cube: xr.Dataset, count: int) -> SpectralBasis:
@@ -66,9 +64,7 @@ def to_basis(cube: xr.Dataset, basis: SpectralBasis) -> xr.Dataset:
     """The cube in a basis, by least squares. Raises InputError if the wavelengths differ."""
     wavelength = cube["wavelength"].values.astype(float)
     if not np.array_equal(wavelength, basis.wavelength_nm):
-        ends = (
-            f"{grid[0]:g} to {grid[-1]:g} nm in {grid.size}" for grid in (wavelength, basis.wavelength_nm)
-        )
+        ends = (f"{grid[0]:g} to {grid[-1]:g} nm in {grid.size}" for grid in (wavelength, basis.wavelength_nm))
         raise InputError("cube: wavelength", next(ends), f"those of the basis, {next(ends)} samples")
     inverse = np.linalg.pinv(basis.vectors)
     coefficient = np.concatenate([(block - basis.mean) @ inverse for block in _blocks(cube)])

@@ -53,8 +53,14 @@ def render(
         "final-gather": render_final_gather,
         "path": render_path_tracer if scene.diffuse else render_general_path_tracer,
         "stock": render_stock,
-    }  # fmt: skip
+    }
     return integrators[integrator](
-        scene, camera, wavelength_nm, samples=samples, batches=batches, seed=seed,
-        max_bounces=max_bounces, progress=progress,
-    )  # fmt: skip
+        scene,
+        camera,
+        wavelength_nm,
+        samples=samples,
+        batches=batches,
+        seed=seed,
+        max_bounces=max_bounces,
+        progress=progress,
+    )

@@ -52,9 +52,7 @@ def render_general_path_tracer(
         lamps = build_lamp_samplers(tracer)
         bsdfs = SpectralBsdfs(scene, wavelengths)
         textures = SpectralTextures(tracer, wavelengths)
-        filled = (
-            scene.medium is not None or any(s.inside is not None for s in scene.surfaces) or bsdfs.passing
-        )
+        filled = scene.medium is not None or any(s.inside is not None for s in scene.surfaces) or bsdfs.passing
         media = SpectralMedia(tracer, wavelengths) if filled else None
 
         def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
@@ -83,9 +81,17 @@ class _Stuff:
 
 
 def _strip(
-    tracer: Tracer, lamps: tuple[LampSampler, ...], stuff: _Stuff, wavelengths: np.ndarray, camera: Camera,
-    pixels: mi.UInt32, *, samples: int, seeds: mi.UInt32, max_bounces: int | None,
-) -> list[mi.Float]:  # fmt: skip
+    tracer: Tracer,
+    lamps: tuple[LampSampler, ...],
+    stuff: _Stuff,
+    wavelengths: np.ndarray,
+    camera: Camera,
+    pixels: mi.UInt32,
+    *,
+    samples: int,
+    seeds: mi.UInt32,
+    max_bounces: int | None,
+) -> list[mi.Float]:
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
     count, bands = dr.width(pixels), len(wavelengths)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
@@ -106,9 +112,14 @@ def _strip(
         return rays(*points.pixel(index))
 
     def body(
-        index: mi.UInt32, state: tuple[mi.UInt32, mi.UInt32, mi.UInt32], origin: mi.Point3f, direction: mi.Vector3f,
-        reach: tuple[mi.Float, mi.Float], throughput: list[mi.Float], sums: list[mi.Float],
-    ) -> tuple:  # fmt: skip
+        index: mi.UInt32,
+        state: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
+        origin: mi.Point3f,
+        direction: mi.Vector3f,
+        reach: tuple[mi.Float, mi.Float],
+        throughput: list[mi.Float],
+        sums: list[mi.Float],
+    ) -> tuple:
         """state : how many vertices the path has, how many of them were no bounce, and the medium that it is in.
 
         reach : probability density of the direction, 1/sr; 0 if the lamps have already been sampled there; and how far
@@ -133,8 +144,7 @@ def _strip(
             share = dr.select(dr.isinf(before), one, before / (before + by_lamp))
             emitted = dr.select(met, lamp_seen(lamp, hit, direction) * share, 0)
             sums = [
-                s + dr.select(emitted > 0, emitted * m * t, 0)
-                for s, m, t in zip(sums, own, throughput, strict=True)
+                s + dr.select(emitted > 0, emitted * m * t, 0) for s, m, t in zip(sums, own, throughput, strict=True)
             ]
 
         through = met & (dr.gather(mi.UInt32, passing, material, met & (material < tracer.reflectors)) == 1)
@@ -150,9 +160,7 @@ def _strip(
         side = dr.select(dr.dot(direction, hit.normal) < 0, one, -one)
         for lamp, own in zip(lamps, mixed, strict=True):
             way, far, by_lamp, radiance = lamp_radiance(lamp, position, vertex.light_u, vertex.light_v)
-            lifted = position + hit.normal * dr.select(
-                scattered, 0, RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal))
-            )
+            lifted = position + hit.normal * dr.select(scattered, 0, RAY_OFFSET_MM * dr.sign(dr.dot(way, hit.normal)))
             cosine = dr.maximum(dr.dot(way, hit.normal), 0)
             arriving = [dr.select(plain, r * cosine / dr.pi, 0) for r in rho]
             by_bsdf = mi.Float(0)
@@ -172,9 +180,7 @@ def _strip(
                 beyond = media.behind(hit, way, which, met)
             if bsdfs.passing and media is not None:
                 asked |= plain & (by_lamp > 0)
-                shadow = shadow_through(
-                    tracer, media, passing, beyond, lifted, target, bands=bands, active=asked
-                )
+                shadow = shadow_through(tracer, media, passing, beyond, lifted, target, bands=bands, active=asked)
                 free, parts, crossed = shadow.free, shadow.transmittance, shadow.boundaries > 0
             else:
                 free = visible(tracer, lifted, target, asked, enclosed=not around)
@@ -241,9 +247,13 @@ def _strip(
     zero = dr.zeros(mi.UInt32, count)
     first = begin(zero)
     state = (
-        zero, (mi.UInt32(zero), mi.UInt32(zero), mi.UInt32(zero)), mi.Point3f(first.o), mi.Vector3f(first.d),
+        zero,
+        (mi.UInt32(zero), mi.UInt32(zero), mi.UInt32(zero)),
+        mi.Point3f(first.o),
+        mi.Vector3f(first.d),
         (dr.full(mi.Float, dr.inf, count), dr.zeros(mi.Float, count)),
-        [dr.ones(mi.Float, count) for _ in range(bands)], [dr.zeros(mi.Float, count) for _ in range(bands)],
-    )  # fmt: skip
+        [dr.ones(mi.Float, count) for _ in range(bands)],
+        [dr.zeros(mi.Float, count) for _ in range(bands)],
+    )
     *_, sums = dr.while_loop(state, lambda index, *_: index < total, body)
     return sums

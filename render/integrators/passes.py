@@ -105,9 +105,7 @@ def distributed(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, Rendered
     try:
         import distributed as dask
     except ImportError:
-        raise InputError(
-            "scheduler", "Dask is not installed", "Dask", "pip install 'cboxlab[distributed]'"
-        ) from None
+        raise InputError("scheduler", "Dask is not installed", "Dask", "pip install 'cboxlab[distributed]'") from None
     try:
         client: Any = dask.Client(scheduler, timeout=TIMEOUT_S)
     except (OSError, ValueError) as error:

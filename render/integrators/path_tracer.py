@@ -96,17 +96,34 @@ def trace_paths(
 
     def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         return _strip(
-            tracer, lamps, wavelengths, camera, pixels,
-            samples=own_samples, seeds=seeds, max_bounces=max_bounces, counted=counted, split=split,
-        )  # fmt: skip
+            tracer,
+            lamps,
+            wavelengths,
+            camera,
+            pixels,
+            samples=own_samples,
+            seeds=seeds,
+            max_bounces=max_bounces,
+            counted=counted,
+            split=split,
+        )
 
     return means_by_strips(strip, camera, samples, batches, seed, progress)
 
 
 def _strip(
-    tracer: Tracer, lamps: tuple[LampSampler, ...], wavelengths: np.ndarray, camera: Camera, pixels: mi.UInt32,
-    *, samples: int, seeds: mi.UInt32, max_bounces: int | None, counted: bool = False, split: int = 0,
-) -> list[mi.Float]:  # fmt: skip
+    tracer: Tracer,
+    lamps: tuple[LampSampler, ...],
+    wavelengths: np.ndarray,
+    camera: Camera,
+    pixels: mi.UInt32,
+    *,
+    samples: int,
+    seeds: mi.UInt32,
+    max_bounces: int | None,
+    counted: bool = False,
+    split: int = 0,
+) -> list[mi.Float]:
     """Sums over the paths of each of some pixels, see ``trace_paths``.
 
     One lane per pixel and one symbolic loop over path segments. A lane whose path has ended starts its next path in
@@ -127,13 +144,16 @@ def _strip(
     mixed = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
 
     def carried(
-        throughput: list[mi.Float], sums: list[mi.Float], counted_sums: list[list[mi.Float]],
-        begun: mi.Bool, material: mi.UInt32, lights: list[mi.Float], counts: list[mi.Float],
-    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:  # fmt: skip
+        throughput: list[mi.Float],
+        sums: list[mi.Float],
+        counted_sums: list[list[mi.Float]],
+        begun: mi.Bool,
+        material: mi.UInt32,
+        lights: list[mi.Float],
+        counts: list[mi.Float],
+    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
         """Throughputs and sums of all wavelengths after a vertex with its material and direct light of each lamp."""
-        throughput = [
-            dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)
-        ]
+        throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)]
         if len(lights) == 1:  # of share 1 at every wavelength
             light = lights * len(sums)
         else:
@@ -154,9 +174,7 @@ def _strip(
         begun = depth == 0
         weight = dr.select(begun, one, weight)
         u, v = vertex.light_u, vertex.light_v
-        lights = [
-            weight * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded) for lamp in lamps
-        ]
+        lights = [weight * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded) for lamp in lamps]
         reflected = [
             dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
             for m, c in enumerate(counts[:followed])
@@ -171,10 +189,7 @@ def _strip(
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            [
-                s + dr.select(begun, lamp_seen(lamp, hit, direction), 0)
-                for s, lamp in zip(seen, lamps, strict=True)
-            ],
+            [s + dr.select(begun, lamp_seen(lamp, hit, direction), 0) for s, lamp in zip(seen, lamps, strict=True)],
             weight * raised,
         )
 
@@ -186,13 +201,22 @@ def _strip(
     bands = len(wavelengths)
     followed = len(tracer.material_names) if counted else 0
     spectral = (
-        zeros(bands), zeros(bands), [zeros(bands) for _ in range(followed + split)],
-        dr.full(mi.Bool, True, count), mi.UInt32(zero), zeros(len(lamps)), zeros(followed + split),
-    )  # fmt: skip
+        zeros(bands),
+        zeros(bands),
+        [zeros(bands) for _ in range(followed + split)],
+        dr.full(mi.Bool, True, count),
+        mi.UInt32(zero),
+        zeros(len(lamps)),
+        zeros(followed + split),
+    )
     path = (
-        mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(first.o), mi.Vector3f(first.d),
-        zeros(len(lamps)), dr.zeros(mi.Float, count),
-    )  # fmt: skip
+        mi.UInt32(zero),
+        mi.UInt32(zero),
+        mi.Point3f(first.o),
+        mi.Vector3f(first.d),
+        zeros(len(lamps)),
+        dr.zeros(mi.Float, count),
+    )
     spectral, (*_, seen, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
     _, sums, counted_sums = carried(*spectral)
     return [*seen, *sums, *(s for row in counted_sums for s in row)]
@@ -204,9 +228,7 @@ class _MaterialTable:
     def __init__(self, table: np.ndarray) -> None:
         self._wavelengths = table.shape[1]
         self._fours = -(-self._wavelengths // 4)
-        self._packed = device_array(
-            mi.Float, np.pad(table, ((0, 0), (0, 4 * self._fours - self._wavelengths)))
-        )
+        self._packed = device_array(mi.Float, np.pad(table, ((0, 0), (0, 4 * self._fours - self._wavelengths))))
 
     def __call__(self, material: mi.UInt32) -> list[mi.Float]:
         base = material * self._fours

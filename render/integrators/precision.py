@@ -162,7 +162,9 @@ def _write(checkpoint: Path | None, job: Job, passes: dict[int, RenderedImage]) 
         return
     stream = BytesIO()
     np.savez(
-        stream, numbers=list(passes), coefficients=[p.coefficients[0] for p in passes.values()],
+        stream,
+        numbers=list(passes),
+        coefficients=[p.coefficients[0] for p in passes.values()],
         spectra=[p.spectra for p in passes.values()],
-    )  # fmt: skip
+    )
     keep(checkpoint, _key(job), stream.getvalue())

@@ -27,9 +27,16 @@ class Shadow:
 
 
 def shadow_through(
-    tracer: Tracer, media: SpectralMedia, passing: mi.UInt32, which: mi.UInt32, origin: mi.Point3f,
-    target: mi.Point3f, *, bands: int, active: mi.Bool,
-) -> Shadow:  # fmt: skip
+    tracer: Tracer,
+    media: SpectralMedia,
+    passing: mi.UInt32,
+    which: mi.UInt32,
+    origin: mi.Point3f,
+    target: mi.Point3f,
+    *,
+    bands: int,
+    active: mi.Bool,
+) -> Shadow:
     """The shadow ray from ``origin``, in medium ``which``, to ``target``.
 
     passing : by material, 1 for boundaries that light passes without a change of direction.
@@ -37,7 +44,7 @@ def shadow_through(
 
     def body(
         on: mi.Bool, free: mi.Bool, count: mi.UInt32, place: mi.Point3f, medium: mi.UInt32, parts: list[mi.Float]
-    ) -> tuple:  # fmt: skip
+    ) -> tuple:
         way = target - place
         length = dr.norm(way)
         direction = way / length
@@ -58,8 +65,12 @@ def shadow_through(
 
     width = dr.width(active)
     state = (
-        mi.Bool(active), dr.full(mi.Bool, False, width), dr.zeros(mi.UInt32, width), mi.Point3f(origin),
-        mi.UInt32(which), [dr.ones(mi.Float, width) for _ in range(bands)],
-    )  # fmt: skip
+        mi.Bool(active),
+        dr.full(mi.Bool, False, width),
+        dr.zeros(mi.UInt32, width),
+        mi.Point3f(origin),
+        mi.UInt32(which),
+        [dr.ones(mi.Float, width) for _ in range(bands)],
+    )
     _, free, count, _, _, parts = dr.while_loop(state, lambda on, *_: on, body)
     return Shadow(free, count, parts)

@@ -77,9 +77,12 @@ def render_stock(
             sensor = mi.load_dict(view)
             for batch in range(batches):
                 picture = mi.render(
-                    loaded, sensor=sensor, integrator=integrator, spp=-(-int(np.max(samples)) // oversampling**2),
+                    loaded,
+                    sensor=sensor,
+                    integrator=integrator,
+                    spp=-(-int(np.max(samples)) // oversampling**2),
                     seed=(seed + 7919 * (batch + 1)) & 0xFFFFFFFF,
-                )  # fmt: skip
+                )
                 fine = np.array(picture).reshape(film.pixels, 3)
                 values[batch][:, group] = (matrix @ fine)[:, : len(group)]
                 progress.part((done + (batch + 1) / batches) / len(groups))
@@ -95,9 +98,12 @@ def render_stock(
 
 
 def scene_dict(
-    scene: Scene, reflectances: Mapping[str, Any], lamp_reflectances: Sequence[Any], radiances: Sequence[Any],
+    scene: Scene,
+    reflectances: Mapping[str, Any],
+    lamp_reflectances: Sequence[Any],
+    radiances: Sequence[Any],
     insides: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The scene for mi.load_dict, for the active variant: one mesh per surface, flat shaded, one-sided; spheres for
     balls.
 
@@ -107,9 +113,7 @@ def scene_dict(
     used = dict.fromkeys(surface.material for surface in scene.surfaces)
     bsdfs = {name: mi.load_dict(bsdf_dict(scene.materials[name], reflectances[name])) for name in used}
     shapes = {
-        s.name: (_sphere if scene.meets_sphere(s) else _mesh)(
-            s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})}
-        )
+        s.name: (_sphere if scene.meets_sphere(s) else _mesh)(s, {"bsdf": bsdfs[s.material], **insides.get(s.name, {})})
         for s in scene.surfaces
     }
     for lamp, reflectance, radiance in zip(scene.lamps, lamp_reflectances, radiances, strict=True):
@@ -141,18 +145,20 @@ def sensor_dict(film: Film, camera: Camera, film_options: Mapping[str, Any]) -> 
         "far_clip": 1e7,
         "sampler": {"type": "independent"},
         "film": {
-            "type": "hdrfilm", "width": int(film.size[0]), "height": int(film.size[1]),
-            "component_format": "float32", "rfilter": {"type": "box"}, **film_options,
+            "type": "hdrfilm",
+            "width": int(film.size[0]),
+            "height": int(film.size[1]),
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+            **film_options,
         },
-    }  # fmt: skip
+    }
 
 
 def _check(lamp: Lamp) -> None:
     for key, value, plain in (("edge_ratio", lamp.edge_ratio, 1.0), ("exponent", lamp.exponent, 0.0)):
         if value != plain:
-            raise InputError(
-                f"lamp.{key}", f"{value:g}", f"{plain:g} without a compiled variant", _variant.HINT
-            )
+            raise InputError(f"lamp.{key}", f"{value:g}", f"{plain:g} without a compiled variant", _variant.HINT)
 
 
 def _radiance(lamp: Lamp, share: NDArray) -> dict[str, Any]:

@@ -95,9 +95,7 @@ class SpectralBsdfs:
             pointer = dr.select(material == index, mi.BSDFPtr(bsdf), pointer)
         return pointer
 
-    def interaction(
-        self, position: mi.Point3f, normal: mi.Vector3f, direction: mi.Vector3f
-    ) -> mi.SurfaceInteraction3f:
+    def interaction(self, position: mi.Point3f, normal: mi.Vector3f, direction: mi.Vector3f) -> mi.SurfaceInteraction3f:
         """Mitsuba's record of a hit by a ray along ``direction``."""
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(position))
         si.p, si.n, si.sh_frame = position, mi.Normal3f(normal), mi.Frame3f(normal)

@@ -32,9 +32,7 @@ class SpectralMedia:
         self._columns = [_column(values) for values in zip(*rows, strict=True)]
         self.bounded = len(media) > 1
         numbers = np.cumsum([s.inside is not None for s in scene.surfaces])
-        inside = np.array(
-            [n if s.inside is not None else 0 for n, s in zip(numbers, scene.surfaces, strict=True)]
-        )
+        inside = np.array([n if s.inside is not None else 0 for n, s in zip(numbers, scene.surfaces, strict=True)])
         behind = np.append(inside, 0)[tracer.surface]
         self._inside = device_array(mi.UInt32, behind)
 

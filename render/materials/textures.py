@@ -47,8 +47,7 @@ class _Bitmap:
 def _bitmap(material: int, texture: Texture, wavelengths: NDArray[np.float64]) -> _Bitmap:
     rows, columns, channels = texture.weights.shape
     spectra = [
-        [dr.opaque(mi.Float, float(value)) for value in spectrum.at(wavelengths)]
-        for spectrum in texture.spectra
+        [dr.opaque(mi.Float, float(value)) for value in spectrum.at(wavelengths)] for spectrum in texture.spectra
     ]
     return _Bitmap(material, device_array(mi.Float, texture.weights), (rows, columns, channels), spectra)
 

@@ -119,8 +119,14 @@ def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
 
 def model_text(model: Model, folder: Path | None = None) -> str:
     """The content of the model's file. folder : in which it is to lie; None names files by their whole paths."""
-    lines = ['format = "model/1"', f"name = {_toml(model.name)}", f"scene = {_toml(model.scene)}", "", "[render]",
-             f"noise = {model.render.noise!r}"]  # fmt: skip
+    lines = [
+        'format = "model/1"',
+        f"name = {_toml(model.name)}",
+        f"scene = {_toml(model.scene)}",
+        "",
+        "[render]",
+        f"noise = {model.render.noise!r}",
+    ]
     if model.render.max_bounces is not None:
         lines.append(f"max_bounces = {model.render.max_bounces}")
     lines.append(f"seed = {model.render.seed}")
@@ -128,9 +134,7 @@ def model_text(model: Model, folder: Path | None = None) -> str:
         lines += ["", "[[effect]]", f"id = {_toml(effect.name_below(folder))}"]
         lines += [f"{key} = {_toml(value)}" for key, value in effect.values.items()]
         if effect.sigma:
-            lines.append(
-                "sigma = { " + ", ".join(f"{k} = {float(v)!r}" for k, v in effect.sigma.items()) + " }"
-            )
+            lines.append("sigma = { " + ", ".join(f"{k} = {float(v)!r}" for k, v in effect.sigma.items()) + " }")
     return "\n".join(lines) + "\n"
 
 

@@ -40,9 +40,7 @@ def with_further_distortion(camera: Camera, effects: Sequence[AppliedEffect]) ->
     return camera if further is None else replace(camera, further_distortion=further)
 
 
-def model_cube_inputs(
-    model: Model, camera: Camera, lamp: Spectrum | None = None
-) -> tuple[Scene, Camera, int | None]:
+def model_cube_inputs(model: Model, camera: Camera, lamp: Spectrum | None = None) -> tuple[Scene, Camera, int | None]:
     """Scene, camera and largest number of bounces of a model's spectral cube.
 
     lamp : spectral radiance that replaces the scene's.

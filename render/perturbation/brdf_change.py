@@ -102,8 +102,7 @@ class Coat:
         """(n,) directional albedo (0 to 1) for light at ``cosine`` (n,) to the normal."""
         place = (np.arange(strata) + 0.5) / strata
         c, u, v = (
-            device_array(mi.Float, x)
-            for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
+            device_array(mi.Float, x) for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
         )
         outgoing = mi.Vector3f(dr.safe_sqrt(1 - c * c), 0, c)
         incoming = self.sample(outgoing, u, v)
@@ -139,10 +138,18 @@ def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
 
 
 def changed_reflection(
-    light: PatchedScene, camera: Camera, radiance: NDArray, reflectances: NDArray, lamp_shares: NDArray,
-    reflection: Reflection, *, material: int, seen_in: NDArray[np.int64], samples: tuple[int, int] = (256, 256),
+    light: PatchedScene,
+    camera: Camera,
+    radiance: NDArray,
+    reflectances: NDArray,
+    lamp_shares: NDArray,
+    reflection: Reflection,
+    *,
+    material: int,
+    seen_in: NDArray[np.int64],
+    samples: tuple[int, int] = (256, 256),
     seed: int = 0,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.
 
     radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
@@ -183,18 +190,14 @@ def changed_reflection(
         change = [c + r * factor * b for c, r, b in zip(change, rho, seen(far, mine), strict=True)]
         if coat is not None:
             u, v = points.point(i, 6), points.point(i, 7)
-            lobes, strength, near, valid = mirrored(
-                coat, frame, origin, arriving, outgoing, u=u, v=v, active=mine
-            )
+            lobes, strength, near, valid = mirrored(coat, frame, origin, arriving, outgoing, u=u, v=v, active=mine)
             change = [
                 c + lobe + dr.select(valid, strength * b, 0)
                 for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
             ]
         return [dr.select(mine, c, 0) for c in change]
 
-    def from_lamps(
-        frame: mi.Frame3f, origin: mi.Point3f, u: mi.Float, v: mi.Float, active: mi.Bool
-    ) -> list[_Arriving]:
+    def from_lamps(frame: mi.Frame3f, origin: mi.Point3f, u: mi.Float, v: mi.Float, active: mi.Bool) -> list[_Arriving]:
         """One point of each lamp, as light that arrives at ``origin``."""
         found = []
         for lamp in light.lamps:
@@ -205,9 +208,16 @@ def changed_reflection(
         return found
 
     def mirrored(
-        coat: Coat, frame: mi.Frame3f, origin: mi.Point3f, arriving: list[_Arriving], outgoing: mi.Vector3f, *,
-        u: mi.Float, v: mi.Float, active: mi.Bool,
-    ) -> tuple[list[mi.Float], mi.Float, Hit, mi.Bool]:  # fmt: skip
+        coat: Coat,
+        frame: mi.Frame3f,
+        origin: mi.Point3f,
+        arriving: list[_Arriving],
+        outgoing: mi.Vector3f,
+        *,
+        u: mi.Float,
+        v: mi.Float,
+        active: mi.Bool,
+    ) -> tuple[list[mi.Float], mi.Float, Hit, mi.Bool]:
         """The lamps' light by the coat (multiple importance sampling); the weight and hit of a sampled direction."""
         direction = coat.sample(outgoing, u, v)
         valid = active & (direction.z > 1e-6)
@@ -245,23 +255,15 @@ def changed_reflection(
             # rays that meet no surface have no angle of incidence; the albedo may be read from a table
             base_mean, coat_mean = albedo(dr.select(theirs, one.incoming.z, 0))
             beyond = one.weight * (base(one.incoming, outgoing) - base_mean)
-            change = [
-                c + s * (r * beyond - one.weight * coat_mean)
-                for c, s, r in zip(change, own, rho, strict=True)
-            ]
+            change = [c + s * (r * beyond - one.weight * coat_mean) for c, s, r in zip(change, own, rho, strict=True)]
         base_mean, coat_mean = diffuse
         gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 12), points.point(i, 13)))
         source = intersect(tracer, mi.Ray3f(there, frame.to_world(gathered)), theirs)
         factor = base(gathered, outgoing) - base_mean
-        change = [
-            c + (r * factor - coat_mean) * b
-            for c, r, b in zip(change, rho, seen(source, theirs), strict=True)
-        ]
+        change = [c + (r * factor - coat_mean) * b for c, r, b in zip(change, rho, seen(source, theirs), strict=True)]
         if coat is not None:
             u, v = points.point(i, 10), points.point(i, 11)
-            lobes, strength, near, valid = mirrored(
-                coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs
-            )
+            lobes, strength, near, valid = mirrored(coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs)
             change = [
                 c + lobe + dr.select(valid, strength * b, 0)
                 for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
@@ -289,15 +291,13 @@ def changed_reflection(
     if len(seen_in):
         change[:, seen_in] = means(seen_in, 8, samples[0], at_surface)
     if albedo is not None:
-        change += means(
-            np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo))
-        )
+        change += means(np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo)))
     return change.reshape(bands, camera.height_px, camera.width_px)
 
 
 def with_reflection(
     light: PatchLight, material: int, reflection: Reflection, *, of: tuple[str | float, ...], samples: tuple[int, int]
-) -> PatchLight:  # fmt: skip
+) -> PatchLight:
     """The light with a changed reflection of one material, whose patches have the albedo of it already.
 
     of : what determines the reflection; where the light is the same as well, rays traced before are used again.
@@ -307,8 +307,15 @@ def with_reflection(
     added = transport.kept(
         (*of, material, *samples, radiance, reflectances, light.lamp_shares),
         lambda: changed_reflection(
-            transport.light, transport.camera, radiance, reflectances, light.lamp_shares, reflection,
-            material=material, seen_in=transport.pixels_of(material), samples=samples,
+            transport.light,
+            transport.camera,
+            radiance,
+            reflectances,
+            light.lamp_shares,
+            reflection,
+            material=material,
+            seen_in=transport.pixels_of(material),
+            samples=samples,
         ),
-    )  # fmt: skip
+    )
     return light.change(added=light.added + added)

@@ -55,9 +55,7 @@ class EdgeBlur(OwnMappings):
                 if share > 0 and 0 < node < len(_NODES) - 1:
                     for face, change in self._at(node).items():
                         rows, columns, _ = self.faces[face]
-                        result[band, rows, columns] += (
-                            share * change * self.warp.layers[face][rows, columns, band]
-                        )
+                        result[band, rows, columns] += share * change * self.warp.layers[face][rows, columns, band]
         return result
 
     def _at(self, node: int) -> dict[int, NDArray]:
@@ -77,9 +75,7 @@ def build_edge_blur(warp: Warp) -> EdgeBlur:
     whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
     parts = np.array_split(warp.border, len(warp.border) // _PIXELS_PER_CALL + 1)
     rays = _ACROSS * _RAYS
-    seen = np.concatenate(
-        [pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)]
-    )
+    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)])
     seen = seen.reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).swapaxes(2, 3)
     seen = seen.reshape(-1, _ACROSS, _ACROSS, _RAYS**2)  # the rays of a subpixel together
     rows, columns = np.divmod(warp.border, camera.width_px)

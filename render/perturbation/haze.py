@@ -77,9 +77,7 @@ class AirTransport:
             here = part == k
             shape = tuple(len(axis) for axis in axes)
             own = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
-            result[here] = RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(
-                points_mm[here]
-            )
+            result[here] = RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(points_mm[here])
             start += int(np.prod(shape))
         aside = [
             np.abs(points_mm[..., i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
@@ -112,9 +110,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     eye = camera.position_mm[2]
     if eye < low[2]:
         margin = np.array([_SIDE_MARGIN_MM, _SIDE_MARGIN_MM, 0.0])
-        zones.append(
-            _cells(np.append((low - margin)[:2], eye), np.append((high + margin)[:2], low[2]), _IN_FRONT)
-        )
+        zones.append(_cells(np.append((low - margin)[:2], eye), np.append((high + margin)[:2], low[2]), _IN_FRONT))
     corner, size = (np.concatenate([zone[i] for zone in zones]) for i in (1, 2))
     count = len(corner)
     lane = dr.arange(mi.UInt32, count)
@@ -164,9 +160,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     )
 
 
-def _cells(
-    low: NDArray, high: NDArray, shape: tuple[int, int, int]
-) -> tuple[tuple[NDArray, ...], NDArray, NDArray]:
+def _cells(low: NDArray, high: NDArray, shape: tuple[int, int, int]) -> tuple[tuple[NDArray, ...], NDArray, NDArray]:
     """Centres along the axes, lower corners (v, 3) and sizes (v, 3) of equal cells."""
     size = (high - low) / shape
     axes = tuple(low[i] + (np.arange(shape[i]) + 0.5) * size[i] for i in range(3))
@@ -204,9 +198,7 @@ def _along_rays(
         return i + 1, total + _from_lamp(tracer, lamp, point, random.point(i, 1), random.point(i, 2))
 
     limit = dr.opaque(mi.UInt32, _RAY_SAMPLES)
-    _, total = dr.while_loop(
-        (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), lambda i, _: i < limit, body
-    )
+    _, total = dr.while_loop((dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), lambda i, _: i < limit, body)
     return np.array(total, float).reshape(*depth.shape, STEPS) / _RAY_SAMPLES
 
 
@@ -225,9 +217,7 @@ def _depth(transport: PatchTransport, back_mm: float, centres: list[NDArray]) ->
 
     on_lamp = np.maximum(transport.covered - per_pixel(transport.coverage), 0)
     beyond = (back_mm - camera.position_mm[2]) / np.maximum(direction[..., 2], 1e-3)
-    seen = (
-        transport.lamp_radiance > 0
-    ) + 1e-9  # the lamps' mean distance where none is seen, and where dark ones are
+    seen = (transport.lamp_radiance > 0) + 1e-9  # the lamps' mean distance where none is seen, and where dark ones are
     to_lamps = np.linalg.norm(np.array(centres) - camera.position_mm, axis=1)
     to_lamp = np.einsum("jyx,j->yx", seen, to_lamps) / seen.sum(axis=0)
     depth = per_pixel(transport.coverage * reach) + on_lamp * to_lamp + (1 - transport.covered) * beyond

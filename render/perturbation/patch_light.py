@@ -94,9 +94,16 @@ class PatchLight:
 
 
 def patch_light(
-    transport: PatchTransport, scene: Scene, wavelength_nm: NDArray, grid_nm: NDArray, weights: NDArray, lamp: NDArray,
-    *, max_bounces: int | None = None, samples: int = 256,
-) -> PatchLight:  # fmt: skip
+    transport: PatchTransport,
+    scene: Scene,
+    wavelength_nm: NDArray,
+    grid_nm: NDArray,
+    weights: NDArray,
+    lamp: NDArray,
+    *,
+    max_bounces: int | None = None,
+    samples: int = 256,
+) -> PatchLight:
     """The scene with its own materials and no other light source; the geometry is that of ``transport``.
 
     lamp : (n,) the unit of the radiances, ``Scene.lamp_radiance`` on grid_nm or any multiple at each wavelength.
@@ -105,7 +112,13 @@ def patch_light(
     patches, fragments, bands = len(transport.light.patches), len(transport.pixel), len(wavelength_nm)
     shape = (bands, transport.camera.height_px, transport.camera.width_px)
     return PatchLight(
-        transport, scene, wavelength_nm, grid_nm, weights, lamp, band_shares(scene, grid_nm, weights, lamp),
+        transport,
+        scene,
+        wavelength_nm,
+        grid_nm,
+        weights,
+        lamp,
+        band_shares(scene, grid_nm, weights, lamp),
         patch_reflectance=table[transport.light.patches.material],
         fragment_reflectance=table[transport.material],
         patch_emission=np.zeros((patches, bands)),
@@ -114,7 +127,7 @@ def patch_light(
         added=np.zeros(shape),
         max_bounces=max_bounces,
         samples=samples,
-    )  # fmt: skip
+    )
 
 
 def band_shares(scene: Scene, grid_nm: NDArray, weights: NDArray, lamp: NDArray) -> NDArray[np.float64]:
@@ -146,9 +159,7 @@ def with_albedo(
     reflectance, emission = light.patch_reflectance.copy(), light.patch_emission.copy()
     reflectance[own] = diffuse(rho)
     if light.max_bounces is None or light.max_bounces > 1:
-        for lamp, shares, arriving in zip(
-            field.lamps, light.lamp_shares, field.exchange.direct[own].T, strict=True
-        ):
+        for lamp, shares, arriving in zip(field.lamps, light.lamp_shares, field.exchange.direct[own].T, strict=True):
             way = lamp.centre - field.patches.centre[own]
             cosine = np.einsum("px,px->p", way, field.patches.normal[own]) / np.linalg.norm(way, axis=1)
             more = direct(rho, np.clip(cosine, 0, 1)[:, None]) - reflectance[own]

@@ -104,9 +104,7 @@ class PatchTransport:
         return np.array(flat, float).reshape(-1, height, width)
 
 
-def build_patch_transport(
-    light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0
-) -> PatchTransport:
+def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
     """Compute the exchange by tracing one camera ray and one gathering ray per sample."""
     tracer = light.tracer
     everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
@@ -123,7 +121,10 @@ def build_patch_transport(
     direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
     seen = np.moveaxis(everything[..., -lamps:], -1, 0)
     return PatchTransport(
-        light, camera, pixel, face,
+        light,
+        camera,
+        pixel,
+        face,
         coverage=coverage[pixel, face].astype(float),
         position=_positions(tracer, camera, pixel, face),
         direct=direct,
@@ -131,7 +132,7 @@ def build_patch_transport(
         escape=escape,
         covered=everything.sum(axis=-1).astype(float),
         lamp_radiance=seen * glow.T.reshape(seen.shape),
-    )  # fmt: skip
+    )
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[int, int]]:
@@ -146,7 +147,7 @@ def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[i
 
 def _traced(
     light: PatchedScene, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:  # fmt: skip
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:
     """Of a strip's fragments: direct light, escape; of its pixels: the lamps' patterns; of its fragments: G."""
     tracer, patches = light.tracer, light.patches
     count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
@@ -196,9 +197,7 @@ def _traced(
     row, column = np.divmod(met, len(patches))
     # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice
     ends = np.searchsorted(row, np.arange(fragments + 1)).astype(np.int32)
-    gather = csr_array(
-        (counts[met] * scale[row], column.astype(np.int32), ends), shape=(fragments, len(patches))
-    )
+    gather = csr_array((counts[met] * scale[row], column.astype(np.int32), ends), shape=(fragments, len(patches)))
     shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
     return (
         np.stack([np.array(own)[:-1] * scale for own in direct], axis=1),

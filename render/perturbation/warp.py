@@ -80,9 +80,7 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     """
     border = border_pixels(image.coverage)
     coverage = image.coverage.copy()
-    coverage.reshape(-1, coverage.shape[-1])[border] = pixel_coverage(
-        tracer, [camera], border, _COVERAGE_SAMPLES
-    )[0]
+    coverage.reshape(-1, coverage.shape[-1])[border] = pixel_coverage(tracer, [camera], border, _COVERAGE_SAMPLES)[0]
     faces = np.flatnonzero(coverage.any(axis=(0, 1)))
     parts = np.moveaxis(coverage[..., faces], -1, 0)
     layers = np.empty((*parts.shape, len(signal)))
@@ -133,9 +131,7 @@ def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> 
         for own, there, step, up in zip(result, nearby, steps, rise, strict=True):
             rows, columns = (_seen_at(warp, there, face[part], pixel[part]) - places) / (_SMALL * step)
             moved = np.nan_to_num(rows)[:, None] * down + np.nan_to_num(columns)[:, None] * right
-            own[pixel[part][first]] += np.add.reduceat(
-                share[part, None] * moved + up[part, None] * value, first
-            )
+            own[pixel[part][first]] += np.add.reduceat(share[part, None] * moved + up[part, None] * value, first)
     return np.moveaxis(result, 2, 1).reshape(len(steps), *warp.base.shape)
 
 
@@ -180,12 +176,9 @@ def _layers_at(
     places = ((face[:, None] * height + row)[..., None] * width + column[:, None]).reshape(len(face), 16)
     flat = warp.layers.reshape(-1, warp.layers.shape[-1])
     ends = np.arange(0, places.size + 1, 16)
-    pairs = (
-        [(down[0], right[0]), (down[1], right[0]), (down[0], right[1])] if slopes else [(down[0], right[0])]
-    )
+    pairs = [(down[0], right[0]), (down[1], right[0]), (down[0], right[1])] if slopes else [(down[0], right[0])]
     return [
-        csr_array(((one[..., None] * other[:, None]).ravel(), places.ravel(), ends), (len(places), len(flat)))
-        @ flat
+        csr_array(((one[..., None] * other[:, None]).ravel(), places.ravel(), ends), (len(places), len(flat))) @ flat
         for one, other in pairs
     ]
 
@@ -236,9 +229,7 @@ def pixels_per_unit(tracer: Tracer, camera: Camera) -> NDArray[np.float64]:
     inside = np.all((image > -0.5) & (image < [camera.width_px, camera.height_px]), axis=1)
     inside = inside if inside.any() else np.isfinite(image).all(axis=1)
     if not inside.any():
-        raise InputError(
-            "camera", "the scene behind it", "a camera that sees the scene", "Is it the right box?"
-        )
+        raise InputError("camera", "the scene behind it", "a camera that sees the scene", "Is it the right box?")
     step = 1e-4
     motion = [
         camera.with_parameters(camera.parameters + step * axis).project(points) - image

@@ -61,10 +61,11 @@ class PartLight:
     def to_dict(self) -> dict[str, Any]:
         """Plain values; None for what is not known."""
         values = {
-            "luminance_cd_m2": self.luminance, "luminance_sigma_cd_m2": self.luminance_sigma,
+            "luminance_cd_m2": self.luminance,
+            "luminance_sigma_cd_m2": self.luminance_sigma,
             **dict(zip(("x", "y"), self.chromaticity.tolist(), strict=True)),
             **dict(zip(("x_sigma", "y_sigma"), self.chromaticity_sigma.tolist(), strict=True)),
-        }  # fmt: skip
+        }
         return {**{name: _known(value) for name, value in values.items()}, "pixels": self.pixels}
 
 
@@ -83,9 +84,11 @@ class SurfaceSums:
     def __add__(self, other: SurfaceSums) -> SurfaceSums:
         """The sums over both of two strips of one picture."""
         return SurfaceSums(
-            self.surface_names, self.pixels + other.pixels, self.xyz + other.xyz,
+            self.surface_names,
+            self.pixels + other.pixels,
+            self.xyz + other.xyz,
             self.covariance + other.covariance,
-        )  # fmt: skip
+        )
 
     def text(self) -> str:
         """All of it as one line, exact to the bit."""
@@ -176,10 +179,15 @@ class Photometry(OwnMappings):
         }
         grid = self.wavelength_nm
         return {
-            "first_nm": float(grid[0]), "last_nm": float(grid[-1]), "wavelengths": int(grid.size),
-            "observer": "CIE 1931 2 degree", "lm_per_w": 683.0,
-            "surfaces": surfaces, "lamp": self.lamp.to_dict(), "picture": self.picture.to_dict(),
-        }  # fmt: skip
+            "first_nm": float(grid[0]),
+            "last_nm": float(grid[-1]),
+            "wavelengths": int(grid.size),
+            "observer": "CIE 1931 2 degree",
+            "lm_per_w": 683.0,
+            "surfaces": surfaces,
+            "lamp": self.lamp.to_dict(),
+            "picture": self.picture.to_dict(),
+        }
 
 
 def _known(value: float) -> float | None:

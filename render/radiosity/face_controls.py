@@ -126,9 +126,14 @@ def build_face_controls(
     corners = np.array([outline[[0, 1, 2, -1]] for outline in geometry.outlines])
     faces = np.array([*walls, *known])
     return FaceControls(
-        geometry, tuple(walls), device_array(mi.UInt32, faces), len(faces), device_array(mi.Float, corners),
-        device_array(mi.Float, light), device_array(mi.UInt32, [*tracer.material[triangles[:, 0]], 0]),
-    )  # fmt: skip
+        geometry,
+        tuple(walls),
+        device_array(mi.UInt32, faces),
+        len(faces),
+        device_array(mi.Float, corners),
+        device_array(mi.Float, light),
+        device_array(mi.UInt32, [*tracer.material[triangles[:, 0]], 0]),
+    )
 
 
 def _triangle(patches: Patches) -> NDArray[np.int64]:
@@ -145,6 +150,5 @@ def _overlaps(geometry: FlatFaces, face: int, others: list[int]) -> bool:
 
     centre = [outline.mean(axis=0) for outline in geometry.outlines]
     return any(
-        within(centre[face], geometry.planes[other]) or within(centre[other], geometry.planes[face])
-        for other in others
+        within(centre[face], geometry.planes[other]) or within(centre[other], geometry.planes[face]) for other in others
     )

@@ -107,7 +107,13 @@ def solve_light(
         for radiance, (_, indirect) in zip(radiances, read, strict=True)
     ]
     return LightField(
-        tracer, lamps, patches, exchange, patched.places, finer, tuple(table for table, _ in read),
+        tracer,
+        lamps,
+        patches,
+        exchange,
+        patched.places,
+        finer,
+        tuple(table for table, _ in read),
         controls=tuple(
             build_face_controls(tracer, patches, exchange.direct[:, index], finer, table[0])
             for index, (table, _) in enumerate(read)
@@ -118,7 +124,7 @@ def solve_light(
         # the continuation adds a reflection, which is not allowed with a limit on bounces
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
         max_bounces=max_bounces,
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=2)
@@ -128,9 +134,13 @@ def _direct_cells(places: Places) -> tuple[DirectCells, ...]:
 
 
 def gather(
-    light: LightField, camera: Camera, samples: int | np.ndarray = 256, batches: int = 4, seed: int = 0,
+    light: LightField,
+    camera: Camera,
+    samples: int | np.ndarray = 256,
+    batches: int = 4,
+    seed: int = 0,
     progress: Progress = QUIET,
-) -> RenderedImage:  # fmt: skip
+) -> RenderedImage:
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
     lamps, view = _gatherings(light), _view(light, camera)
 
@@ -220,9 +230,7 @@ def _of_one_rank(read: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.nda
     ]
 
 
-def _basis_spectra(
-    lamp: np.ndarray, reflectances: np.ndarray, paints: np.ndarray, indirect: np.ndarray
-) -> np.ndarray:
+def _basis_spectra(lamp: np.ndarray, reflectances: np.ndarray, paints: np.ndarray, indirect: np.ndarray) -> np.ndarray:
     """(n, w) spectra of the accumulators of one lamp.
 
     First that of the lamp; then for every first material those of direct light, of second materials, of second and
@@ -242,15 +250,21 @@ def _gatherings(light: LightField) -> list[Gathering]:
     """The kernels of each lamp."""
     return [
         Gathering(
-            light.tracer, light.lamps[index],
-            light.finer, dr.opaque(mi.UInt32, len(light.finer)), device_array(mi.Float, table), table.shape[2],
-            light.direct[index], light.controls[index],
-            firsts=light.tracer.reflectors, materials=_later_reflectors(light.tracer),
+            light.tracer,
+            light.lamps[index],
+            light.finer,
+            dr.opaque(mi.UInt32, len(light.finer)),
+            device_array(mi.Float, table),
+            table.shape[2],
+            light.direct[index],
+            light.controls[index],
+            firsts=light.tracer.reflectors,
+            materials=_later_reflectors(light.tracer),
             bounces=3 if light.max_bounces is None else min(light.max_bounces, 3),
             near=dr.opaque(mi.Float, light.near),
         )
         for index, table in enumerate(light.tables)
-    ]  # fmt: skip
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,9 +288,7 @@ def _view(light: LightField, camera: Camera) -> _View:
     return _View(coverage, planar, tuple(shares))
 
 
-def _control_shares(
-    lamp: Gathering, camera: Camera, planar: PlanarPixels, spectra: np.ndarray
-) -> np.ndarray | None:
+def _control_shares(lamp: Gathering, camera: Camera, planar: PlanarPixels, spectra: np.ndarray) -> np.ndarray | None:
     """(pixel, 2) of the planar pixels, see ``Gathering``.
 
     spectra : (n, w) of the lamp's accumulators; the light summed over wavelengths and materials counts.
@@ -297,9 +309,14 @@ def _planes(planar: PlanarPixels, which: np.ndarray | slice) -> Planes:
 
 
 def _strip(
-    lamp: Gathering, camera: Camera, pixels: np.ndarray, planar: PlanarPixels, shares: np.ndarray | None,
-    samples: int, seeds: mi.UInt32,
-) -> list[mi.Float]:  # fmt: skip
+    lamp: Gathering,
+    camera: Camera,
+    pixels: np.ndarray,
+    planar: PlanarPixels,
+    shares: np.ndarray | None,
+    samples: int,
+    seeds: mi.UInt32,
+) -> list[mi.Float]:
     """The accumulators of the pixels (n,) of some lanes under one lamp."""
     place = np.searchsorted(planar.index, pixels)
     flat = np.append(planar.index, -1)[place] == pixels

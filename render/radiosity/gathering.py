@@ -142,9 +142,7 @@ class Gathering:
         total = dr.opaque(mi.UInt32, samples // sampling.gathers)
         return dr.while_loop((zero, sums), lambda i, _: i < total, body)[1]
 
-    def control_shares(
-        self, camera: Camera, planes: Planes, weights: list[float], seed: int
-    ) -> Shares | None:
+    def control_shares(self, camera: Camera, planes: Planes, weights: list[float], seed: int) -> Shares | None:
         """The shares of the walls' and the blocks' light that leave the least variance, by rays of their own.
 
         weights : (per_material) of the accumulators in the light whose variance counts. None without controls.
@@ -186,9 +184,14 @@ class Gathering:
         return [mi.Float(0), *second, *nothing, *patches, *([mi.Float(0)] * (self.rank - kept))]
 
     def _reflected(
-        self, sampling: _Sampling, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool,
+        self,
+        sampling: _Sampling,
+        i: mi.UInt32,
+        position: mi.Point3f,
+        normal: mi.Vector3f,
+        shaded: mi.Bool,
         shares: Shares | None,
-    ) -> list[mi.Float]:  # fmt: skip
+    ) -> list[mi.Float]:
         """One camera ray's values (per_material): direct light, and light of its gathering rays."""
         points, gathers = sampling.points, sampling.gathers
         values = [mi.Float(0)] * self.per_material
@@ -208,9 +211,14 @@ class Gathering:
         return [values[0], *gathered[1:]]
 
     def _gathered(
-        self, points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, shaded: mi.Bool,
+        self,
+        points: SobolPoints,
+        i: mi.UInt32,
+        position: mi.Point3f,
+        normal: mi.Vector3f,
+        shaded: mi.Bool,
         shares: Shares | None,
-    ) -> list[mi.Float]:  # fmt: skip
+    ) -> list[mi.Float]:
         """One gathering ray's values (per_material), without direct light at ``position``."""
         ray = self._gathering_ray(points, i, position, normal)
         far = intersect(self.tracer, ray, shaded)
@@ -243,16 +251,19 @@ class Gathering:
         return values
 
     @staticmethod
-    def _gathering_ray(
-        points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f
-    ) -> mi.Ray3f:
+    def _gathering_ray(points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f) -> mi.Ray3f:
         direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
         return mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
 
     def _continued(
-        self, points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f, material: mi.UInt32,
+        self,
+        points: SobolPoints,
+        i: mi.UInt32,
+        position: mi.Point3f,
+        normal: mi.Vector3f,
+        material: mi.UInt32,
         close: mi.Bool,
-    ) -> list[mi.Float]:  # fmt: skip
+    ) -> list[mi.Float]:
         """Light by one more ray from a second reflection: direct light at its end, and the patches' light there."""
         onward = cosine_hemisphere(normal, points.point(i, 8), points.point(i, 9))
         last = intersect(self.tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, onward), close)

@@ -179,9 +179,7 @@ def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) ->
     return form_factor(lamp.border, position, normal), whole
 
 
-def form_factor(
-    border: list[tuple[mi.Point3f, mi.Point3f]], position: mi.Point3f, normal: mi.Vector3f
-) -> mi.Float:
+def form_factor(border: list[tuple[mi.Point3f, mi.Point3f]], position: mi.Point3f, normal: mi.Vector3f) -> mi.Float:
     """Form factor from a point to what of a convex polygon lies above its horizon, by Lambert's formula.
 
     border : the polygon's edges, from corner to corner. What lies below is cut off at the horizon; the cut's two ends
@@ -196,8 +194,9 @@ def form_factor(
         cut = a + (b - a) * (above_a / dr.select(crossing, above_a - above_b, 1))
         leaving = dr.select(crossing & (above_a > 0), cut, leaving)
         entering = dr.select(crossing & (above_b > 0), cut, entering)
-        total += _edge_share(dr.select(above_a > 0, a, cut), dr.select(above_b > 0, b, cut), normal,
-                             (above_a > 0) | (above_b > 0))  # fmt: skip
+        total += _edge_share(
+            dr.select(above_a > 0, a, cut), dr.select(above_b > 0, b, cut), normal, (above_a > 0) | (above_b > 0)
+        )
     total += _edge_share(leaving, entering, normal, mi.Bool(True))
     return dr.abs(total) * (0.5 / np.pi)
 

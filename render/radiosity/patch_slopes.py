@@ -40,9 +40,7 @@ class PatchSlopes:
     packed_across: mi.Float
     packed_centre: mi.Float
 
-    def weights(
-        self, patch: mi.UInt32, position: mi.Point3f, active: mi.Bool
-    ) -> list[tuple[mi.UInt32, mi.Float]]:
+    def weights(self, patch: mi.UInt32, position: mi.Point3f, active: mi.Bool) -> list[tuple[mi.UInt32, mi.Float]]:
         """Patches and weights of which the radiance at ``position`` is the weighted sum; the weights sum to 1."""
         offset = position - dr.gather(mi.Point3f, self.packed_centre, patch, active)
         own, parts = mi.Float(1), []

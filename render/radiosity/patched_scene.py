@@ -69,9 +69,7 @@ def build_patched_scene(
     """
     if not scene.diffuse:
         found = "surfaces that are not Lambertian or have a texture, or a medium"
-        raise InputError(
-            f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene."
-        )
+        raise InputError(f"scene {scene.name}", found, "a diffuse scene", "The general path tracer takes any scene.")
     tracer = build_tracer(scene)
     lamps = build_lamp_samplers(tracer)
     extent = tracer.vertices.reshape(-1, 3)

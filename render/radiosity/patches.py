@@ -63,9 +63,7 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
     weights = _weights(divisions[owner], np.arange(total) - first[owner])
     base, along = tracer.vertices[owner, :1], tracer.vertices[owner, 1:] - tracer.vertices[owner, :1]
     parts = [(np.arange(total), owner, weights.mean(axis=1), base + weights @ along)]
-    grouped = np.argsort(np.where(group < 0, len(group), group), kind="stable")[
-        : np.count_nonzero(group >= 0)
-    ]
+    grouped = np.argsort(np.where(group < 0, len(group), group), kind="stable")[: np.count_nonzero(group >= 0)]
     first[grouped] = total + group[grouped]
     if len(grouped):
         thirds = np.full((len(grouped), 2), 1 / 3)
@@ -123,9 +121,7 @@ def _division(n: int) -> NDArray[np.float64]:
     i, j, upper = i[keep], j[keep], upper[keep]
     order = np.argsort(_local_index(i, j, upper, n))
     i, j, upper = i[order], j[order], upper[order]
-    grid = np.stack(
-        [np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1
-    )
+    grid = np.stack([np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1)
     return grid / n
 
 

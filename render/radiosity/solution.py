@@ -55,9 +55,7 @@ class Exchange:
     exposed: NDArray[np.float32]
 
 
-def trace_exchange(
-    tracer: Tracer, lamps: Sequence[LampSampler], patches: Patches, samples: int, seed: int
-) -> Exchange:
+def trace_exchange(tracer: Tracer, lamps: Sequence[LampSampler], patches: Patches, samples: int, seed: int) -> Exchange:
     """Trace ``samples`` cosine-distributed rays and as many samples of every lamp from every patch.
 
     Points covered by an object see only back sides; they are left out of the means over a patch. A result that breaks

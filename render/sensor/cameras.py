@@ -132,24 +132,39 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
         lens = file.blur
         blur = Blur(*_columns(path, "blur", lens.wavelength_nm, lens.centre_px, lens.corner_px))
     return SensorCamera(
-        file.name, _channels(path, file), pattern, _detector(path, file), file.source,
-        file.optics.working_f_number, file.optics.pixel_pitch_um, blur, vignetting,
-    )  # fmt: skip
+        file.name,
+        _channels(path, file),
+        pattern,
+        _detector(path, file),
+        file.source,
+        file.optics.working_f_number,
+        file.optics.pixel_pitch_um,
+        blur,
+        vignetting,
+    )
 
 
 def _detector(path: Path, file: _CameraFile) -> Detector:
-    exposure, mean, sigma = _columns(
-        path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn
-    )
+    exposure, mean, sigma = _columns(path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn)
     values, pattern = file.detector, file.fixed_pattern
     if values.overflow == "column" and values.full_well_e is None:
         raise InputError(f"{path}: detector.full_well_e", "nothing", "a value, since overflow = 'column'")
     linear, recorded = _nonlinearity(path, file)
     return Detector(
-        values.gain_e_per_dn, values.bit_depth, exposure, mean, sigma, values.full_well_e,
-        values.overflow == "column", (file.leakage.row, file.leakage.column),
-        pattern.sensitivity_spread, pattern.offset_spread_dn, pattern.seed, linear, recorded,
-    )  # fmt: skip
+        values.gain_e_per_dn,
+        values.bit_depth,
+        exposure,
+        mean,
+        sigma,
+        values.full_well_e,
+        values.overflow == "column",
+        (file.leakage.row, file.leakage.column),
+        pattern.sensitivity_spread,
+        pattern.offset_spread_dn,
+        pattern.seed,
+        linear,
+        recorded,
+    )
 
 
 def _nonlinearity(path: Path, file: _CameraFile) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -34,9 +34,7 @@ def demosaic(linear: NDArray[np.float64], camera: SensorCamera, white_dn: float)
     is_square = [len(row) for row in pattern] == [2, 2]
     code = getattr(cv2, f"COLOR_Bayer{''.join(pattern)}2RGB", None) if is_square else None
     if code is None or set(camera.channels) != set("RGB"):
-        raise InputError(
-            f"camera {camera.name}: mosaic.pattern", repr(list(pattern)), "2 x 2 letters R, G, B (Bayer)"
-        )
+        raise InputError(f"camera {camera.name}: mosaic.pattern", repr(list(pattern)), "2 x 2 letters R, G, B (Bayer)")
     whole = np.rint(np.clip(linear / white_dn, 0, 1) * 65535).astype(np.uint16)
     return np.asarray(cv2.cvtColor(whole, code), float) / 65535.0 * white_dn
 

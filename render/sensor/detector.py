@@ -117,9 +117,7 @@ class SensorCamera(OwnMappings):
         return replace(self, channels=channels, f_number=f_number)
 
 
-def channel_map(
-    pattern: tuple[str, ...], letters: tuple[str, ...], shape: tuple[int, int]
-) -> NDArray[np.int64]:
+def channel_map(pattern: tuple[str, ...], letters: tuple[str, ...], shape: tuple[int, int]) -> NDArray[np.int64]:
     """(y, x) index into ``letters`` of each pixel of a mosaic whose first row starts at pixel (0, 0).
 
     Raises InputError for an empty or ragged pattern and for a letter without a channel.
@@ -142,9 +140,12 @@ def shot_noise(expected_e: NDArray[np.float64], generator: np.random.Generator) 
 
 
 def noisy_counts(
-    expected_e: NDArray[np.float64], dark_mean_dn: ArrayLike, dark_sigma_dn: ArrayLike, detector: Detector,
+    expected_e: NDArray[np.float64],
+    dark_mean_dn: ArrayLike,
+    dark_sigma_dn: ArrayLike,
+    detector: Detector,
     generator: np.random.Generator,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """Counts in DN before rounding: shot noise, full well with a drain, gain, dark level, read noise, F.
 
     expected_e : expected electrons >= 0 (any shape). dark_mean_dn, dark_sigma_dn : DN, broadcast against it.
@@ -154,9 +155,12 @@ def noisy_counts(
 
 
 def digitise(
-    electrons: NDArray[np.float64], dark_mean_dn: ArrayLike, dark_sigma_dn: ArrayLike, detector: Detector,
+    electrons: NDArray[np.float64],
+    dark_mean_dn: ArrayLike,
+    dark_sigma_dn: ArrayLike,
+    detector: Detector,
     generator: np.random.Generator,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """``noisy_counts`` for given numbers of electrons; the array is overwritten."""
     if detector.full_well_e is not None:
         np.minimum(electrons, detector.full_well_e, out=electrons)

@@ -112,9 +112,7 @@ def _counted(
     return quantise(digitise(electrons, level, sigma, detector, stream), detector.bit_depth)
 
 
-def auto_exposure(
-    cube: xr.Dataset, camera: SensorCamera, channel: str | None = None, level: float = 0.7
-) -> float:
+def auto_exposure(cube: xr.Dataset, camera: SensorCamera, channel: str | None = None, level: float = 0.7) -> float:
     """Exposure (s) for which the 99th percentile of the counts outside the lamp is ``level`` times full scale.
 
     Needed for cubes of relative radiance. Raises InputError for a cube without light outside the lamp.

@@ -114,10 +114,11 @@ def _write_spectra(folder: Path, settings: CaptureSettings, lamp: Spectrum) -> N
     common, filters = _curves(), settings.filters
     wide = next(iter(filters.values())).wavelength_nm
     tables: tuple[tuple[str, NDArray[np.float64], Mapping[str, Spectrum]], ...] = (
-        ("camera", WAVELENGTH_NM, common), ("filters", wide, filters),
+        ("camera", WAVELENGTH_NM, common),
+        ("filters", wide, filters),
         ("lamp", WAVELENGTH_NM, {"radiance": lamp}),
         ("sphere", WAVELENGTH_NM, {"radiance": sphere_spectrum(settings.sphere_brightness)}),
-    )  # fmt: skip
+    )
     for name, grid, columns in tables:
         rows = np.column_stack([grid, *(curve.at(grid) for curve in columns.values())])
         header = ",".join(["wavelength_nm", *columns])
@@ -145,15 +146,19 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
             "", format="capture/1", name=settings.name or scene.replace("-", " "), scene=settings.scene or scene
         ),
         toml_table(
-            "[camera]", model=settings.model, width_px=camera.width_px, height_px=camera.height_px,
-            pixel_pitch_um=settings.film_width_mm * 1e3 / camera.width_px, bit_depth=settings.bit_depth,
-            gain_e_per_dn=settings.gain_e_per_dn, read_noise_e=settings.read_noise_e,
-            readout_s=settings.readout_s, quantum_efficiency="spectra/camera.csv:quantum_efficiency",
+            "[camera]",
+            model=settings.model,
+            width_px=camera.width_px,
+            height_px=camera.height_px,
+            pixel_pitch_um=settings.film_width_mm * 1e3 / camera.width_px,
+            bit_depth=settings.bit_depth,
+            gain_e_per_dn=settings.gain_e_per_dn,
+            read_noise_e=settings.read_noise_e,
+            readout_s=settings.readout_s,
+            quantum_efficiency="spectra/camera.csv:quantum_efficiency",
         ),
-        toml_table(
-            "[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"
-        ),
-    ]  # fmt: skip
+        toml_table("[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"),
+    ]
     for shot in shots:
         own: dict[str, object] = {"frames": shot.paths, "exposure_s": shot.exposure_s}
         if shot.kind != "dark":

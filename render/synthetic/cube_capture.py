@@ -27,9 +27,7 @@ _OPEN = "open"
 def uniform_cube(spectrum: Spectrum, shape: tuple[int, int]) -> xr.Dataset:
     """A cube (y, x) = ``shape`` with the same spectrum in all pixels, in the memory of one pixel."""
     radiance = np.broadcast_to(spectrum.values, (*shape, spectrum.values.size))
-    return xr.Dataset(
-        {"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": spectrum.wavelength_nm}
-    )
+    return xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": spectrum.wavelength_nm})
 
 
 def write_cube_capture(
@@ -110,14 +108,18 @@ def _head(camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: 
     parts = [
         toml_table("", format="capture/1", name=f"{scene} by {camera.name}", scene=scene),
         toml_table(
-            "[camera]", model=camera.name, width_px=shape[1], height_px=shape[0],
-            pixel_pitch_um=camera.pixel_pitch_um, bit_depth=detector.bit_depth,
+            "[camera]",
+            model=camera.name,
+            width_px=shape[1],
+            height_px=shape[0],
+            pixel_pitch_um=camera.pixel_pitch_um,
+            bit_depth=detector.bit_depth,
             gain_e_per_dn=detector.gain_e_per_dn,
             read_noise_e=detector.dark(shortest_s)[1] * detector.gain_e_per_dn,
             quantum_efficiency=efficiency,
         ),
         toml_table("[lens]", focal_length_mm=NOMINAL_FOCAL_MM, transmittance=column("one")),
-    ]  # fmt: skip
+    ]
     if camera.pattern is not None:
         parts.append(toml_table("[mosaic]", pattern="".join(camera.pattern)))
     return parts

@@ -21,9 +21,18 @@ from numpy.typing import NDArray
 from ..sensor import PACKAGED, Detector, noisy_counts, quantise
 
 __all__ = [
-    "CaptureSettings", "Frame", "FrameHooks", "PixelMaps", "Shot", "band_filters", "chosen_exposure", "frames_of",
-    "photograph", "pixel_maps", "plan_shots",
-]  # fmt: skip
+    "CaptureSettings",
+    "Frame",
+    "FrameHooks",
+    "PixelMaps",
+    "Shot",
+    "band_filters",
+    "chosen_exposure",
+    "frames_of",
+    "photograph",
+    "pixel_maps",
+    "plan_shots",
+]
 
 Kind = Literal["band", "dark", "flat", "reference"]
 
@@ -101,9 +110,11 @@ class Shot:
     def paths(self) -> tuple[str, ...]:
         """Paths of the frames inside the capture's folder."""
         stem = {
-            "band": f"{self.band}", "dark": f"dark-{self.exposure_s:g}s",
-            "flat": f"flat-{self.band}", "reference": f"sphere-{self.band}",
-        }[self.kind]  # fmt: skip
+            "band": f"{self.band}",
+            "dark": f"dark-{self.exposure_s:g}s",
+            "flat": f"flat-{self.band}",
+            "reference": f"sphere-{self.band}",
+        }[self.kind]
         return tuple(f"frames/{stem}-{repeat}.tif" for repeat in range(self.repeats))
 
 
@@ -152,9 +163,7 @@ def pixel_maps(camera: Camera, settings: CaptureSettings, generator: np.random.G
     corner = ((shape[1] - 1) ** 2 + (shape[0] - 1) ** 2) / 4
     optics = (1 + square / camera.focal_length_px**2) ** -2 * (1 - settings.vignetting * square / corner)
     flat = optics * (1 + settings.prnu * generator.standard_normal(shape))
-    current = settings.dark_current_e_s * np.exp(
-        settings.dark_current_spread * generator.standard_normal(shape)
-    )
+    current = settings.dark_current_e_s * np.exp(settings.dark_current_spread * generator.standard_normal(shape))
     hot = generator.random(shape) < settings.hot_share
     current[hot] *= 10 ** generator.uniform(1, 2, int(hot.sum()))
     bias = settings.bias_dn + settings.bias_pattern_dn * generator.standard_normal(shape)
@@ -181,9 +190,11 @@ def chosen_exposure(rate_dn_s: float, settings: CaptureSettings) -> float:
 
 
 def plan_shots(
-    scene_dn_s: Mapping[str, float], field_dn_s: Mapping[str, float], settings: CaptureSettings,
+    scene_dn_s: Mapping[str, float],
+    field_dn_s: Mapping[str, float],
+    settings: CaptureSettings,
     generator: np.random.Generator,
-) -> tuple[Shot, ...]:  # fmt: skip
+) -> tuple[Shot, ...]:
     """All exposures of a capture: bands in random order, then flats, references, and darks for every exposure used.
 
     scene_dn_s : by band, DN/s of the 99.5th percentile outside the lamp. field_dn_s : by band, DN/s of the uniform
@@ -209,11 +220,14 @@ def frames_of(shot: Shot, readout_s: float) -> tuple[Frame, ...]:
     """The repeats of a shot; each starts after the exposure and readout of the previous one."""
     return tuple(
         Frame(
-            shot.kind, shot.band, shot.exposure_s, repeat,
+            shot.kind,
+            shot.band,
+            shot.exposure_s,
+            repeat,
             None if shot.start_s is None else shot.start_s + repeat * (shot.exposure_s + readout_s),
         )
         for repeat in range(shot.repeats)
-    )  # fmt: skip
+    )
 
 
 def photograph(

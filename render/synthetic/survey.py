@@ -19,9 +19,7 @@ _MARGIN_PX = 1.5
 _SMALLEST_COSINE = 0.1
 
 
-def visible_points(
-    scene: Scene, camera: Camera, count: int, generator: np.random.Generator
-) -> NDArray[np.float64]:
+def visible_points(scene: Scene, camera: Camera, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
     """(count, 3) mm, rounded to 0.01 mm: up to half of them corners, the others random points on surfaces.
 
     All are inside the image and visible to the camera. Raises InputError if there are too few such points.
@@ -40,9 +38,11 @@ def visible_points(
         if not wanted:
             return generator.permutation(np.concatenate(found))
     raise InputError(
-        f"scene {scene.name}", f"{count - wanted} points visible to the camera", f"{count}",
+        f"scene {scene.name}",
+        f"{count - wanted} points visible to the camera",
+        f"{count}",
         "Does the camera look into the box?",
-    )  # fmt: skip
+    )
 
 
 def survey(

@@ -132,9 +132,7 @@ def convex_bodies(
     for members in _connected(outlines):
         planes = _planes(np.concatenate([outlines[i] for i in members]))
         filled = [_filling(plane, area, outlines, members) for plane, area in planes]
-        outwards = all(
-            normals[i] @ plane[:3] > 0 for (plane, _), own in zip(planes, filled, strict=True) for i in own
-        )
+        outwards = all(normals[i] @ plane[:3] > 0 for (plane, _), own in zip(planes, filled, strict=True) for i in own)
         if sorted(i for own in filled for i in own) == members and outwards:
             open_sides = [plane for (plane, _), own in zip(planes, filled, strict=True) if not own]
             shut = all((corners @ plane[:3] - plane[3]).max() < _SAME_MM for plane in open_sides)
@@ -216,9 +214,8 @@ def _connected(outlines: Sequence[NDArray[np.float64]]) -> list[list[int]]:
     groups: list[list[int]] = []
     for index, outline in enumerate(outlines):
         touching = [
-            g for g in groups
-            if any(np.linalg.norm(outlines[i][:, None] - outline, axis=2).min() < _SAME_MM for i in g)
-        ]  # fmt: skip
+            g for g in groups if any(np.linalg.norm(outlines[i][:, None] - outline, axis=2).min() < _SAME_MM for i in g)
+        ]
         groups = [g for g in groups if g not in touching]
         groups.append(sorted([*(i for g in touching for i in g), index]))
     return groups
@@ -235,10 +232,7 @@ def _planes(corners: NDArray[np.float64], most: float = np.inf) -> list[tuple[ND
     for equation, simplex in zip(hull.equations, hull.simplices, strict=True):
         plane, area = np.array([*equation[:3], -equation[3]]), _area(hull.points[simplex])
         for index, (known, sum_) in enumerate(found):
-            if (
-                np.abs(hull.points[simplex] @ known[:3] - known[3]).max() < _SAME_MM
-                and known[:3] @ plane[:3] > 0
-            ):
+            if np.abs(hull.points[simplex] @ known[:3] - known[3]).max() < _SAME_MM and known[:3] @ plane[:3] > 0:
                 found[index] = known, sum_ + area
                 break
         else:

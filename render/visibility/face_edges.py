@@ -57,9 +57,7 @@ def _clipped(camera: Camera, edges: NDArray) -> NDArray[np.float64]:
     outline = [(columns, rows[0]), (columns, rows[-1]), (columns[0], rows), (columns[-1], rows)]
     seen = np.concatenate([camera.directions(*places) for places in outline]) @ camera.rotation.T
     reach = np.nanmax(np.abs(seen[:, :2] / seen[:, 2:]), axis=0)
-    inside = np.concatenate(
-        [reach * local[..., 2:] - local[..., :2], reach * local[..., 2:] + local[..., :2]], -1
-    )
+    inside = np.concatenate([reach * local[..., 2:] - local[..., :2], reach * local[..., 2:] + local[..., :2]], -1)
     start, end = np.moveaxis(inside, 1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start / (start - end)

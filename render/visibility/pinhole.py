@@ -78,8 +78,6 @@ def resampling(film: Film, camera: Camera) -> csr_array:
             columns.append(keep)
             weights.append(share[keep])
     shape = (camera.width_px * camera.height_px, film.pixels)
-    matrix = csr_array(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape
-    )
+    matrix = csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     total = matrix.sum(axis=1)
     return diags_array(np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)) @ matrix

@@ -38,9 +38,7 @@ _TOUCHING_MM = 1e-4
 _DECIMALS = 6
 
 
-def polygon_coverage(
-    faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArray[np.int64]
-) -> NDArray[np.float32]:
+def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArray[np.int64]) -> NDArray[np.float32]:
     """(c, n, f) share, 0 to 1, of some ``pixels`` (n,) of each of c cameras in which a face is the nearest.
 
     cameras : with one picture size; pixels are counted along its rows. Within a pixel distortion is taken for linear.
@@ -129,13 +127,9 @@ def _lines_of(faces: FlatFaces) -> _Lines:
             for plane in faces.planes[:, 0]
         ]
     )
-    pairs = np.array(
-        [(i, j) for i, j in combinations(range(count), 2) if through[i, j] and through[j, i]], int
-    )
+    pairs = np.array([(i, j) for i, j in combinations(range(count), 2) if through[i, j] and through[j, i]], int)
     belongs = [np.isin(np.arange(count), own) for own in (*owners.values(), *pairs)]
-    return _Lines(
-        np.array([*ends.values()]), pairs.reshape(-1, 2), np.array([*belongs, *np.eye(count)], np.float32)
-    )
+    return _Lines(np.array([*ends.values()]), pairs.reshape(-1, 2), np.array([*belongs, *np.eye(count)], np.float32))
 
 
 def _beyond(heights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -77,9 +77,7 @@ def pixel_coverage(
     return coverage
 
 
-def _near_others(
-    tracer: Tracer, flat: np.ndarray, cameras: Sequence[Camera], pixels: np.ndarray
-) -> np.ndarray:
+def _near_others(tracer: Tracer, flat: np.ndarray, cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
     """(n,) whether pixels may see other triangles than those of flat faces, whose indices are ``flat``, through any
     camera."""
     rows, columns = np.divmod(pixels, cameras[0].width_px)

@@ -207,9 +207,7 @@ def _unpacked(packed: mi.UInt64, index: mi.UInt32, active: mi.Bool | bool) -> tu
     return mi.Vector3f(x, y, z), mi.UInt32(second >> 32)
 
 
-def visible(
-    tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool, enclosed: bool = False
-) -> mi.Bool:
+def visible(tracer: Tracer, origin: mi.Point3f, target: mi.Point3f, active: mi.Bool, enclosed: bool = False) -> mi.Bool:
     """Whether the segment between two points is unoccluded (both ends excluded).
 
     enclosed : both points lie within the scene's convex hull, as all points of its surfaces do. It saves time.

@@ -54,12 +54,17 @@ def box_with_lamp(rho, lamp_half=200.0, front=True, **lamp):
 
 def lamp_and(surfaces, lamp_corners, **lamp):
     """A lamp and receivers in empty space."""
-    return Scene(
-        "test", tuple(surfaces), {"grey": grey(0.5)}, Lamp(quad("light", lamp_corners), FLAT, **lamp)
-    )
+    return Scene("test", tuple(surfaces), {"grey": grey(0.5)}, Lamp(quad("light", lamp_corners), FLAT, **lamp))
 
 
 def camera_inside(size, z=50.0, focal=0.5):
     """In the middle of the cube's front, looking at its back."""
-    return Camera(size, size, focal * size, np.full(2, (size - 1) / 2), 0.0, REFERENCE_ROTATION.copy(),
-                  np.array([EDGE / 2, EDGE / 2, z]))  # fmt: skip
+    return Camera(
+        size,
+        size,
+        focal * size,
+        np.full(2, (size - 1) / 2),
+        0.0,
+        REFERENCE_ROTATION.copy(),
+        np.array([EDGE / 2, EDGE / 2, z]),
+    )

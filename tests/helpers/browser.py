@@ -164,10 +164,18 @@ def open_browser() -> Iterator[Page]:
     there_in, here_out = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [
-            program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
-            f"--user-data-dir={profile}", "--remote-debugging-pipe",
-        ]  # fmt: skip
+            program,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--hide-scrollbars",
+            f"--user-data-dir={profile}",
+            "--remote-debugging-pipe",
+        ]
         # the browser reads the protocol from descriptor 3 and writes it to 4
         joined = ["bash", "-c", f'exec "$@" 3<&{there_in} 4>&{there_out}', "bash", *command]
         process = subprocess.Popen(

@@ -16,14 +16,10 @@ PACKAGE = Path(__file__).parents[1] / "validate" / "effects" / "own_package"
 def own_effects(site):
     """Puts the package and the record of its entry points into the folder ``site`` and that on the path."""
     project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
-    shutil.copytree(
-        PACKAGE / "own_effects", site / "own_effects", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(PACKAGE / "own_effects", site / "own_effects", ignore=shutil.ignore_patterns("__pycache__"))
     record = site / f"own_effects-{project['version']}.dist-info"
     record.mkdir()
-    (record / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
-    )
+    (record / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
     lines = [f"{name} = {value}" for name, value in project["entry-points"]["cboxlab.effects"].items()]
     (record / "entry_points.txt").write_text("\n".join(["[cboxlab.effects]", *lines, ""]))
     sys.path.insert(0, str(site))

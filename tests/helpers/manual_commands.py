@@ -26,9 +26,7 @@ def described(page: str, section: str) -> set[str]:
     """The words in code marks in the first column of a section's table, to the next heading of any level."""
     text = Path(ROOT / page).read_text(encoding="utf-8")
     _, body = re.split(rf"^#+ {re.escape(section)}$", text, maxsplit=1, flags=re.MULTILINE)
-    rows = re.findall(
-        r"^\|([^|]*)\|", re.split(r"^#+ ", body, maxsplit=1, flags=re.MULTILINE)[0], re.MULTILINE
-    )
+    rows = re.findall(r"^\|([^|]*)\|", re.split(r"^#+ ", body, maxsplit=1, flags=re.MULTILINE)[0], re.MULTILINE)
     return {word for row in rows for word in re.findall(r"`(\w+)`", row)}
 
 

@@ -44,11 +44,16 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     rows, columns = np.indices(SHAPE[1:]) // 5
     patch = np.broadcast_to(rows * 8 + columns, SHAPE).ravel()
     model = LinearModel(
-        used=everywhere, interior=np.ones(COUNT, bool), patch=patch, sigma=np.ones(COUNT),
-        priors=np.zeros((11, 11)), by_lamp=np.ones(COUNT), basis=np.zeros((COUNT + 11, 11)),
+        used=everywhere,
+        interior=np.ones(COUNT, bool),
+        patch=patch,
+        sigma=np.ones(COUNT),
+        priors=np.zeros((11, 11)),
+        by_lamp=np.ones(COUNT),
+        basis=np.zeros((COUNT + 11, 11)),
         shared_errors=np.zeros((COUNT + 11, 1)),
         residual=np.append(residual.ravel(), np.zeros(11)),
-    )  # fmt: skip
+    )
     fit = SimpleNamespace(lamp_scale=scale)
     rendered = SimpleNamespace(fit=fit, variance=np.zeros(SHAPE))
     linearised = LinearisedFit(rendered, predictor, model, (), predictor.signal(()), np.zeros((10, *SHAPE)))
@@ -61,9 +66,7 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
 
 def taken(linearised, known, *names):
     """Candidates of these names, fitted together."""
-    start = [
-        Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names
-    ]
+    start = [Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names]
     return refitted_together(linearised, start)
 
 

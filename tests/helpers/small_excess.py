@@ -31,29 +31,52 @@ def small_excess(change, repeats=None, seed=3):
     residual = residual - lamp * np.sum(lamp * residual)
     down, right = np.gradient(SIGNAL, axis=(1, 2))
     surface = np.where(FLOOR, 0, 1)
-    position = (
-        np.stack([COLUMNS, np.where(FLOOR, 0, 30 - ROWS), np.where(FLOOR, ROWS - 30, 0)], axis=-1) * 10.0
-    )
+    position = np.stack([COLUMNS, np.where(FLOOR, 0, 30 - ROWS), np.where(FLOOR, ROWS - 30, 0)], axis=-1) * 10.0
     patches = np.array([[100.0, 0, 50], [300, 0, 50], [100, 150, 0], [300, 150, 0]])
     ones = np.ones((SIZE * SIZE, BANDS))
     transport = Transport(
-        pixel=np.arange(SIZE * SIZE), coverage=np.ones(SIZE * SIZE), surface=surface.ravel(),
-        material=surface.ravel(), position=position.reshape(-1, 3),
-        gather=csr_array(np.full((SIZE * SIZE, 4), 0.05, np.float32)), patch_surface=np.array([0, 0, 1, 1]),
-        patch_material=np.array([0, 0, 1, 1]), patch_position=patches,
-        form_factors=np.full((4, 4), 0.05, np.float32), reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
-        arriving=ones, direct=0.8 * ones, view=VIEW.ravel(), incidence=INCIDENCE.ravel(),
-        patch_arriving=np.ones((4, BANDS)), patch_direct=np.full((4, BANDS), 0.8),
-        patch_incidence=np.array([0.7, 0.9, 0.4, 0.6]), picture=SIGNAL / 1000, roughness=(0.1,),
+        pixel=np.arange(SIZE * SIZE),
+        coverage=np.ones(SIZE * SIZE),
+        surface=surface.ravel(),
+        material=surface.ravel(),
+        position=position.reshape(-1, 3),
+        gather=csr_array(np.full((SIZE * SIZE, 4), 0.05, np.float32)),
+        patch_surface=np.array([0, 0, 1, 1]),
+        patch_material=np.array([0, 0, 1, 1]),
+        patch_position=patches,
+        form_factors=np.full((4, 4), 0.05, np.float32),
+        reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
+        arriving=ones,
+        direct=0.8 * ones,
+        view=VIEW.ravel(),
+        incidence=INCIDENCE.ravel(),
+        patch_arriving=np.ones((4, BANDS)),
+        patch_direct=np.full((4, BANDS), 0.8),
+        patch_incidence=np.array([0.7, 0.9, 0.4, 0.6]),
+        picture=SIGNAL / 1000,
+        roughness=(0.1,),
         coats=COAT[None].astype(np.float32),
-    )  # fmt: skip
+    )
     return Excess(
-        residual=residual.astype(np.float32), weighed=residual,
-        used=np.ones(SIGNAL.shape, bool), sigma=SIGMA, signal=SIGNAL, noise=np.zeros(SIGNAL.shape),
-        nuisances=lamp[..., None], unknown=1, moved=-np.array([right, down], np.float32),
-        flat=np.ones(SIGNAL.shape), surface=surface, names=("floor", "wall"), materials=("grey", "pale"),
-        bands=("b0", "b1", "b2", "b3"), nm=np.array([450.0, 520, 590, 660]), minutes=np.array([2.0, 0, 1, 3]),
-        exposure_s=EXPOSURE_S, flat_exposure_s=np.full(BANDS, 4.0),
-        repeats=np.zeros((BANDS, 2)) if repeats is None else repeats, repeat_sigma=np.full(BANDS, 1e-4),
+        residual=residual.astype(np.float32),
+        weighed=residual,
+        used=np.ones(SIGNAL.shape, bool),
+        sigma=SIGMA,
+        signal=SIGNAL,
+        noise=np.zeros(SIGNAL.shape),
+        nuisances=lamp[..., None],
+        unknown=1,
+        moved=-np.array([right, down], np.float32),
+        flat=np.ones(SIGNAL.shape),
+        surface=surface,
+        names=("floor", "wall"),
+        materials=("grey", "pale"),
+        bands=("b0", "b1", "b2", "b3"),
+        nm=np.array([450.0, 520, 590, 660]),
+        minutes=np.array([2.0, 0, 1, 3]),
+        exposure_s=EXPOSURE_S,
+        flat_exposure_s=np.full(BANDS, 4.0),
+        repeats=np.zeros((BANDS, 2)) if repeats is None else repeats,
+        repeat_sigma=np.full(BANDS, 1e-4),
         transport=transport,
-    )  # fmt: skip
+    )

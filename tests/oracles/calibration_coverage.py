@@ -156,9 +156,10 @@ def _signals(found: Calibration, truth: Truth) -> Shares:
     )
     shares["light of a band, mean of the field"] = interval(
         (measured - expected).mean(axis=1),
-        np.sqrt(mean_variance + expected.mean(axis=1) ** 2 * (band[:, 0] ** 2 + shared.common**2)), freedom,
+        np.sqrt(mean_variance + expected.mean(axis=1) ** 2 * (band[:, 0] ** 2 + shared.common**2)),
+        freedom,
         expected.mean(axis=1) * band[:, 0],
-    )  # fmt: skip
+    )
     return shares | _colours(found, truth, used, matrix, expected * scale.constant / true_c)
 
 
@@ -220,8 +221,13 @@ def _colours(
 def _camera(found: Calibration, truth: Truth) -> Shares:
     camera = found.camera
     error, sigma = camera.parameters - truth.camera.parameters, np.sqrt(np.diag(camera.covariance))
-    groups = {"position": slice(0, 3), "orientation": slice(3, 6), "focal length": slice(6, 7),
-              "principal point": slice(7, 9), "distortion": slice(9, 10)}  # fmt: skip
+    groups = {
+        "position": slice(0, 3),
+        "orientation": slice(3, 6),
+        "focal length": slice(6, 7),
+        "principal point": slice(7, 9),
+        "distortion": slice(9, 10),
+    }
     shares = {f"camera: {name}": interval(error[part], sigma[part]) for name, part in groups.items()}
     shares["camera, all ten as one"] = region(error[None], camera.covariance[None])
     corners = np.unique(np.concatenate([s.vertices_mm for s in cornell_box().surfaces]).round(2), axis=0)
@@ -229,23 +235,17 @@ def _camera(found: Calibration, truth: Truth) -> Shares:
     by = parameter_jacobian(camera, corners)
     spread = np.einsum("ni,ij,nj->n", by, camera.covariance, by)
     seen = np.isfinite(off).ravel()
-    return shares | {
-        "image positions of the box's corners": interval(off.ravel()[seen], np.sqrt(spread[seen]))
-    }
+    return shares | {"image positions of the box's corners": interval(off.ravel()[seen], np.sqrt(spread[seen]))}
 
 
 def _chart(found: Calibration, truth: Truth) -> Shares:
     table = found.patches
-    spectra = np.array(
-        [np.interp(table.grid.nm, WAVELENGTH_NM, reflectance) for reflectance in truth.reflectance]
-    )
+    spectra = np.array([np.interp(table.grid.nm, WAVELENGTH_NM, reflectance) for reflectance in truth.reflectance])
     known = spectra @ table.filters.T
     dyed = slice(1, len(known))
     # What the patches tell of the light has so many degrees of freedom.
     degrees = min(shading.degrees for shading in table.shading.values())
-    shares = {
-        "reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)
-    }
+    shares = {"reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)}
     ratios, sigmas = [], []
     centre = (SIZE - 1) / 2
     for shading in table.shading.values():
@@ -259,9 +259,7 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
     xyz, sigma = patch_xyz(table)
     exact = replace(table, reflectance=known)
     return shares | {
-        "XYZ of a patch, for its band reflectances": interval(
-            (xyz - patch_xyz(exact)[0])[dyed], sigma[dyed], degrees
-        )
+        "XYZ of a patch, for its band reflectances": interval((xyz - patch_xyz(exact)[0])[dyed], sigma[dyed], degrees)
     }
 
 

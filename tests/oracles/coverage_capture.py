@@ -84,9 +84,7 @@ def _illumination(rng: np.random.Generator) -> NDArray[np.float64]:
 
 def _patches(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """(9, wavelength) reflectances, the first white and the last black, and the (y, x) label image."""
-    chosen = rng.choice(
-        [c for c in measured_reflectances().values() if c.mean() > 2 * _BLACK], 7, replace=False
-    )
+    chosen = rng.choice([c for c in measured_reflectances().values() if c.mean() > 2 * _BLACK], 7, replace=False)
     ends = [np.full((1, WAVELENGTH_NM.size), value) for value in (_WHITE, _BLACK)]
     v, u = np.indices((SIZE, SIZE)) // (SIZE // 3)
     return np.vstack([ends[0], chosen, ends[1]]), (3 * v + u + 1).astype(np.uint8)
@@ -112,9 +110,14 @@ def make_capture(folder: Path, seed: int) -> Truth:
     rng = np.random.default_rng([seed, 5])
     part = SIZE / _FULL
     settings = CaptureSettings(
-        film_width_mm=25.0 * part, focal_length_mm=35.0 * part, image_distance_mm=36.6 * part,
-        reference_repeats=2, point_count=30, point_sigma_px=0.15 * part, hot_share=2e-3,
-    )  # fmt: skip
+        film_width_mm=25.0 * part,
+        focal_length_mm=35.0 * part,
+        image_distance_mm=36.6 * part,
+        reference_repeats=2,
+        point_count=30,
+        point_sigma_px=0.15 * part,
+        hot_share=2e-3,
+    )
     camera, responses = perturbed_camera(SIZE, seed), unit_factors(settings, SIZE).responses()
     first = np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[0])
     maps = pixel_maps(camera, settings, first)
@@ -137,13 +140,17 @@ def make_capture(folder: Path, seed: int) -> Truth:
 
     hooks = FrameHooks(exposure_s=exposure)
     write_photographs(
-        folder, rate * filters[:, None, None], field * filters[:, None, None] * reference,
-        np.zeros((SIZE, SIZE), bool), camera=camera,
-        scene=cornell_box().with_lamp(lamp), settings=settings, seed=seed, hooks=hooks,
-    )  # fmt: skip
-    truth = Truth(
-        camera, settings, maps, radiance, rate, field, filters, reference, opened, reflectance, light
+        folder,
+        rate * filters[:, None, None],
+        field * filters[:, None, None] * reference,
+        np.zeros((SIZE, SIZE), bool),
+        camera=camera,
+        scene=cornell_box().with_lamp(lamp),
+        settings=settings,
+        seed=seed,
+        hooks=hooks,
     )
+    truth = Truth(camera, settings, maps, radiance, rate, field, filters, reference, opened, reflectance, light)
     _add_series(folder, truth, [r.band for r in responses].index(SERIES_BAND), hooks, rng)
     _add_labels(folder, truth, labels)
     return truth
@@ -157,8 +164,9 @@ def _add_series(folder: Path, truth: Truth, band: int, hooks: FrameHooks, rng: n
     settings, scale = truth.settings, truth.filters[band]
     shots: list[tuple[Shot, float, float]] = []
     for kind, signal in (
-        ("bracket", truth.rate[band] * scale), ("reference", truth.field[band] * scale * truth.reference)
-    ):  # fmt: skip
+        ("bracket", truth.rate[band] * scale),
+        ("reference", truth.field[band] * scale * truth.reference),
+    ):
         longest = 0.65 * settings.full_scale_dn / float((signal * truth.maps.flat).max())
         usable = [t for t in times if 0.03 * longest < t < longest]
         plan = [(t, settings.f_number) for t in usable]
@@ -176,9 +184,7 @@ def _add_series(folder: Path, truth: Truth, band: int, hooks: FrameHooks, rng: n
 
 def _add_labels(folder: Path, truth: Truth, labels: NDArray[np.uint8]) -> None:
     Image.fromarray(labels).save(folder / "labels.png")
-    rows = "".join(
-        f"{i},{'white' if i == 1 else f'p{i}'},{'white' if i == 1 else ''}\n" for i in range(1, 10)
-    )
+    rows = "".join(f"{i},{'white' if i == 1 else f'p{i}'},{'white' if i == 1 else ''}\n" for i in range(1, 10))
     (folder / "names.csv").write_text("label,name,column\n" + rows)
     (folder / "known.csv").write_text(f"wavelength_nm,white\n380,{_WHITE}\n730,{_WHITE}\n")
     entries = {"image": "labels.png", "names": "names.csv", "reflectance": "known.csv"}

@@ -68,18 +68,23 @@ def reference(
         if surround:
             parts["surround"] = {"type": "constant", "radiance": {"type": "rgb", "value": surround}}
         if air is not None:
-            medium = mi.load_dict({
-                "type": "homogeneous", "albedo": air["albedo"], "sigma_t": air["sigma_t"],
-                "phase": {"type": "isotropic"},
-            })  # fmt: skip
+            medium = mi.load_dict(
+                {
+                    "type": "homogeneous",
+                    "albedo": air["albedo"],
+                    "sigma_t": air["sigma_t"],
+                    "phase": {"type": "isotropic"},
+                }
+            )
             parts["air"] = {
-                "type": "cube", "to_world": air["to_world"], "bsdf": {"type": "null"}, "interior": medium,
-            }  # fmt: skip
+                "type": "cube",
+                "to_world": air["to_world"],
+                "bsdf": {"type": "null"},
+                "interior": medium,
+            }
             sensor["medium"] = medium
         depth = -1 if max_bounces is None else max_bounces + 1
-        integrator = mi.load_dict(
-            {"type": "path" if air is None else "volpath", "max_depth": depth, "rr_depth": 8}
-        )
+        integrator = mi.load_dict({"type": "path" if air is None else "volpath", "max_depth": depth, "rr_depth": 8})
         loaded = mi.load_dict({"type": "scene", **parts}, optimize=False)
         eye = mi.load_dict(sensor)
         for batch in range(batches):

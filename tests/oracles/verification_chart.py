@@ -65,20 +65,18 @@ class IndependentCamera:
         curves = np.array([np.interp(NM, table[:, 0], column) / NM for column in table[:, 1:].T])
         whole = np.arange(380.0, 781.0)
         peak = max((np.interp(whole, table[:, 0], column) / whole).max() for column in table[:, 1:].T)
-        solid = (
-            np.pi
-            / 4
-            * (data["optics"]["pixel_pitch_um"] * 1e-6) ** 2
-            / data["optics"]["working_f_number"] ** 2
-        )
+        solid = np.pi / 4 * (data["optics"]["pixel_pitch_um"] * 1e-6) ** 2 / data["optics"]["working_f_number"] ** 2
         quanta = NM * 1e-9 / (6.626e-34 * 2.998e8)
         scale = data["sensitivity"]["peak_quantum_efficiency"] / peak * solid
         dark = data["dark"]
         return IndependentCamera(
-            scale * quanta * curves, data["detector"]["gain_e_per_dn"], np.array(dark["exposure_s"]),
-            np.array(dark["mean_dn"]), np.array(dark["sigma_dn"]),
+            scale * quanta * curves,
+            data["detector"]["gain_e_per_dn"],
+            np.array(dark["exposure_s"]),
+            np.array(dark["mean_dn"]),
+            np.array(dark["sigma_dn"]),
             data.get("nonlinearity", {}).get("square_root_from_dn"),
-        )  # fmt: skip
+        )
 
     def record(
         self, light: NDArray, exposure_s: float, draws: int, generator: np.random.Generator
@@ -105,9 +103,7 @@ def chart_light(camera: IndependentCamera) -> NDArray[np.float64]:
     return light * (top - camera.dark_dn[-1]) * camera.gain * 30 / (light[18] @ camera.electrons.T).max()
 
 
-def metered(
-    light: NDArray, generator: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def metered(light: NDArray, generator: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What the spectroradiometer says of light (..., NM): its wavelengths and readings."""
     grid = np.arange(NM[0], NM[-1] + 1, METER_STEP)
     seen = light @ np.array([bell(centre, METER_FWHM) for centre in grid]).T
@@ -152,9 +148,12 @@ def errors(predicted: NDArray, measured: NDArray) -> dict[str, float]:
     error = np.abs(predicted - measured)
     percent = 100 * error / measured
     return {
-        "mean": float(error.mean()), "mean_percent": float(percent.mean()), "rms": float(np.sqrt(np.mean(error**2))),
-        "maximum": float(error.max()), "maximum_percent": float(percent.max()),
-    }  # fmt: skip
+        "mean": float(error.mean()),
+        "mean_percent": float(percent.mean()),
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "maximum": float(error.max()),
+        "maximum_percent": float(percent.max()),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,10 +192,7 @@ def calibrate(
     for index, letter in enumerate("RGB"):
         counts, used, spectra = [], [], []
         for light in lights:
-            tried = [
-                (seconds, float(camera.record(light, seconds, PIXELS_READ, generator)[index]))
-                for seconds in DIAL
-            ]
+            tried = [(seconds, float(camera.record(light, seconds, PIXELS_READ, generator)[index])) for seconds in DIAL]
             usable = [(seconds, value) for seconds, value in tried if 20 <= value <= 240]
             if camera.square_root_from is not None:  # its dark level is 25
                 usable = [(seconds, value) for seconds, value in usable if value >= 45]

@@ -71,10 +71,13 @@ def statistics(cells: Cells) -> dict[str, float]:
     bright = cells.measured >= FAINTEST_DN
     percent = 100 * error[bright] / cells.measured[bright]
     return {
-        "count": float(error.size), "mean": float(error.mean()), "mean_percent": float(percent.mean()),
-        "rms": float(np.sqrt(np.mean(error**2))), "maximum": float(error.max()),
+        "count": float(error.size),
+        "mean": float(error.mean()),
+        "mean_percent": float(percent.mean()),
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "maximum": float(error.max()),
         "maximum_percent": float(percent.max()),
-    }  # fmt: skip
+    }
 
 
 def window(filter_curve: Spectrum, shift_nm: float) -> Spectrum:
@@ -109,11 +112,7 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
     filters = read_spectra(folder / "spectra" / "filters.csv", "zero")
     ratios = read_spectra(folder / "spectra" / "channel-ratios.csv")
     labels, reflectance = capture.labels(), capture.label_reflectances()
-    known = {
-        label.label: reflectance[label.column]
-        for label in capture.label_names()
-        if label.column in reflectance
-    }
+    known = {label.label: reflectance[label.column] for label in capture.label_names() if label.column in reflectance}
     regions = {label: binary_erosion(labels == label, iterations=4) for label in known}
     frames, strongest = frames_of(capture), band_channels(capture)
     assert strongest is not None
@@ -143,9 +142,7 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
         for name, seconds, frame in frames:
             if name != band:
                 continue
-            expected = expected_counts(
-                cube, camera, scale * (seconds + assumed.late_s) / (base_s + assumed.late_s)
-            )
+            expected = expected_counts(cube, camera, scale * (seconds + assumed.late_s) / (base_s + assumed.late_s))
             for pixel, place in PIXELS.items():
                 measured, found = patch_means(frame, regions, place), patch_means(expected, regions, place)
                 brightest = patch_means(frame, regions, place, np.max)
@@ -196,9 +193,7 @@ def chart(fall_off: NDArray, labels: NDArray, known: dict[int, Spectrum], curve:
     for label, reflectance in known.items():
         spectra[label] = reflectance.at(curve.wavelength_nm)
     radiance = fall_off[..., None] * spectra[labels]
-    return xr.Dataset(
-        {"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": curve.wavelength_nm}
-    )
+    return xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": curve.wavelength_nm})
 
 
 def patch_means(

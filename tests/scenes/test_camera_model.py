@@ -52,9 +52,7 @@ def test_a_point_on_the_ray_through_a_pixel_appears_at_that_pixel(turn_deg, k1, 
     camera = camera_with(turn_deg, k1)
     direction = camera.directions(u, v)
     assert np.linalg.norm(direction) == pytest.approx(1.0)
-    assert camera.project([camera.position_mm + distance_mm * direction])[0] == pytest.approx(
-        [u, v], abs=1e-7
-    )
+    assert camera.project([camera.position_mm + distance_mm * direction])[0] == pytest.approx([u, v], abs=1e-7)
 
 
 @given(turned, distortions)

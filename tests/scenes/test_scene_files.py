@@ -62,9 +62,7 @@ def test_a_lamp_that_reflects(tmp_path):
 
 
 def test_two_lamps_in_one_ceiling_of_two_quads(tmp_path):
-    twice = GOOD.replace(
-        "quads_mm = [[[-1", "quads_mm = [[[19, 10, 1], [19, 10, -1], [21, 10, -1], [21, 10, 1]], [[-1"
-    )
+    twice = GOOD.replace("quads_mm = [[[-1", "quads_mm = [[[19, 10, 1], [19, 10, -1], [21, 10, -1], [21, 10, 1]], [[-1")
     assert "contains the lamp" in fault(tmp_path, twice)
     twice = twice.replace("[[[-5", "[[[15, 10, 5], [15, 10, -5], [25, 10, -5], [25, 10, 5]], [[-5")
     assert load(tmp_path, twice).surface("ceiling").areas_mm2.sum() == pytest.approx(200 - 8)
@@ -179,9 +177,7 @@ def test_all_faults_are_told_at_once(tmp_path):
         .replace('material = "white"', 'material = "wite"')
     )
     message = fault(tmp_path, text)
-    assert all(
-        words in message for words in ("3 more", "7.5", "radiance -1", "surface[0]", "surface[1]", "'wite'")
-    )
+    assert all(words in message for words in ("3 more", "7.5", "radiance -1", "surface[0]", "surface[1]", "'wite'"))
     message = fault(tmp_path, GOOD.replace("yaw_deg", "yaw").replace("hole", "whole"))
     assert "did you mean 'yaw_deg'" in message and "did you mean 'hole'" in message
 
@@ -216,12 +212,8 @@ rooms = st.fixed_dictionaries(
         "yaw": st.floats(-360, 360),
         "steps": st.lists(st.integers(5, 10), min_size=1, max_size=20),
         "reflectance": st.lists(st.floats(0, 1), min_size=21, max_size=21),
-        "source": st.text(
-            st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]) | st.sampled_from("\t\n\r")
-        ),
-        "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,20}", fullmatch=True).filter(
-            lambda n: n != "light"
-        ),
+        "source": st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]) | st.sampled_from("\t\n\r")),
+        "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,20}", fullmatch=True).filter(lambda n: n != "light"),
     }
 )
 
@@ -270,9 +262,7 @@ toml_values = st.recursive(
 
 
 @given(
-    content=st.one_of(
-        st.binary(max_size=100), st.text(max_size=100).map(lambda text: text.encode("utf-8", "replace"))
-    )
+    content=st.one_of(st.binary(max_size=100), st.text(max_size=100).map(lambda text: text.encode("utf-8", "replace")))
 )
 def test_garbage_is_an_input_error(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("scene") / "room.toml"
@@ -325,9 +315,7 @@ def inline(value):
 def test_the_packaged_file_obeys_the_format_and_its_files_are_packaged():
     content = tomllib.loads((PACKAGED / "cornell-box.toml").read_text())
     SceneFile.model_validate(content)
-    references = [entry["reflectance"] for entry in content["material"].values()] + [
-        content["lamp"]["radiance"]
-    ]
+    references = [entry["reflectance"] for entry in content["material"].values()] + [content["lamp"]["radiance"]]
     assert all((PACKAGED / reference.split(":")[0]).is_file() for reference in references)
 
 

@@ -41,9 +41,14 @@ def published_quads(shared):
 def test_names_of_surfaces_and_paints(box):
     paints = {surface.name: surface.material for surface in box.surfaces}
     assert paints == {
-        "floor": "white", "ceiling": "white", "back": "white", "left": "red", "right": "green",
-        "short-block": "white", "tall-block": "white",
-    }  # fmt: skip
+        "floor": "white",
+        "ceiling": "white",
+        "back": "white",
+        "left": "red",
+        "right": "green",
+        "short-block": "white",
+        "tall-block": "white",
+    }
     assert set(box.materials) == {"white", "red", "green"}
     assert box.lamp.surface.name == "light"
     with pytest.raises(KeyError, match="no surface 'roof'"):
@@ -129,9 +134,7 @@ def test_ceiling_is_open_where_the_lamp_is_and_closed_elsewhere(box):
     x, z = points[:, 0], points[:, 2]
     in_lamp = (x > 213) & (x < 343) & (z > 227) & (z < 332)
     corner, edge_1, edge_2 = (corners(box.surface("ceiling"))[:, k, ::2] for k in range(3))
-    hits = sum(
-        inside_triangle(points[:, ::2], *triangle) for triangle in zip(corner, edge_1, edge_2, strict=True)
-    )
+    hits = sum(inside_triangle(points[:, ::2], *triangle) for triangle in zip(corner, edge_1, edge_2, strict=True))
     assert in_lamp.sum() > 100
     assert np.array_equal(hits, np.where(in_lamp, 0, 1))
 
@@ -156,9 +159,7 @@ spread_angles = st.lists(st.floats(0, 2 * np.pi), min_size=3, max_size=6).filter
 )
 
 
-@given(
-    spread_angles, spread_angles, st.floats(0.3, 1.0), st.floats(0, 360), st.booleans(), st.integers(0, 2**31)
-)
+@given(spread_angles, spread_angles, st.floats(0.3, 1.0), st.floats(0, 360), st.booleans(), st.integers(0, 2**31))
 def test_a_ring_tiles_what_is_around_its_hole(outer_angles, hole_angles, squeeze, turn, reverse, seed):
     """Triangles face one way, have the area of the ring, and no random point lies in two of them."""
     outer = convex_polygon(outer_angles, 10.0, squeeze)
@@ -235,8 +236,10 @@ def test_a_plate_with_several_holes_is_tiled(holes):
 
 def test_holes_that_no_line_parts_are_refused():
     """Four around a middle, each beside the next one's end; two that overlap."""
-    windmill = [rectangle(x, y, w, h) for x, y, w, h in
-                ((1.4, 0.8, 2.2, 0.6), (3.2, 1.4, 0.6, 2.2), (2.6, 3.2, 2.2, 0.6), (0.8, 2.6, 0.6, 2.2))]  # fmt: skip
+    windmill = [
+        rectangle(x, y, w, h)
+        for x, y, w, h in ((1.4, 0.8, 2.2, 0.6), (3.2, 1.4, 0.6, 2.2), (2.6, 3.2, 2.2, 0.6), (0.8, 2.6, 0.6, 2.2))
+    ]
     for holes in (windmill, [rectangle(2, 2, 1, 1), rectangle(2.5, 2, 1, 1)]):
         with pytest.raises(ValueError, match="no straight line"):
             plate_mesh(SQUARE, holes)

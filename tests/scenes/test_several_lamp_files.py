@@ -84,7 +84,5 @@ def test_faults_of_several_lamps_name_the_lamp(tmp_path):
     )
     alone = fault(tmp_path, TWO.replace('["light", "cold"]', '"light"'))
     assert "the lamp in this surface's plane" in alone and 'hole = ["light", "cold"]' in alone
-    assert "room.toml: lamp.quads_mm" in fault(
-        tmp_path, GOOD.replace("quads_mm = [[[-1, 10, 1], ", "quads_mm = [[", 1)
-    )
+    assert "room.toml: lamp.quads_mm" in fault(tmp_path, GOOD.replace("quads_mm = [[[-1, 10, 1], ", "quads_mm = [[", 1))
     assert "room.toml: lamp: " in fault(tmp_path, HEADER + "lamp = 3\n" + WHITE + BLOCK)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 finite = st.floats(-1e12, 1e12, allow_nan=False)
-tables = st.lists(
-    st.tuples(st.floats(1.0, 1e5), finite), min_size=1, max_size=20, unique_by=lambda row: row[0]
-).map(sorted)
+tables = st.lists(st.tuples(st.floats(1.0, 1e5), finite), min_size=1, max_size=20, unique_by=lambda row: row[0]).map(
+    sorted
+)
 
 
 def write(folder, text, name="table.csv"):
@@ -36,9 +36,9 @@ def test_linear_between_samples(rows, share):
 
 def test_outside_its_table_a_reflectance_is_held_and_a_radiance_is_zero():
     wavelength, values = np.array([400.0, 500.0, 700.0]), np.array([0.2, 0.4, 0.8])
-    assert Spectrum(wavelength, values, "hold").at(
-        [1.0, 399.9, 400.0, 700.0, 701.0, 2000.0]
-    ) == pytest.approx([0.2, 0.2, 0.2, 0.8, 0.8, 0.8])
+    assert Spectrum(wavelength, values, "hold").at([1.0, 399.9, 400.0, 700.0, 701.0, 2000.0]) == pytest.approx(
+        [0.2, 0.2, 0.2, 0.8, 0.8, 0.8]
+    )
     light = Spectrum(wavelength, values, "zero").at([1.0, 399.9, 400.0, 450.0, 700.0, 701.0])
     assert light == pytest.approx([0, 0, 0.2, 0.3, 0.8, 0])
 
@@ -52,9 +52,16 @@ def test_shape_of_the_wavelengths_is_kept():
 
 @pytest.mark.parametrize(
     ("wavelength", "values"),
-    [([500, 400], [1, 1]), ([400, 400], [1, 1]), ([400, np.nan], [1, 1]), ([400, 500], [1, np.inf]), ([], []),
-     ([400, 500], [1]), ([[400, 500]], [[1, 1]])],
-)  # fmt: skip
+    [
+        ([500, 400], [1, 1]),
+        ([400, 400], [1, 1]),
+        ([400, np.nan], [1, 1]),
+        ([400, 500], [1, np.inf]),
+        ([], []),
+        ([400, 500], [1]),
+        ([[400, 500]], [[1, 1]]),
+    ],
+)
 def test_a_spectrum_that_is_none_is_refused(wavelength, values):
     with pytest.raises(InputError):
         Spectrum(np.array(wavelength, float), np.array(values, float))
@@ -87,9 +94,7 @@ def test_a_table_survives_its_file(tmp_path_factory, rows):
     st.one_of(
         st.binary(max_size=200),
         st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
-        st.text("0123456789.,-e\n\"'nai \r\0", max_size=80).map(
-            lambda text: b"wavelength_nm,a\n" + text.encode()
-        ),
+        st.text("0123456789.,-e\n\"'nai \r\0", max_size=80).map(lambda text: b"wavelength_nm,a\n" + text.encode()),
     )
 )
 def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
@@ -99,9 +104,7 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
     except InputError as error:
         assert str(path) in str(error)
     else:
-        assert all(
-            np.all(np.diff(s.wavelength_nm) > 0) and np.all(np.isfinite(s.values)) for s in spectra.values()
-        )
+        assert all(np.all(np.diff(s.wavelength_nm) > 0) and np.all(np.isfinite(s.values)) for s in spectra.values())
 
 
 @pytest.mark.parametrize(
@@ -128,9 +131,7 @@ def test_a_fault_is_told_with_its_place(tmp_path, text, told):
     assert told in str(error.value) and "table.csv" in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "reference", ["../out.csv:a", "/etc/hostname:a", "table.csv", "table.csv:b", "no.csv:a", ":a"]
-)
+@pytest.mark.parametrize("reference", ["../out.csv:a", "/etc/hostname:a", "table.csv", "table.csv:b", "no.csv:a", ":a"])
 def test_a_reference_to_nothing_inside_the_folder_is_refused(tmp_path, reference):
     folder = tmp_path / "capture"
     folder.mkdir()

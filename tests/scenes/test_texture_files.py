@@ -55,9 +55,7 @@ def test_channels_of_a_picture_and_of_an_array_have_a_spectrum_each(folder):
 
 def test_a_mesh_brings_coordinates_of_its_own_with_v_upwards(folder):
     corners = "v -5 0 5\nv 5 0 5\nv 5 10 5\nv -5 10 5\n"
-    (folder / "wall.obj").write_text(
-        corners + "vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
-    )
+    (folder / "wall.obj").write_text(corners + "vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     wall = load(folder, GOOD + PAINT + MESH).surface("wall")
     for place, uv in zip(wall.vertices_mm, wall.texture_uv, strict=True):
         assert uv == pytest.approx([(place[0] + 5) / 20, 1 - place[1] / 10])
@@ -71,9 +69,7 @@ def test_what_cannot_be_a_texture_is_told(folder):
 
     assert len(load(folder, POSTER.replace(", 0.1]", "]")).materials["poster"].texture.spectra) == 1
     assert "found 3 spectra for 1 channel; expected 1, or 2" in told(", 0.1]", ", 0.1, 0.2]")
-    assert "material.poster.texture: found reflectance 1.8 at 700 nm in row 0, column 1" in told(
-        "0.8]", "1.8]"
-    )
+    assert "material.poster.texture: found reflectance 1.8 at 700 nm in row 0, column 1" in told("0.8]", "1.8]")
     assert "material.poster.texture: found reflectance -0.1" in told(", 0.1]", ", -0.1]")
     assert "material.poster.texture.image" in told("grey.png", "none.png")
     assert "which leaves the folder" in told("grey.png", "../grey.png")
@@ -81,19 +77,13 @@ def test_what_cannot_be_a_texture_is_told(folder):
     assert "material.poster.texture.image: found UnidentifiedImageError" in told("grey.png", "text.png")
     np.save(folder / "odd.npy", np.array([np.nan]))
     assert "not finite" in told("grey.png", "odd.npy")
-    assert "a texture and a reflectance" in told(
-        "[material.poster]\n", "[material.poster]\nreflectance = 0.5\n"
-    )
-    assert "a texture and a bsdf" in told(
-        "[material.poster]\n", '[material.poster]\nbsdf = { type = "diffuse" }\n'
-    )
+    assert "a texture and a reflectance" in told("[material.poster]\n", "[material.poster]\nreflectance = 0.5\n")
+    assert "a texture and a bsdf" in told("[material.poster]\n", '[material.poster]\nbsdf = { type = "diffuse" }\n')
     assert "material.white.reflectance: found nothing" in told(
         "[material.white]\nreflectance = 0.75\n", "[material.white]\n"
     )
     block = BLOCK.replace('"white"', '"poster"')
-    assert "a texture on a box; expected quads_mm without a hole" in fault(
-        folder, POSTER.replace(BLOCK, block)
-    )
+    assert "a texture on a box; expected quads_mm without a hole" in fault(folder, POSTER.replace(BLOCK, block))
     assert "a texture on a hole" in fault(
         folder,
         POSTER.replace('name = "ceiling"\nmaterial = "white"', 'name = "ceiling"\nmaterial = "poster"'),

@@ -14,9 +14,15 @@ def test_the_wavelengths_are_evenly_spaced_and_cannot_be_changed():
         INTEGRAL_GRID.nm[0] = 0.0
 
 
-@pytest.mark.parametrize("inner", [
-    INTEGRAL_GRID, FILTER_GRID.between(380.0, 730.0), WavelengthGrid(400.0, 10.0, 31), WavelengthGrid(381.0, 7.0, 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "inner",
+    [
+        INTEGRAL_GRID,
+        FILTER_GRID.between(380.0, 730.0),
+        WavelengthGrid(400.0, 10.0, 31),
+        WavelengthGrid(381.0, 7.0, 2),
+    ],
+)
 def test_a_part_is_where_the_others_wavelengths_lie(inner):
     np.testing.assert_array_equal(FILTER_GRID.nm[FILTER_GRID.part(inner)], inner.nm)
 
@@ -28,10 +34,15 @@ def test_a_part_is_found_where_floats_differ_in_their_last_digits():
     assert inner.matches(TENTHS.nm[TENTHS.part(inner)])
 
 
-@pytest.mark.parametrize("inner", [
-    WavelengthGrid(379.0, 1.0, 10), WavelengthGrid(790.0, 1.0, 12), WavelengthGrid(400.5, 1.0, 5),
-    WavelengthGrid(400.0, 0.5, 3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "inner",
+    [
+        WavelengthGrid(379.0, 1.0, 10),
+        WavelengthGrid(790.0, 1.0, 12),
+        WavelengthGrid(400.5, 1.0, 5),
+        WavelengthGrid(400.0, 0.5, 3),
+    ],
+)
 def test_a_grid_with_other_wavelengths_is_no_part(inner):
     with pytest.raises(ValueError, match="not part"):
         FILTER_GRID.part(inner)

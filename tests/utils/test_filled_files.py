@@ -10,9 +10,7 @@ MILK = """
 reflectance = 0.5
 bsdf = { type = "dielectric", int_ior = 1.33 }
 """
-INSIDE = (
-    'inside = { scattering_per_mm = "milk.csv:scattering", absorption_per_mm = 0.001, anisotropy = 0.7 }\n'
-)
+INSIDE = 'inside = { scattering_per_mm = "milk.csv:scattering", absorption_per_mm = 0.001, anisotropy = 0.7 }\n'
 FILLED = GOOD + MILK + BLOCK.replace('"block"', '"glass"').replace('"white"', '"skin"') + INSIDE
 
 
@@ -32,9 +30,7 @@ def test_a_block_is_filled(folder):
     assert folder / "milk.csv" in scene_files(folder / "room.toml")
 
 
-@pytest.mark.parametrize(
-    "shape", ["sphere = { center_mm = [0, 2, 0], radius_mm = 1 }", 'mesh = "tetrahedron.obj"']
-)
+@pytest.mark.parametrize("shape", ["sphere = { center_mm = [0, 2, 0], radius_mm = 1 }", 'mesh = "tetrahedron.obj"'])
 def test_spheres_and_closed_meshes_are_filled(folder, shape):
     faces = "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     (folder / "tetrahedron.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n" + faces)
@@ -56,7 +52,5 @@ def test_what_cannot_be_filled_is_told(folder):
     opaque = FILLED.replace('bsdf = { type = "dielectric", int_ior = 1.33 }', "")
     assert "a medium behind the opaque material 'skin'" in fault(folder, opaque)
     assert "(glass).inside.absorption_per_mm: found -1" in fault(folder, FILLED.replace("0.001", "-1"))
-    assert "(glass).inside.scattering_per_mm" in fault(
-        folder, FILLED.replace("milk.csv:scattering", "milk.csv:fat")
-    )
+    assert "(glass).inside.scattering_per_mm" in fault(folder, FILLED.replace("milk.csv:scattering", "milk.csv:fat"))
     assert "inside.anisotropy" in fault(folder, FILLED.replace("0.7", "1.0"))

@@ -38,10 +38,16 @@ def test_a_change_of_the_dictionary_passed_in_does_not_reach_the_object():
 @pytest.mark.parametrize(
     "change",
     [
-        lambda d: d.__setitem__("a", 2.0), lambda d: d.__delitem__("a"), lambda d: d.update(a=2.0), lambda d: d.clear(),
-        lambda d: d.pop("a"), lambda d: d.popitem(), lambda d: d.setdefault("b", 2.0), lambda d: d.__ior__({"a": 2.0}),
+        lambda d: d.__setitem__("a", 2.0),
+        lambda d: d.__delitem__("a"),
+        lambda d: d.update(a=2.0),
+        lambda d: d.clear(),
+        lambda d: d.pop("a"),
+        lambda d: d.popitem(),
+        lambda d: d.setdefault("b", 2.0),
+        lambda d: d.__ior__({"a": 2.0}),
     ],
-)  # fmt: skip
+)
 def test_the_objects_own_dictionaries_refuse_every_change(change):
     owner = Owner({"a": 1.0}, {"inner": {"a": 1.0}}, ({"a": 1.0},))
     for frozen in (owner.plain, owner.nested, owner.nested["inner"], owner.several[0]):

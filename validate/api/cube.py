@@ -97,12 +97,15 @@ class CubeResult(Result):
     def to_dict(self) -> dict[str, Any]:
         """Size, wavelengths and errors; the radiance itself is in ``cube``."""
         return {
-            "model": self.model, "width_px": self.cube.sizes["x"], "height_px": self.cube.sizes["y"],
+            "model": self.model,
+            "width_px": self.cube.sizes["x"],
+            "height_px": self.cube.sizes["y"],
             "wavelength_nm": self.cube["wavelength"].values.tolist(),
             "relative_standard_error": {"median": self.standard_error, "p99": self.standard_error_99},
-            "firefly_pixels": self.firefly_pixels, "left_out": list(self.left_out),
+            "firefly_pixels": self.firefly_pixels,
+            "left_out": list(self.left_out),
             "photometry": None if self.photometry is None else self.photometry.to_dict(),
-        }  # fmt: skip
+        }
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """cube.nc (NetCDF) in a folder; or, given a file with a cube's ending, that file (.nc, .exr, .hdr, .png)."""
@@ -121,18 +124,14 @@ class CubeResult(Result):
         light = []
         if self.photometry is not None:
             luminance, (x, y) = self.photometry.picture.luminance, self.photometry.picture.chromaticity
-            light = [
-                f"mean luminance {luminance:.4g} cd/m², x {x:.4f}, y {y:.4f}, {self.photometry.range_text}"
-            ]
+            light = [f"mean luminance {luminance:.4g} cd/m², x {x:.4f}, y {y:.4f}, {self.photometry.range_text}"]
         return [head, *light, *self.notes()]
 
     def notes(self) -> list[str]:
         """Errors and what is not in the cube."""
         if self.standard_error_99 == 0:
             return ["the camera sees no lit surface"]
-        lines = [
-            f"standard error {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 pixels)"
-        ]
+        lines = [f"standard error {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 pixels)"]
         if self.firefly_pixels:
             lines.append(
                 f"pixels that owe much to a single pass (fireflies): {self.firefly_pixels}; their error is understated"
@@ -143,9 +142,7 @@ class CubeResult(Result):
         if why is not None:
             lines.append(why)
         elif self.photometry is not None and self.photometry.illuminance_lx is None:
-            lines.append(
-                "no illuminances: they are those of Lambertian surfaces without effects of light transport"
-            )
+            lines.append("no illuminances: they are those of Lambertian surfaces without effects of light transport")
         return lines
 
 
@@ -163,9 +160,13 @@ class _Job:
         """Of the picture, or of its strip number ``index``: with random numbers of its own, but the same patches."""
         seed = self.model.render.seed if self.settings.seed is None else self.settings.seed
         return Job(
-            self.scene, camera, self.settings.wavelength_nm, seed=seed, max_bounces=self.max_bounces,
+            self.scene,
+            camera,
+            self.settings.wavelength_nm,
+            seed=seed,
+            max_bounces=self.max_bounces,
             number=MOST_PASSES * index,
-        )  # fmt: skip
+        )
 
     def picture(self, first: Job, progress: Progress, checkpoint: Path | None) -> CubeResult:
         """The picture, or the strip, that begins with a pass."""
@@ -173,7 +174,7 @@ class _Job:
         if s.samples is None:
             image = render_to_precision(
                 first, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
-            )  # fmt: skip
+            )
         else:
             image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
         if any(effect.stage == "transport" for effect in self.model.effects):
@@ -188,9 +189,7 @@ class _Job:
         """Strip number ``index``, from ``folder`` if it was finished there before, else rendered and kept there."""
         first, s = self.first_pass(camera, index), self.settings
         effects = [(e.id, e.values, e.effect.file and e.effect.file.read_bytes()) for e in self.model.effects]
-        key = hashlib.sha256(
-            pickle.dumps((first, s.samples, s.noise, s.percentile, effects, _SUMS))
-        ).hexdigest()
+        key = hashlib.sha256(pickle.dumps((first, s.samples, s.noise, s.percentile, effects, _SUMS))).hexdigest()
         place = folder / f"{index}"
         cube = kept_strip(place, key)
         if cube is not None:
@@ -215,15 +214,17 @@ class _Job:
         return replace(result, photometry=replace(result.photometry, illuminance_lx=found))
 
     def result(
-        self, cube: xr.Dataset, standard_error: float, standard_error_99: float, firefly_pixels: int,
+        self,
+        cube: xr.Dataset,
+        standard_error: float,
+        standard_error_99: float,
+        firefly_pixels: int,
         sums: SurfaceSums | None,
-    ) -> CubeResult:  # fmt: skip
+    ) -> CubeResult:
         """A cube of this model, and what is told of it."""
         later = tuple(e.id for e in self.model.effects if e.stage in stages_between("filter", "counts"))
         light = None if sums is None else Photometry(sums, self.settings.wavelength_nm)
-        return CubeResult(
-            cube, self.model.name, standard_error, standard_error_99, firefly_pixels, later, light
-        )
+        return CubeResult(cube, self.model.name, standard_error, standard_error_99, firefly_pixels, later, light)
 
 
 def _job(model: ModelLike, camera: Camera | Capture | str | Path, settings: CubeSettings) -> _Job:

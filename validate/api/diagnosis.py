@@ -82,18 +82,22 @@ def diagnose(
     renderer's picture with several captures.
     """
     if render is not None and further:
-        raise InputError(
-            "diagnose", "another renderer's picture and several captures", "one capture with a picture"
-        )
+        raise InputError("diagnose", "another renderer's picture and several captures", "one capture with a picture")
     captures = [one if isinstance(one, ValidationResult) else as_capture(one) for one in (capture, *further)]
     validations = []
     for index, one in enumerate(captures):
         if not isinstance(one, ValidationResult):
             part = share(progress, *(_VALIDATION * k / len(captures) for k in (index, index + 1)))
             one = validate(
-                one, model=model, render=render, noise=noise, seed=seed, cache=cache, declared=declared,
+                one,
+                model=model,
+                render=render,
+                noise=noise,
+                seed=seed,
+                cache=cache,
+                declared=declared,
                 progress=part,
-            )  # fmt: skip
+            )
         validations.append(one.validation)
     found = diagnosed(validations[0], share(progress, _VALIDATION, 1.0), validations[1:])
     return DiagnosisResult(found, validations[0])

@@ -55,9 +55,7 @@ def _stated(captures: Sequence[Capture | str | Path]) -> Model:
         if scene is None:
             continue
         if scene.endswith(".toml") and not Path(scene).is_file():
-            raise InputError(
-                place, f"'{capture.manifest.scene}', which does not exist", "a file of the capture"
-            )
+            raise InputError(place, f"'{capture.manifest.scene}', which does not exist", "a file of the capture")
         stated.setdefault(scene, place)
     if len(stated) > 1:
         (first, place), (other, where) = list(stated.items())[:2]

@@ -17,6 +17,9 @@ def provenance(model: Model, camera: Camera, seed: int, command: str) -> dict[st
     command : as typed.
     """
     return {
-        "model": model_text(model), "camera": camera_attribute(camera), "seed": str(seed),
-        "cboxlab_version": version("cboxlab"), "command": command,
-    }  # fmt: skip
+        "model": model_text(model),
+        "camera": camera_attribute(camera),
+        "seed": str(seed),
+        "cboxlab_version": version("cboxlab"),
+        "command": command,
+    }

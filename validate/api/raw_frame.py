@@ -43,10 +43,14 @@ class RawFrame(Result):
         """How the frame was taken, and its range; the counts themselves are in ``counts``."""
         height, width = self.counts.shape
         return {
-            "camera": self.camera.name, "exposure_s": self.exposure_s, "seed": self.seed,
-            "width_px": width, "height_px": height,
-            "least_dn": int(self.counts.min()), "most_dn": int(self.counts.max()),
-        }  # fmt: skip
+            "camera": self.camera.name,
+            "exposure_s": self.exposure_s,
+            "seed": self.seed,
+            "width_px": width,
+            "height_px": height,
+            "least_dn": int(self.counts.min()),
+            "most_dn": int(self.counts.max()),
+        }
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """raw.tif, its counts, and raw.png, developed from it where the mosaic is Bayer's or none."""

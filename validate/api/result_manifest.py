@@ -48,22 +48,20 @@ class Verification:
     @property
     def sound(self) -> bool:
         """Whether nothing differs."""
-        return not (
-            self.changed_outputs or self.missing_outputs or self.changed_inputs or self.missing_inputs
-        )
+        return not (self.changed_outputs or self.missing_outputs or self.changed_inputs or self.missing_inputs)
 
     def lines(self) -> list[str]:
         """What differs, one line for each file."""
         told = {
-            "this result has changed": self.changed_outputs, "this result is gone": self.missing_outputs,
-            "this input has changed since": self.changed_inputs, "this input is gone": self.missing_inputs,
-        }  # fmt: skip
+            "this result has changed": self.changed_outputs,
+            "this result is gone": self.missing_outputs,
+            "this input has changed since": self.changed_inputs,
+            "this input is gone": self.missing_inputs,
+        }
         return [f"{path}: {words}" for words, paths in told.items() for path in paths]
 
 
-def write_manifest(
-    results: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None
-) -> Path:
+def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None) -> Path:
     """Write the manifest of a folder of results, or of a file. Outputs are given relative to its folder, inputs by
     absolute paths.
 
@@ -80,9 +78,7 @@ def write_manifest(
         "seed": seed,
         "inputs": {str(path): _content(path) for one in inputs for path in _files(one.resolve())},
         "outputs": {
-            path.relative_to(place.parent).as_posix(): _content(path)
-            for one in outputs
-            for path in _files(one)
+            path.relative_to(place.parent).as_posix(): _content(path) for one in outputs for path in _files(one)
         },
     }
     with replacing(place) as temporary:

@@ -63,9 +63,7 @@ class _Pictures:
         key = (_key(state.rendered_with), _key(state.effects), refit, draft)
         if key not in self.predictions:
             bases = self.bases(state.rendered_with, progress)
-            self.predictions[key] = tuple(
-                predict(base, state.effects, refit=refit, draft=draft) for base in bases
-            )
+            self.predictions[key] = tuple(predict(base, state.effects, refit=refit, draft=draft) for base in bases)
         return _recent(self.predictions, key)
 
 
@@ -133,9 +131,11 @@ class Study(Result):
         file = read_study(Path(folder) / _FILE)
         progress.stage("calibrating")
         kept = None if cache is None else Path(cache)
-        calibrated = {} if known is None else {
-            capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)
-        }  # fmt: skip
+        calibrated = (
+            {}
+            if known is None
+            else {capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)}
+        )
         prepared = tuple(
             under_model(calibrated[each], file.model)
             if each in calibrated
@@ -256,9 +256,7 @@ class Study(Result):
         """Captures, effects, chi-square and nuisances of each capture."""
         return {
             "model": self.model.name,
-            "effects": [
-                {"id": e.id, "values": _finite(e.values), "sigma": dict(e.sigma)} for e in self.effects
-            ],
+            "effects": [{"id": e.id, "values": _finite(e.values), "sigma": dict(e.sigma)} for e in self.effects],
             "rendered": self.rendered,
             "chi2_per_dof": self.chi2,
             "captures": [
@@ -280,9 +278,7 @@ class Study(Result):
         write_study(study, StudyFile(tuple(c.folder for c in self.captures), self.model, self.history))
         return study, model
 
-    def write_report(
-        self, folder: str | Path, capture: int = 0, progress: Progress = QUIET
-    ) -> tuple[Path, ...]:
+    def write_report(self, folder: str | Path, capture: int = 0, progress: Progress = QUIET) -> tuple[Path, ...]:
         """report.html, metrics.json and maps of one capture, rendered first where it was predicted."""
         return write_validation(self.validations(progress)[capture], Path(folder))
 

@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
-    "DifferenceStatistics", "White", "delta_e_2000", "delta_e_ab", "expected_from_noise", "lab",
-    "srgb_matrix", "srgb_preview", "statistics", "white_of",
-]  # fmt: skip
+    "DifferenceStatistics",
+    "White",
+    "delta_e_2000",
+    "delta_e_ab",
+    "expected_from_noise",
+    "lab",
+    "srgb_matrix",
+    "srgb_preview",
+    "statistics",
+    "white_of",
+]
 
 #: Percentile of the rendered luminance outside the lamp that is used as white (Yn).
 WHITE_PERCENTILE = 99.5
@@ -107,8 +115,7 @@ def expected_from_noise(
     seen = lab(np.einsum("cb,pbn->pnc", xyz_per_dn, noisy), white)
     repeated = np.broadcast_to(truth, seen.shape)
     first, second = (
-        [statistics(picture) for picture in difference(seen, repeated)]
-        for difference in (delta_e_ab, delta_e_2000)
+        [statistics(picture) for picture in difference(seen, repeated)] for difference in (delta_e_ab, delta_e_2000)
     )
     return _average(first), _average(second)
 
@@ -124,9 +131,11 @@ def srgb_matrix(white: White) -> NDArray[np.float64]:
     from colour import XYZ_to_sRGB
 
     columns = XYZ_to_sRGB(
-        np.eye(3), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02",
+        np.eye(3),
+        np.array([white.x, white.y]),
+        chromatic_adaptation_transform="CAT02",
         apply_cctf_encoding=False,
-    )  # fmt: skip
+    )
     return np.asarray(columns, np.float64).T
 
 
@@ -139,8 +148,6 @@ def srgb_preview(xyz: ArrayLike, white: White) -> NDArray[np.uint8]:
 
     xyz = np.asarray(xyz, float) / white.luminance
     known = np.isfinite(xyz).all(axis=-1, keepdims=True)
-    rgb = XYZ_to_sRGB(
-        np.where(known, xyz, 0.0), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02"
-    )
+    rgb = XYZ_to_sRGB(np.where(known, xyz, 0.0), np.array([white.x, white.y]), chromatic_adaptation_transform="CAT02")
     rgb = np.where(known, np.clip(rgb, 0.0, 1.0), 0.5)
     return np.round(255 * rgb).astype(np.uint8)

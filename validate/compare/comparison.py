@@ -134,23 +134,30 @@ class Comparison(OwnMappings):
 
 
 def _relative(
-    measured: NDArray[np.float64], rendered: NDArray[np.float64], variance: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    rendered: NDArray[np.float64],
+    variance: NDArray[np.float64],
     where: NDArray[np.bool_],
-) -> RelativeDifference:  # fmt: skip
+) -> RelativeDifference:
     r = rendered[where & (rendered > 0)]
     if r.size == 0:
         return RelativeDifference(np.nan, np.nan, np.nan)
     ratio = measured[where & (rendered > 0)] / r - 1.0
     noise = variance[where & (rendered > 0)] / r**2
-    return RelativeDifference(
-        float(ratio.mean()), float(np.sqrt(np.mean(ratio**2))), float(np.sqrt(noise.mean()))
-    )
+    return RelativeDifference(float(ratio.mean()), float(np.sqrt(np.mean(ratio**2))), float(np.sqrt(noise.mean())))
 
 
 def _surface(
-    chi2: ChiSquare, inside: NDArray[np.bool_], measured: NDArray[np.float64], rendered: NDArray[np.float64],
-    variance: NDArray[np.float64], *, xyz_per_dn: NDArray[np.float64], white: White, seed: int,
-) -> SurfaceRow:  # fmt: skip
+    chi2: ChiSquare,
+    inside: NDArray[np.bool_],
+    measured: NDArray[np.float64],
+    rendered: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    *,
+    xyz_per_dn: NDArray[np.float64],
+    white: White,
+    seed: int,
+) -> SurfaceRow:
     n = int(inside.sum())
     if n == 0:
         nothing, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
@@ -166,22 +173,35 @@ def _surface(
     seen, expected = lab(xyz_measured, white), lab(xyz_rendered, white)
     noise, _ = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
     return SurfaceRow(
-        chi2, n, mean_measured, mean_rendered, sigma, relative, relative_sigma,
-        float(delta_e_ab(seen, expected)), float(delta_e_2000(seen, expected)), noise.mean, xyz_measured, xyz_rendered,
-    )  # fmt: skip
+        chi2,
+        n,
+        mean_measured,
+        mean_rendered,
+        sigma,
+        relative,
+        relative_sigma,
+        float(delta_e_ab(seen, expected)),
+        float(delta_e_2000(seen, expected)),
+        noise.mean,
+        xyz_measured,
+        xyz_rendered,
+    )
 
 
-def _check(images: xr.Dataset, other: xr.Dataset, shape: tuple[int, ...], used: NDArray[np.bool_],
-           variance: NDArray[np.float64]) -> None:  # fmt: skip
+def _check(
+    images: xr.Dataset,
+    other: xr.Dataset,
+    shape: tuple[int, ...],
+    used: NDArray[np.bool_],
+    variance: NDArray[np.float64],
+) -> None:
     if list(images.band.values) != list(other.band.values):
         raise ValueError(f"bands differ: {list(images.band.values)} and {list(other.band.values)}")
     for index, band in enumerate(images.band.values):
         values = (images.signal.values[index], other.signal.values[index], variance[index])
         finite = all(np.isfinite(v[used[index]]).all() for v in values)
         if not finite or (variance[index][used[index]] <= 0).any():
-            raise ValueError(
-                f"band {band}: an unmasked pixel with a signal that is not finite or has no variance"
-            )
+            raise ValueError(f"band {band}: an unmasked pixel with a signal that is not finite or has no variance")
     if images.signal.shape[1:] != shape:
         raise ValueError(f"surface image {shape} does not fit band images {images.signal.shape}")
 
@@ -267,10 +287,18 @@ def compare(
             float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan"),
         )
     by_surface = {
-        name: _surface(chi_square(surface == i), coloured & inner & (surface == i), seen, model, variance,
-                       xyz_per_dn=weights, white=white, seed=seed)
+        name: _surface(
+            chi_square(surface == i),
+            coloured & inner & (surface == i),
+            seen,
+            model,
+            variance,
+            xyz_per_dn=weights,
+            white=white,
+            seed=seed,
+        )
         for i, name in enumerate(surface_names)
-    }  # fmt: skip
+    }
 
     image, stack = ("y", "x"), ("band", "y", "x")
     maps = xr.Dataset(
@@ -292,15 +320,24 @@ def compare(
         attrs={"surface_names": list(surface_names)},
     )
     return Comparison(
-        bands=bands, maps=maps, xyz_per_dn=weights, white=white,
-        chi2=chi_square(np.array(True)), chi2_edges=chi2_edges, chi2_interiors=chi2_interiors,
+        bands=bands,
+        maps=maps,
+        xyz_per_dn=weights,
+        white=white,
+        chi2=chi_square(np.array(True)),
+        chi2_edges=chi2_edges,
+        chi2_interiors=chi2_interiors,
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
-        by_band=by_band, by_surface=by_surface,
-        delta_e_ab=statistics(e_ab), delta_e_2000=statistics(e_2000),
-        delta_e_ab_noise=e_ab_noise, delta_e_2000_noise=e_2000_noise,
+        by_band=by_band,
+        by_surface=by_surface,
+        delta_e_ab=statistics(e_ab),
+        delta_e_2000=statistics(e_2000),
+        delta_e_ab_noise=e_ab_noise,
+        delta_e_2000_noise=e_2000_noise,
         luminance=_relative(xyz_seen[..., 1], xyz_model[..., 1], luminance_variance, coloured),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
         pixels_used=int(whole.sum()),
-        masked={reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
-                for reason in Mask if reason.name},
-    )  # fmt: skip
+        masked={
+            reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum()) for reason in Mask if reason.name
+        },
+    )

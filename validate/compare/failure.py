@@ -93,9 +93,7 @@ def parts(
     found += _band_parts(c.bands, np.asarray(band_nm, float), shape)
     if shares is not None:
         found.append(Part("light", "where most light is direct", shares.direct > _MOSTLY))
-        found.append(
-            Part("light", "where light is direct and reflected", abs(shares.direct - 0.5) <= _MOSTLY - 0.5)
-        )
+        found.append(Part("light", "where light is direct and reflected", abs(shares.direct - 0.5) <= _MOSTLY - 0.5))
         found.append(Part("light", "where light is indirect", shares.direct < _HARDLY))
         found += [
             Part("paint before", f"where light was reflected by {name} before", share > _NOTABLE)
@@ -150,10 +148,13 @@ def ranked_failures(c: Comparison, known: Sequence[Part]) -> tuple[Failure, ...]
         inside = int(here.sum())
         found.append(
             Failure(
-                " ".join(part.words for part in chosen), share, inside / count,
-                float(excess[here].sum()) / inside + 1, {part.kind: part.words for part in chosen},
+                " ".join(part.words for part in chosen),
+                share,
+                inside / count,
+                float(excess[here].sum()) / inside + 1,
+                {part.kind: part.words for part in chosen},
             )
-        )  # fmt: skip
+        )
         left &= ~here
     return tuple(found)
 

@@ -26,9 +26,16 @@ _FITTED = ("position_mm", "rotation", "principal_point_px", "focal_length_px", "
 
 
 def kept_fit(
-    folder: Path | None, *, measured: NDArray, variance: NDArray, used: NDArray, signal: NDArray, warp: Warp,
-    calibrated: Camera, lamp_sigma: float | None,
-) -> NuisanceFit:  # fmt: skip
+    folder: Path | None,
+    *,
+    measured: NDArray,
+    variance: NDArray,
+    used: NDArray,
+    signal: NDArray,
+    warp: Warp,
+    calibrated: Camera,
+    lamp_sigma: float | None,
+) -> NuisanceFit:
     """What ``fit_nuisances`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made and kept.
 
     folder : None keeps nothing. A file that cannot be read or written is no fault: the fit is made anew.
@@ -55,9 +62,7 @@ def _read(path: Path, key: str, camera: Camera) -> NuisanceFit | None:
         with np.load(BytesIO(content)) as file:
             values = {name: file[name] for name in (*_FITTED, "lamp")}
         scale, sigma = values.pop("lamp").tolist()
-        changed: dict[str, Any] = {
-            name: value if value.ndim else float(value) for name, value in values.items()
-        }
+        changed: dict[str, Any] = {name: value if value.ndim else float(value) for name, value in values.items()}
     except Exception:  # another version's content
         return None
     return NuisanceFit(replace(camera, covariance=None, **changed), scale, sigma)

@@ -34,10 +34,8 @@ def write_map(path: Path, channels: xr.DataArray, units: Mapping[str, str]) -> N
         PREFIX + "channels": "\n".join(names),
         **{PREFIX + "unit." + name: units[name] for name in names},
         **{PREFIX + str(key): str(value) for key, value in channels.attrs.items()},
-    }  # fmt: skip
-    pixels = {
-        name: np.ascontiguousarray(channels.values[index], np.float32) for index, name in enumerate(names)
     }
+    pixels = {name: np.ascontiguousarray(channels.values[index], np.float32) for index, name in enumerate(names)}
     write_channels(path, header, pixels)
 
 
@@ -82,9 +80,11 @@ def write_maps(
 
     def save(name: str, channels: list[str], values: ArrayLike, units: list[str], description: str) -> None:
         array = xr.DataArray(
-            np.asarray(values), dims=("channel", "y", "x"), coords={"channel": channels},
+            np.asarray(values),
+            dims=("channel", "y", "x"),
+            coords={"channel": channels},
             attrs={"description": description, **origin},
-        )  # fmt: skip
+        )
         write_map(folder / name, array, dict(zip(channels, units, strict=True)))
         written.append(folder / name)
 
@@ -100,24 +100,26 @@ def write_maps(
     }
     for name, (unit, text) in per_band.items():
         save(f"{name}.exr", list(bands), maps[name].values, [unit] * len(bands), text)
-    measured, rendered = (
-        np.moveaxis(maps[f"xyz_{which}"].values, -1, 0) for which in ("measured", "rendered")
-    )
+    measured, rendered = (np.moveaxis(maps[f"xyz_{which}"].values, -1, 0) for which in ("measured", "rendered"))
     text = "CIE 1931 2-degree XYZ through the filter weights"
     save("xyz_measured.exr", list("XYZ"), measured, [xyz_unit] * 3, text)
     save("xyz_rendered.exr", list("XYZ"), rendered, [xyz_unit] * 3, text)
     relative = [maps[name].values for name in ("luminance_relative_difference", "delta_e_ab", "delta_e_2000")]
     save(
-        "difference.exr", ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"],
-        [*(measured - rendered + 0 * relative[1]), *relative], [xyz_unit] * 3 + ["1"] * 3,
+        "difference.exr",
+        ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"],
+        [*(measured - rendered + 0 * relative[1]), *relative],
+        [xyz_unit] * 3 + ["1"] * 3,
         "measured minus rendered; dY_relative is (measured - rendered) / rendered; NaN where left out",
-    )  # fmt: skip
+    )
     names = ", ".join(f"{i}={name}" for i, name in enumerate(maps.attrs["surface_names"]))
     save(
-        "regions.exr", ["surface", "edge_distance_px"],
-        [maps["surface"].values, maps["edge_distance_px"].values], [names, "px"],
+        "regions.exr",
+        ["surface", "edge_distance_px"],
+        [maps["surface"].values, maps["edge_distance_px"].values],
+        [names, "px"],
         "surface seen by a pixel, and distance to its nearest edge",
-    )  # fmt: skip
+    )
     for which in ("measured", "rendered"):
         path = folder / f"{which}.png"
         _write_png(path, srgb_preview(maps[f"xyz_{which}"].values, comparison.white))

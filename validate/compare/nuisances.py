@@ -136,12 +136,14 @@ def fit_nuisances(
     whole = _smoothed(used.astype(float), _SMOOTHING) > 1 - 1e-9
     if whole.any():
         camera, scale, _ = _search(
-            problem, camera, scale, lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[whole],
-            1 / _smoothed(np.where(used, variance, 0.0), _SMOOTHING**2)[whole], _SMOOTHED_STEPS_PX,
-        )  # fmt: skip
-    camera, scale, information = _search(
-        problem, camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX
-    )
+            problem,
+            camera,
+            scale,
+            lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[whole],
+            1 / _smoothed(np.where(used, variance, 0.0), _SMOOTHING**2)[whole],
+            _SMOOTHED_STEPS_PX,
+        )
+    camera, scale, information = _search(problem, camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX)
     # No covariance is stated: that from noise (below 0.001 px) is much smaller than the error by flaws of the picture.
     sigma = float(np.sqrt(np.linalg.inv(information)[of_lamp, of_lamp]))
     return NuisanceFit(replace(camera, covariance=None), scale, sigma)
@@ -159,9 +161,13 @@ class _Problem:
 
 
 def _search(
-    problem: _Problem, camera: Camera, scale: float, of: Callable[[NDArray], NDArray], inverse: NDArray,
+    problem: _Problem,
+    camera: Camera,
+    scale: float,
+    of: Callable[[NDArray], NDArray],
+    inverse: NDArray,
     steps: Sequence[float],
-) -> tuple[Camera, float, NDArray]:  # fmt: skip
+) -> tuple[Camera, float, NDArray]:
     """Camera, scale and the information about both after ``steps`` and as many further ones as pay.
 
     of : picks the values to be compared out of maps (band, y, x). inverse : of their variance.
@@ -189,9 +195,7 @@ def _search(
         if index >= len(steps) and idle >= _IDLE:
             break
         at_last = lowest
-        for row, derivative in zip(
-            design[of_camera], camera_jacobian(warp, camera, search_step), strict=True
-        ):
+        for row, derivative in zip(design[of_camera], camera_jacobian(warp, camera, search_step), strict=True):
             row[:] = of(derivative)
         for _ in range(_ROUNDS_EACH):
             scaled = design * scale
@@ -200,9 +204,7 @@ def _search(
             weight = inverse * np.minimum(1.0, _HUBER / np.maximum(np.abs(residual) * np.sqrt(inverse), 1e-9))
             information = (scaled * weight) @ scaled.T + prior
             deviation = Nuisances(calibrated.parameters - camera.parameters, 1.0 - scale).vector
-            step = Nuisances.from_vector(
-                np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation)
-            )
+            step = Nuisances.from_vector(np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation))
             for damping in (1.0, 0.5, 0.25, 0.1):
                 there = camera.with_parameters(camera.parameters + damping * step.camera)
                 factor = scale + damping * step.lamp_scale

@@ -42,9 +42,18 @@ from .nuisances import NuisanceFit, Nuisances, held_lamp_scale
 from .prepared import Prepared, prepare, solved_light, with_picture
 
 __all__ = [
-    "Predicted", "Rendered", "Validation", "band_centres", "compared", "failures", "refitted", "refitted_picture",
-    "rendered_from", "validate", "validated",
-]  # fmt: skip
+    "Predicted",
+    "Rendered",
+    "Validation",
+    "band_centres",
+    "compared",
+    "failures",
+    "refitted",
+    "refitted_picture",
+    "rendered_from",
+    "validate",
+    "validated",
+]
 
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
 #: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions:
@@ -116,9 +125,13 @@ class Validation:
 
 
 def validate(
-    folder: Path, model: Model, progress: Progress = QUIET, picture: Path | None = None,
-    cache: Path | None = None, declared: Declared = AS_STATED,
-) -> Validation:  # fmt: skip
+    folder: Path,
+    model: Model,
+    progress: Progress = QUIET,
+    picture: Path | None = None,
+    cache: Path | None = None,
+    declared: Declared = AS_STATED,
+) -> Validation:
     """Calibrate, render, fit the nuisances, compare.
 
     progress : called with the completed share, 0 to 1. picture : a spectral cube of another renderer, used instead of
@@ -163,9 +176,7 @@ def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> V
     if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit, surveyed) > _LED_ASTRAY:
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, QUIET, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
-        rendered = replace(
-            again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale)
-        )
+        rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))
         comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     progress.part(1.0)
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
@@ -181,7 +192,7 @@ def _pull(fit: NuisanceFit, surveyed: Camera) -> float:
 
 def _fitted_to_draft(
     prepared: Prepared, model: Model, light: LightField, camera: Camera, pilot: float | None, progress: Progress
-) -> tuple[Camera, float | None]:  # fmt: skip
+) -> tuple[Camera, float | None]:
     """The camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -205,9 +216,7 @@ def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> R
     return _scaled(prepared, image, camera, signal, bands)
 
 
-def _scaled(
-    prepared: Prepared, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset
-) -> Rendered:
+def _scaled(prepared: Prepared, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset) -> Rendered:
     used = prepared.usable & (bands.mask.values == 0)
     if not (signal[used] > 0).any():
         hint = "Set max_bounces in the model file to 1 or more, or leave it out"
@@ -218,9 +227,14 @@ def _scaled(
 
 
 def rendered_from(
-    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect],
-    progress: Progress = QUIET, pilot: float | None = None,
-) -> Predicted:  # fmt: skip
+    prepared: Prepared,
+    light: LightField,
+    camera: Camera,
+    settings: RenderSettings,
+    effects: Sequence[AppliedEffect],
+    progress: Progress = QUIET,
+    pilot: float | None = None,
+) -> Predicted:
     """Render the picture through ``camera`` to the noise of the settings, and fit the lamp's scale.
 
     light : of the same effects (see ``solved_light``). pilot : of a picture of the same light from nearly this camera,
@@ -233,14 +247,18 @@ def rendered_from(
     else:
         picture, noise, convergence = _own_picture(prepared, light, camera, settings, effects)
         image, bands, pilot = render_to_noise(
-            picture, responses, calibration.predicted_variance, prepared.usable,
-            noise=noise, convergence=convergence, pilot=pilot, progress=progress,
-        )  # fmt: skip
+            picture,
+            responses,
+            calibration.predicted_variance,
+            prepared.usable,
+            noise=noise,
+            convergence=convergence,
+            pilot=pilot,
+            progress=progress,
+        )
         included = [e for e in effects if e.stage in stages_between("scene", "settings")]
     image = image.averaged()  # the bands' variance has been taken from its batches
-    predictor = build_predictor(
-        light, image, camera, sensing(calibration, camera), prepared.scene, settings, included
-    )
+    predictor = build_predictor(light, image, camera, sensing(calibration, camera), prepared.scene, settings, included)
     plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
     at_lamp = predictor.at_lamp(plain.fit.lamp_scale)
     return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, at_lamp, pilot)
@@ -248,7 +266,7 @@ def rendered_from(
 
 def _own_picture(
     prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect]
-) -> tuple[Picture, float, float]:  # fmt: skip
+) -> tuple[Picture, float, float]:
     """What makes our picture, to which noise, and the power of the samples by which its error falls."""
     if prepared.gathered:
 
@@ -267,9 +285,15 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     signal = predictor.signal(effects)
     variance = prepared.calibration.predicted_variance(prepared.lit(signal)) + rendered.variance
     return kept_fit(
-        prepared.cache, measured=prepared.measured, variance=variance, used=rendered.used, signal=signal,
-        warp=predictor.warp, calibrated=prepared.expected_camera(effects), lamp_sigma=prepared.lamp_sigma,
-    )  # fmt: skip
+        prepared.cache,
+        measured=prepared.measured,
+        variance=variance,
+        used=rendered.used,
+        signal=signal,
+        warp=predictor.warp,
+        calibrated=prepared.expected_camera(effects),
+        lamp_sigma=prepared.lamp_sigma,
+    )
 
 
 def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:

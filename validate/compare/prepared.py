@@ -120,9 +120,7 @@ def prepare(folder: Path, model: Model) -> Prepared:
             "A calibration does not need them.",
         )
     scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
-    return Prepared(
-        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
-    )
+    return Prepared(calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene)
 
 
 def under_model(prepared: Prepared, model: Model) -> Prepared:
@@ -131,9 +129,7 @@ def under_model(prepared: Prepared, model: Model) -> Prepared:
     return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
 
 
-def solved_light(
-    prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]
-) -> LightField:
+def solved_light(prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]) -> LightField:
     """The radiosity solution of the scene with the effects that act on scene or settings."""
     scene = after_stage(prepared.scene, effects, "scene")
     settings = after_stage(settings, effects, "settings")

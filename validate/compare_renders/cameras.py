@@ -41,7 +41,7 @@ class Instrument(OwnMappings):
             f"the cameras differ in {name}: {value:g} and {other.numbers[name]:g}; their counts differ in meaning"
             for name, value in self.numbers.items()
             if name in other.numbers and abs(other.numbers[name] - value) > _ROUNDING * abs(value)
-        ]  # fmt: skip
+        ]
 
 
 def instrument_of(capture: Capture, camera: Camera | None) -> Instrument:

@@ -270,17 +270,16 @@ def _same_view(first: Stack, second: Stack) -> list[str]:
     shift = shift_px(one.camera, other.camera)
     if shift > LARGEST_SHIFT_PX:
         raise InputError(
-            second.source, f"a camera that sees the same points up to {shift:.1f} px elsewhere",
+            second.source,
+            f"a camera that sees the same points up to {shift:.1f} px elsewhere",
             f"the camera of {first.source}, within {LARGEST_SHIFT_PX:g} px",
-        )  # fmt: skip
+        )
     if shift > NOTED_SHIFT_PX:
         notes.append(f"the cameras see the same points up to {shift:.2f} px apart, which shows at edges")
     return notes
 
 
-def _pooled(
-    first: Stack, second: Stack
-) -> tuple[tuple[PooledMean, ...], NDArray[np.float64] | None, Common | None]:
+def _pooled(first: Stack, second: Stack) -> tuple[tuple[PooledMean, ...], NDArray[np.float64] | None, Common | None]:
     """For two cubes: means, variance of the difference (plane, y, x), both sides if interpolated."""
     if first.side is None or second.side is None:
         return (), None, None
@@ -316,9 +315,7 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
-def _row(
-    index: int, a: Stack, b: Stack, used: NDArray[np.bool_], residual: NDArray[np.float64] | None
-) -> PlaneRow:
+def _row(index: int, a: Stack, b: Stack, used: NDArray[np.bool_], residual: NDArray[np.float64] | None) -> PlaneRow:
     pixels, reference = used & (b.values[index] > 0), b.values[index]
     bright = pixels.any()
     difference = (a.values[index] - reference)[pixels]
@@ -343,10 +340,14 @@ def _worst(a: Stack, b: Stack, sizes: NDArray[np.float64]) -> tuple[WorstPixel, 
             break
         found.append(
             WorstPixel(
-                a.names[plane], x, y, float(a.values[plane, y, x]), float(b.values[plane, y, x]),
+                a.names[plane],
+                x,
+                y,
+                float(a.values[plane, y, x]),
+                float(b.values[plane, y, x]),
                 float(sizes[plane, y, x]),
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -357,16 +358,15 @@ def write_comparison(folder: Path, comparison: StackComparison) -> list[Path]:
     """
     a, b = comparison.first, comparison.second
     maps: dict[str, tuple[NDArray[np.float64], str]] = {
-        "difference": (a.values - b.values, a.unit), "relative_difference": (comparison.relative, "1"),
-    }  # fmt: skip
+        "difference": (a.values - b.values, a.unit),
+        "relative_difference": (comparison.relative, "1"),
+    }
     if comparison.residual_over_sigma is not None:
         maps["residual_over_sigma"] = (comparison.residual_over_sigma, "1")
     made = origin(a=str(a.source), b=str(b.source))
     written = [folder / "comparison.json", *(folder / f"{name}.exr" for name in maps)]
     for name, (values, unit) in maps.items():
-        array = xr.DataArray(
-            values, dims=("channel", "y", "x"), coords={"channel": list(a.names)}, attrs=made
-        )
+        array = xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": list(a.names)}, attrs=made)
         write_map(folder / f"{name}.exr", array, dict.fromkeys(a.names, unit))
     with replacing(written[0]) as temporary:
         temporary.write_text(json.dumps(comparison_record(comparison), indent=1) + "\n", encoding="utf-8")

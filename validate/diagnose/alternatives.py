@@ -90,13 +90,9 @@ class SelectedEffect:
 
         By chi2 as it is or with each number's price: of more numbers some fit noise.
         """
-        allowed = max(
-            INDISTINGUISHABLE * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2)
-        )
+        allowed = max(INDISTINGUISHABLE * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2))
         own = self.candidate
-        return [
-            c for c in self.alternatives if min(c.chi2 - own.chi2, penalised(c) - penalised(own)) < allowed
-        ]
+        return [c for c in self.alternatives if min(c.chi2 - own.chi2, penalised(c) - penalised(own)) < allowed]
 
 
 def with_alternatives(
@@ -120,14 +116,17 @@ def with_alternatives(
         shape = residual - together
         found.append(
             SelectedEffect(
-                fitted, tuple(best), square(problem.model.project(residual)),
+                fitted,
+                tuple(best),
+                square(problem.model.project(residual)),
                 np.nan if prior else heldout_pixels(linearised.model, residual, shape),
                 np.nan if prior else heldout_bands(linearised.model, residual, shape),
                 np.nan if prior else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
-                linearised.model.count, dispersion(linearised.model, shape, residual),
+                linearised.model.count,
+                dispersion(linearised.model, shape, residual),
                 not prior and comes_of_edges(linearised.model, residual, shape),
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -149,9 +148,7 @@ def with_better_alternatives(
         if not better:
             break
         index = max(better)[1]
-        current = refitted_together(
-            linearised, [*current[:index], known[index].alternatives[0], *current[index + 1 :]]
-        )
+        current = refitted_together(linearised, [*current[:index], known[index].alternatives[0], *current[index + 1 :]])
         known = with_alternatives(linearised, current, signatures)
     return current, known
 
@@ -269,21 +266,23 @@ class Cause(OwnMappings):
     behind_sigma: float
 
 
-def likeliest_causes(
-    model: LinearModel, tried: Sequence[Candidate], first: Sequence[str]
-) -> tuple[Cause, ...]:
+def likeliest_causes(model: LinearModel, tried: Sequence[Candidate], first: Sequence[str]) -> tuple[Cause, ...]:
     """The first three causes of those tried alone, best first. first : identifiers that stand before all others."""
     named = [next((c for c in tried if c.hypothesis.effect.id == name), None) for name in first]
     before = [c for c in named if c is not None]
     shown = [*before, *(c for c in tried if c.hypothesis.effect.id not in first)][:_SHOWN]
     return tuple(
         Cause(
-            c.hypothesis.effect.id, dict(c.applied.values), dict(c.sigma),
-            model.image(c.predicted).astype(np.float32), _cosine(c.predicted, model.residual),
-            _cosine(c.predicted, shown[0].predicted), float(np.sqrt(max(c.chi2 - shown[0].chi2, 0.0))),
+            c.hypothesis.effect.id,
+            dict(c.applied.values),
+            dict(c.sigma),
+            model.image(c.predicted).astype(np.float32),
+            _cosine(c.predicted, model.residual),
+            _cosine(c.predicted, shown[0].predicted),
+            float(np.sqrt(max(c.chi2 - shown[0].chi2, 0.0))),
         )
         for c in shown
-    )  # fmt: skip
+    )
 
 
 def _cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:

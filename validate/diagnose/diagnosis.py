@@ -129,9 +129,7 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
 
 
-def diagnose(
-    validation: Validation, progress: Progress = QUIET, further: Sequence[Validation] = ()
-) -> Diagnosis:
+def diagnose(validation: Validation, progress: Progress = QUIET, further: Sequence[Validation] = ()) -> Diagnosis:
     """Find which effects of the catalogue explain a validation's residual.
 
     further : of other captures of the same box. They decide between the effects found and those that could stand in
@@ -171,9 +169,7 @@ def diagnose(
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual
     added = tuple(c.applied for c in chosen)
-    steps = [
-        Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)
-    ]
+    steps = [Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)]
     for count in range(1, len(chosen) + 1):
         steps.append(
             _step(
@@ -207,9 +203,7 @@ def diagnose(
     )
 
 
-def _searched(
-    validation: Validation, first: LinearisedFit, progress: Progress
-) -> tuple[Selection, Selection]:
+def _searched(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
     """The effects selected by size, and those found in the end. The signatures, much of the memory, end here."""
     start = first.model
     progress.stage("trying every effect")
@@ -302,16 +296,12 @@ def _ranking(
 
 def _ranked(candidate: Candidate, counted: float, count: int, probability: float) -> Ranked:
     values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
-    return Ranked(
-        candidate.hypothesis.effect.id, values, sigma, (counted + candidate.chi2) / count, probability
-    )
+    return Ranked(candidate.hypothesis.effect.id, values, sigma, (counted + candidate.chi2) / count, probability)
 
 
 def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
     """Probabilities from the differences of chi2, each number at its price; the error of the effects' shapes may make a
     part of them."""
     chi2 = np.array([penalised(c) for c in candidates])
-    weights = np.exp(
-        -0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0))
-    )
+    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
     return [float(w) for w in weights / weights.sum()]

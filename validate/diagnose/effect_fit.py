@@ -46,11 +46,13 @@ def fit_effect(
     numbers = {key: value for key, value in given.items() if key not in choices}
     possible = [
         replace(
-            one, free=tuple(p for p in one.free if p.name not in numbers), fixed={**one.fixed, **numbers},
+            one,
+            free=tuple(p for p in one.free if p.name not in numbers),
+            fixed={**one.fixed, **numbers},
             held=tuple(numbers),
         )
         for one in _ways(validation, effect, {k: v for k, v in given.items() if k in choices})
-    ]  # fmt: skip
+    ]
     known = [signature(linearised.predictor, linearised.given, linearised.rendered.used, h) for h in possible]
     problem, residual = linearised.problem(()), linearised.model.residual
     if not any(known) or not any(h.free for h in possible):
@@ -80,10 +82,7 @@ def fit_effects(
     candidates = {index: _candidate(effects[index]) for index in chosen if effects[index].effect.numbers}
     if not candidates:
         raise _nothing_to_fit(", ".join(effects[index].id for index in chosen) or "no effect")
-    parts = [
-        linearised_fit(v.prepared, v.rendered, given, [effects[index] for index in chosen])
-        for v in validations
-    ]
+    parts = [linearised_fit(v.prepared, v.rendered, given, [effects[index] for index in chosen]) for v in validations]
     joint = JointFit.of(parts, [v.prepared for v in validations])
     camera = joint.parts[0].predictor.camera
     rounds = _ROUNDS if len(candidates) > 1 else 1
@@ -129,9 +128,7 @@ def _with_shape_error(found: Candidate, rendered: Sequence[AppliedEffect]) -> di
 
 
 def _nothing_to_fit(identifier: str) -> InputError:
-    return InputError(
-        "fit", f"{identifier}, of which nothing can be fitted here", "an effect with a free number"
-    )
+    return InputError("fit", f"{identifier}, of which nothing can be fitted here", "an effect with a free number")
 
 
 def _ways(validation: Validation, effect: Effect, choices: Mapping[str, str | float]) -> list[Hypothesis]:
@@ -160,9 +157,7 @@ def _from_null(
     applied = candidate.applied
     choices = {p.name: applied.values[p.name] for p in applied.effect.parameters if p.choices}
     ways = [one for one in _ways(validation, applied.effect, choices) if one.free]
-    known = [
-        Signature(way, tuple(p.coordinate_step for p in way.free), None, candidate.by_priors) for way in ways
-    ]
+    known = [Signature(way, tuple(p.coordinate_step for p in way.free), None, candidate.by_priors) for way in ways]
     try:
         return [_best(problem, known, residual)] if known else []
     except InputError:

@@ -36,7 +36,7 @@ __all__ = [
     "prior_pull",
     "something_remains",
     "square",
-]  # fmt: skip
+]
 
 #: An effect must lower chi2 per sample by at least this much. The base picture's own errors could make less: they are
 #: smooth. What changes edges alone is not imitated by them, and the errors of edges are counted in the variance.
@@ -101,9 +101,13 @@ class Limit(OwnMappings):
 
 
 def limit_of(
-    known: Signature, plain: LinearModel, counting: LinearModel, scale: float,
-    again: Signature | None = None, residual: NDArray | None = None,
-) -> Limit | None:  # fmt: skip
+    known: Signature,
+    plain: LinearModel,
+    counting: LinearModel,
+    scale: float,
+    again: Signature | None = None,
+    residual: NDArray | None = None,
+) -> Limit | None:
     """Of one way for an effect to act, by its first number; None where it changes nothing, or only what priors tell.
 
     plain, counting : models of a capture without the effect, without and with the picture's own errors counted.
@@ -133,9 +137,15 @@ def limit_of(
     if distance < tolerated:
         distance, gain = tolerated, gain * (tolerated / distance) ** 2
     return Limit(
-        known.hypothesis.effect.id, dict(known.hypothesis.fixed), parameter.name, parameter.unit, distance,
-        gain / plain.count, visible, beside,
-    )  # fmt: skip
+        known.hypothesis.effect.id,
+        dict(known.hypothesis.fixed),
+        parameter.name,
+        parameter.unit,
+        distance,
+        gain / plain.count,
+        visible,
+        beside,
+    )
 
 
 def _nine_of_ten(least: float, spread: float) -> float:
@@ -176,9 +186,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
 def beyond_tolerance(candidate: Candidate) -> bool:
     """Whether numbers that setting up the box leaves uncertain are further from null than chance takes them."""
     pulls = [
-        (candidate.numbers[p.name] - (p.null or 0.0)) / p.tolerance
-        for p in candidate.hypothesis.free
-        if p.tolerance
+        (candidate.numbers[p.name] - (p.null or 0.0)) / p.tolerance for p in candidate.hypothesis.free if p.tolerance
     ]
     return not pulls or float(np.linalg.norm(pulls)) > _beyond_chance(len(pulls))
 

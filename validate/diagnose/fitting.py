@@ -31,9 +31,7 @@ def _moved(candidate: Candidate, steps: Sequence[NumberStep], by: NDArray[np.flo
     return replace(candidate, numbers=numbers)
 
 
-def _deviations(
-    candidate: Candidate, steps: Sequence[NumberStep], variance: NDArray[np.float64]
-) -> dict[str, float]:
+def _deviations(candidate: Candidate, steps: Sequence[NumberStep], variance: NDArray[np.float64]) -> dict[str, float]:
     """Standard deviations of its numbers from the variances of the multiples of steps."""
     return {
         s.parameter.name: s.parameter.deviation(
@@ -43,9 +41,7 @@ def _deviations(
     }
 
 
-def parameter_variance(
-    model: FitModel, design: NDArray, inverse: NDArray, residual: NDArray
-) -> NDArray[np.float64]:
+def parameter_variance(model: FitModel, design: NDArray, inverse: NDArray, residual: NDArray) -> NDArray[np.float64]:
     """(parameter,) variances by noise, by residuals correlated within patches of the image, and by shared errors.
 
     Correlated residuals are counted with patches, over all bands, as clusters: Liang and Zeger, "Longitudinal data
@@ -97,8 +93,7 @@ def gauss_newton(
         shift, covariance = least_squares(design, best.left, slope)
         variance = np.split(parameter_variance(model, design, covariance, best.left), ends)
         stated = [
-            replace(c, sigma=_deviations(c, own, v))
-            for c, own, v in zip(best.candidates, steps, variance, strict=True)
+            replace(c, sigma=_deviations(c, own, v)) for c, own, v in zip(best.candidates, steps, variance, strict=True)
         ]
         best = replace(best, candidates=tuple(stated))
         for damping in (1.0, 0.4, 0.15):
@@ -114,9 +109,7 @@ def gauss_newton(
     return best, design
 
 
-def _tried(
-    evaluate: Callable[[Sequence[Candidate]], Fitted], candidates: Sequence[Candidate]
-) -> Fitted | None:
+def _tried(evaluate: Callable[[Sequence[Candidate]], Fitted], candidates: Sequence[Candidate]) -> Fitted | None:
     """The candidates with their numbers in place; None where they cannot be."""
     try:
         return evaluate(candidates)
@@ -124,9 +117,7 @@ def _tried(
         return None
 
 
-def fit(
-    problem: FitProblem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf
-) -> Candidate:
+def fit(problem: FitProblem, start: Candidate, residual: NDArray[np.float64], known: float = np.inf) -> Candidate:
     """Refine a screened candidate by Gauss-Newton, numbers without null included.
 
     known : see ``gauss_newton``.

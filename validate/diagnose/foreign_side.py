@@ -42,9 +42,7 @@ class ForeignSide:
         """What there is to say of it, the energy first."""
         stated = "" if self.lamp_sigma is None else f", the lamp's power is stated to ± {self.lamp_sigma:.1%}"
         more = "more" if self.energy > 0 else "less"
-        told = [
-            f"The other renderer's picture has {abs(self.energy):.2%} {more} light than the capture{stated}."
-        ]
+        told = [f"The other renderer's picture has {abs(self.energy):.2%} {more} light than the capture{stated}."]
         if self.max_bounces is not None:
             told.append(f"It looks like paths that end after {self.max_bounces} reflections.")
         return told
@@ -75,9 +73,7 @@ def foreign_side(validation: Validation) -> tuple[Validation, ForeignSide | None
 def _depth(validation: Validation, rendered: Predicted) -> int | None:
     """The number of reflections after which light is missing; None where that explains too little."""
     whole, count = _chi2(validation, rendered, np.ones_like(rendered.signal))
-    found = {
-        depth: _chi2(validation, rendered, ratio)[0] for depth, ratio in _ratios(validation, rendered).items()
-    }
+    found = {depth: _chi2(validation, rendered, ratio)[0] for depth, ratio in _ratios(validation, rendered).items()}
     if not found:
         return None
     best = min(found, key=lambda depth: found[depth])

@@ -87,19 +87,48 @@ def further_captures(prepared: Prepared, linearised: LinearisedFit) -> list[Furt
     short = np.minimum(_LAMP_LEVEL * sensing.full_scale / np.maximum(peak, 1e-9), 1.0)
     whole = np.broadcast_to(np.isfinite(linearised.base).all(axis=0), used.shape)
     return [
-        FurtherCapture("the first band once more, after the last one", seconds(one, every[is_first]),
-                       one, np.full(len(frames), later), first),
-        FurtherCapture("frames with the lens capped and the lamp on, at the same exposures", seconds(one, every),
-                       one, sensing.minutes, used, capped=True),
-        FurtherCapture("all bands with exposures so short that the lamp itself is not clipped",
-                       seconds(short, every), short, sensing.minutes + later, whole),
-        FurtherCapture("all bands at half the exposure", seconds(0.5 * one, every), 0.5 * one,
-                       sensing.minutes + later, used),
-        FurtherCapture("all bands at half the aperture's diameter and four times the exposure",
-                       seconds(4 * one, every), 4 * one, sensing.minutes + later, used, aperture=0.5),
-        FurtherCapture(f"all bands again, {_AGAIN} times as many frames", seconds(one, every, _AGAIN), one,
-                       sensing.minutes, used, frames=_AGAIN),
-    ]  # fmt: skip
+        FurtherCapture(
+            "the first band once more, after the last one",
+            seconds(one, every[is_first]),
+            one,
+            np.full(len(frames), later),
+            first,
+        ),
+        FurtherCapture(
+            "frames with the lens capped and the lamp on, at the same exposures",
+            seconds(one, every),
+            one,
+            sensing.minutes,
+            used,
+            capped=True,
+        ),
+        FurtherCapture(
+            "all bands with exposures so short that the lamp itself is not clipped",
+            seconds(short, every),
+            short,
+            sensing.minutes + later,
+            whole,
+        ),
+        FurtherCapture(
+            "all bands at half the exposure", seconds(0.5 * one, every), 0.5 * one, sensing.minutes + later, used
+        ),
+        FurtherCapture(
+            "all bands at half the aperture's diameter and four times the exposure",
+            seconds(4 * one, every),
+            4 * one,
+            sensing.minutes + later,
+            used,
+            aperture=0.5,
+        ),
+        FurtherCapture(
+            f"all bands again, {_AGAIN} times as many frames",
+            seconds(one, every, _AGAIN),
+            one,
+            sensing.minutes,
+            used,
+            frames=_AGAIN,
+        ),
+    ]
 
 
 def _signal(
@@ -122,9 +151,13 @@ def _signal(
 
 
 def _whitened(
-    prepared: Prepared, linearised: LinearisedFit, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
-    one: Candidate, alternative: Candidate,
-) -> tuple[NDArray, NDArray]:  # fmt: skip
+    prepared: Prepared,
+    linearised: LinearisedFit,
+    capture: FurtherCapture | None,
+    others: Sequence[AppliedEffect],
+    one: Candidate,
+    alternative: Candidate,
+) -> tuple[NDArray, NDArray]:
     """Difference (n,) of two effects' predictions over sigma, and its derivatives (n, k) by what is minimised over."""
     given = (*linearised.given, *others)
 
@@ -148,14 +181,16 @@ def _whitened(
 
 
 def distance(
-    prepared: Prepared, linearised: LinearisedFit, capture: FurtherCapture | None, others: Sequence[AppliedEffect],
-    one: Candidate, alternative: Candidate,
-) -> float:  # fmt: skip
+    prepared: Prepared,
+    linearised: LinearisedFit,
+    capture: FurtherCapture | None,
+    others: Sequence[AppliedEffect],
+    one: Candidate,
+    alternative: Candidate,
+) -> float:
     """Chi2 between the predictions of two effects in this capture and a further one (None: this one alone), minimised
     over camera, lamp and the alternative's numbers. others : effects in the model with either."""
-    parts = [
-        _whitened(prepared, linearised, c, others, one, alternative) for c in dict.fromkeys([None, capture])
-    ]
+    parts = [_whitened(prepared, linearised, c, others, one, alternative) for c in dict.fromkeys([None, capture])]
     priors = linearised.model.priors
 
     def surveyed(effect: AppliedEffect) -> NDArray[np.float64]:

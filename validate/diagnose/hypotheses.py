@@ -53,9 +53,7 @@ def hypotheses(
         options: list[Sequence[str | float]] = [present[p.kind] if p.kind else p.choices for p in named]
         options += [p.starting_values for p in started]
         for values in itertools.product(*options):
-            fixed: dict[str, str | float] = dict(
-                zip([p.name for p in (*named, *started)], values, strict=True)
-            )
+            fixed: dict[str, str | float] = dict(zip([p.name for p in (*named, *started)], values, strict=True))
             one = Hypothesis(effect, free, fixed)
             idle = effect.stage == "settings" and not free and one.at({}).apply(settings) == settings
             if not idle:

@@ -241,10 +241,18 @@ class BandErrors:
 
 
 def build_linear_model(
-    *, measured: NDArray, base: NDArray, variance: NDArray, used: NDArray, coverage: NDArray,
-    derivative: NDArray, fit: NuisanceFit, calibrated: Camera, lamp_sigma: float | None,
+    *,
+    measured: NDArray,
+    base: NDArray,
+    variance: NDArray,
+    used: NDArray,
+    coverage: NDArray,
+    derivative: NDArray,
+    fit: NuisanceFit,
+    calibrated: Camera,
+    lamp_sigma: float | None,
     band_errors: BandErrors,
-) -> LinearModel:  # fmt: skip
+) -> LinearModel:
     """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
 
     coverage : (y, x, f) of flat faces. derivative : (11, band, y, x) of the best signal known by camera and lamp.
@@ -265,20 +273,24 @@ def build_linear_model(
     patch = np.broadcast_to(rows * _PATCHES + columns, used.shape)[used]
     interior = np.broadcast_to(inside, used.shape)[used]
     return LinearModel(
-        used=used, interior=interior, patch=patch, sigma=sigma, priors=priors,
-        by_lamp=derivative[Nuisances.of_lamp][used], basis=basis,
+        used=used,
+        interior=interior,
+        patch=patch,
+        sigma=sigma,
+        priors=priors,
+        by_lamp=derivative[Nuisances.of_lamp][used],
+        basis=basis,
         shared_errors=_shared_errors(fit.lamp_scale * base, coverage, used, sigma, band_errors),
-        residual=projected, dark_errors=len(base) if band_errors.dark_counts else 0,
-    )  # fmt: skip
+        residual=projected,
+        dark_errors=len(base) if band_errors.dark_counts else 0,
+    )
 
 
 def _shared_errors(
     signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray, errors: BandErrors
 ) -> NDArray[np.float32]:
     each = np.eye(len(signal))[:, :, None, None]
-    bands = [
-        size * one * signal for size, one in zip(np.hypot(_BAND_ERROR, errors.relative), each, strict=True)
-    ]
+    bands = [size * one * signal for size, one in zip(np.hypot(_BAND_ERROR, errors.relative), each, strict=True)]
     darks = [errors.dark_dn * one * np.ones_like(signal) for one in each] if errors.dark_counts else []
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*darks, *bands, *faces)]

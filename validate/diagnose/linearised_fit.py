@@ -62,9 +62,7 @@ class LinearisedFit:
         model = self.model
         others = [*model.shared_errors[: model.count].T, *(error / model.sigma for error in more)]
         signal, coverage = self.scale * self.rendered.signal, self.rendered.image.coverage
-        return replace(
-            self, model=model.counting(picture_errors(signal, coverage, model.used, model.sigma, others))
-        )
+        return replace(self, model=model.counting(picture_errors(signal, coverage, model.used, model.sigma, others)))
 
     def problem(self, chosen: Sequence[Candidate]) -> Problem:
         """What a further effect is fitted to, with these in place and their numbers marginalised over."""
@@ -77,9 +75,7 @@ class LinearisedFit:
         return self._problem(self.model.marginalised_over(changes), applied)
 
     def _problem(self, model: LinearModel, others: Sequence[AppliedEffect]) -> Problem:
-        return build_problem(
-            self.predictor, model, (*self.given, *others), self.scale, self.rendered.variance
-        )
+        return build_problem(self.predictor, model, (*self.given, *others), self.scale, self.rendered.variance)
 
 
 def linearised_fit(
@@ -105,16 +101,19 @@ def linearised_fit(
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
     derivative = camera_jacobian(predictor.warp, fit_.camera)
     model = build_linear_model(
-        measured=prepared.measured, base=base, variance=variance, used=rendered.used,
-        coverage=rendered.image.coverage, fit=fit_, calibrated=prepared.expected_camera(given),
-        derivative=np.concatenate(
-            [fit_.lamp_scale * derivative, _by_lamp_scale(predictor, (*given, *added))[None]]
-        ),
+        measured=prepared.measured,
+        base=base,
+        variance=variance,
+        used=rendered.used,
+        coverage=rendered.image.coverage,
+        fit=fit_,
+        calibrated=prepared.expected_camera(given),
+        derivative=np.concatenate([fit_.lamp_scale * derivative, _by_lamp_scale(predictor, (*given, *added))[None]]),
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(
             tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
         ),
-    )  # fmt: skip
+    )
     single = derivative.astype(np.float32)
     return LinearisedFit(rendered, predictor, model, tuple(given), base, single)
 
@@ -154,9 +153,7 @@ def refitted_together(linearised: LinearisedFit, chosen: Sequence[Candidate]) ->
 
     start = evaluate([with_all_numbers(c) for c in chosen])
     best, derivatives = gauss_newton(evaluate, linearised.model, start)
-    owner = np.repeat(
-        np.arange(len(chosen)), [len(c.numbers) if c.hypothesis.free else 0 for c in best.candidates]
-    )
+    owner = np.repeat(np.arange(len(chosen)), [len(c.numbers) if c.hypothesis.free else 0 for c in best.candidates])
     found = []
     for index, candidate in enumerate(best.candidates):
         others = [c for i, c in enumerate(best.candidates) if i != index]

@@ -34,9 +34,14 @@ _RIDGE = 1e-6
 
 
 def best_singles(
-    problem: Problem, signatures: Sequence[Signature], residual: NDArray, refined: int, known: float = np.inf,
-    least: float = 0.0, progress: Progress = QUIET,
-) -> list[Candidate]:  # fmt: skip
+    problem: Problem,
+    signatures: Sequence[Signature],
+    residual: NDArray,
+    refined: int,
+    known: float = np.inf,
+    least: float = 0.0,
+    progress: Progress = QUIET,
+) -> list[Candidate]:
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 
     Those that gain much less to first order than the best known fit, or than ``least``, are not fitted. Nor are those
@@ -96,9 +101,13 @@ class NormalEquations:
         slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
         low, high = size * np.concatenate([one.bounds for one in signatures]).T
         return cls(
-            owner, columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
-            aim - np.array(slope) / size / 2, size, low, high,
-        )  # fmt: skip
+            owner,
+            columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
+            aim - np.array(slope) / size / 2,
+            size,
+            low,
+            high,
+        )
 
     def solved(self, members: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
         """The chi2 that signatures gain together, -inf where a number leaves its bounds, and the multiples of their
@@ -109,9 +118,7 @@ class NormalEquations:
         return float(self.aim[own] @ amplitude) if inside else -np.inf, amplitude / self.size[own]
 
 
-def best_set(
-    problem: Problem, signatures: Sequence[Signature], residual: NDArray, most: int
-) -> list[Candidate]:
+def best_set(problem: Problem, signatures: Sequence[Signature], residual: NDArray, most: int) -> list[Candidate]:
     """The two to ``most`` effects that together explain most chi2 to first order, each number at its price; each one's
     ``chi2`` is that of all together. Empty where no set keeps its numbers within their bounds.
 
@@ -184,9 +191,7 @@ def pairs_replaced(
     best = list(chosen)
     for kept in chosen:
         rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]
-        found = best_singles(
-            linearised.problem([kept]), rest, residual_with(linearised, [kept]), _MOST_FITTED
-        )
+        found = best_singles(linearised.problem([kept]), rest, residual_with(linearised, [kept]), _MOST_FITTED)
         trial = refitted_together(linearised, [kept, found[0]])
         left = residual_with(linearised, trial)
         if square(left) < limit:

@@ -194,17 +194,11 @@ def settled(
     current = list(known)
     for index, one in enumerate(known):
         others = [c.candidate for i, c in enumerate(current) if i != index]
-        tried = [
-            _in_all(prepared, linearised, further, others, c) for c in (one.candidate, *one.alternatives)
-        ]
+        tried = [_in_all(prepared, linearised, further, others, c) for c in (one.candidate, *one.alternatives)]
         best, *rest = sorted(tried, key=penalised)
-        without = _chi2_without(linearised, others) + sum(
-            _chi2_without(f.linearised, others) for f in further
-        )
+        without = _chi2_without(linearised, others) + sum(_chi2_without(f.linearised, others) for f in further)
         count = linearised.model.count + sum(f.linearised.model.count for f in further)
-        current[index] = replace(
-            one, candidate=best, alternatives=tuple(rest), chi2_without=without, count=count
-        )
+        current[index] = replace(one, candidate=best, alternatives=tuple(rest), chi2_without=without, count=count)
     return current
 
 
@@ -221,9 +215,7 @@ def _in_all(
 ) -> Candidate:
     """An effect fitted to the captures that share its numbers, and to each of the others by itself."""
     sharing = [f for f in further if f.shares(candidate.hypothesis.effect)]
-    joint = JointFit.of(
-        [linearised, *(f.linearised for f in sharing)], [prepared, *(f.prepared for f in sharing)]
-    )
+    joint = JointFit.of([linearised, *(f.linearised for f in sharing)], [prepared, *(f.prepared for f in sharing)])
     found = fit(joint.problem(others), candidate, joint.residual_with(others))
     apart = [_by_itself(f.linearised, others, candidate) for f in further if f not in sharing]
     return replace(found, chi2=found.chi2 + sum(apart), predicted=candidate.predicted)

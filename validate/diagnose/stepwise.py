@@ -80,9 +80,7 @@ class Selection:
         return linearised if self.first.errors is None else linearised.counting_errors(())
 
 
-def tolerated_changes(
-    linearised: LinearisedFit, signatures: Sequence[Signature]
-) -> list[NDArray[np.float64]]:
+def tolerated_changes(linearised: LinearisedFit, signatures: Sequence[Signature]) -> list[NDArray[np.float64]]:
     """(n,) DN each, one standard deviation: what effects within their parameters' tolerance change."""
     return [
         p.tolerance / step * linearised.scale * change
@@ -94,9 +92,12 @@ def tolerated_changes(
 
 
 def selection(
-    validation: Validation, first: LinearisedFit, signatures: Sequence[Signature], progress: Progress,
+    validation: Validation,
+    first: LinearisedFit,
+    signatures: Sequence[Signature],
+    progress: Progress,
     errors: Sequence[NDArray[np.float64]] | None = None,
-) -> Selection:  # fmt: skip
+) -> Selection:
     """Effects enter one after the other, the picture made anew with each; those that later ones made superfluous leave,
     and every one left is tested against all others in its stead, and where it was not fitted.
 
@@ -120,9 +121,7 @@ def selection(
     candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST, progress=part)
     chosen: list[Candidate] = []
     while (
-        best := first_significant(
-            candidates, residual, problem.model, residual_with_rendered(linearised, chosen)
-        )
+        best := first_significant(candidates, residual, problem.model, residual_with_rendered(linearised, chosen))
     ) is not None:
         reached = 0.75 + 0.2 * (len(chosen) + 1) / _MOST_EFFECTS
         part = share(progress, reached - 0.2 / _MOST_EFFECTS, reached)
@@ -135,9 +134,7 @@ def selection(
             break
         if best.hypothesis.effect.stage == "settings":
             # with more light reflected the signatures of the other effects differ
-            signatures = signatures_of(
-                plain, (*given, best.applied), settings, share(progress, reached, reached)
-            )
+            signatures = signatures_of(plain, (*given, best.applied), settings, share(progress, reached, reached))
         taken = {c.hypothesis.effect.id for c in chosen}
         rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
         problem = linearised.problem(chosen)
@@ -153,9 +150,7 @@ def selection(
     chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
     chosen, known = with_better_alternatives(linearised, chosen, signatures)
     chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
-    return Selection(
-        start, plain, singles, chosen, known, () if chosen else limits_of(first, linearised.model, tried)
-    )
+    return Selection(start, plain, singles, chosen, known, () if chosen else limits_of(first, linearised.model, tried))
 
 
 def _remaining(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
@@ -171,9 +166,12 @@ def _hopeless(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
 
 
 def _with_best_set(
-    validation: Validation, first: LinearisedFit, signatures: Sequence[Signature],
-    linearised: LinearisedFit, chosen: list[Candidate],
-) -> tuple[LinearisedFit, list[Candidate]]:  # fmt: skip
+    validation: Validation,
+    first: LinearisedFit,
+    signatures: Sequence[Signature],
+    linearised: LinearisedFit,
+    chosen: list[Candidate],
+) -> tuple[LinearisedFit, list[Candidate]]:
     """The set of effects that explains most to first order, and the picture with it, where it explains more than those
     chosen one after the other: the first of these may resemble the sum of others, and no single exchange then lead on.
     It is fitted in full where it promises to explain half of what they leave.

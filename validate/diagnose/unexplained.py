@@ -46,9 +46,13 @@ _NEARLY_ALL = 0.75
 
 
 def beats(
-    explanation: Explanation, model: LinearModel, chosen: Sequence[Candidate], fitted: LinearModel,
-    left: NDArray[np.float64], beside: Explanation | None = None,
-) -> bool:  # fmt: skip
+    explanation: Explanation,
+    model: LinearModel,
+    chosen: Sequence[Candidate],
+    fitted: LinearModel,
+    left: NDArray[np.float64],
+    beside: Explanation | None = None,
+) -> bool:
     """Whether a family alone explains more of the excess of the model as given than the effects chosen.
 
     fitted, left : the model in which these were fitted, and the residual (n + 11,) that they leave. The family must
@@ -75,9 +79,7 @@ def beats(
     return of_effects - of_family - complexity > more
 
 
-def stands_out(
-    explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float
-) -> bool:
+def stands_out(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float) -> bool:
     """Whether a pattern is left in a residual (n + 11,) that is neither noise nor an error of the picture.
 
     Smooth patterns in all bands, and blurs, are judged by ``something_remains``: the picture has such errors itself.
@@ -232,17 +234,28 @@ def _transport(linearised: LinearisedFit) -> Transport:
     arriving = direct + traced.gather @ radiance
     lamps = [lamp.centre for lamp in traced.light.lamps]
     return Transport(
-        pixel=traced.pixel, coverage=traced.coverage, surface=traced.surface, material=traced.material,
-        position=traced.position, gather=traced.gather, patch_surface=patches.surface,
-        patch_material=patches.material, patch_position=patches.centre, form_factors=exchange.form_factors,
-        reflectance=reflectance, arriving=arriving, direct=direct,
+        pixel=traced.pixel,
+        coverage=traced.coverage,
+        surface=traced.surface,
+        material=traced.material,
+        position=traced.position,
+        gather=traced.gather,
+        patch_surface=patches.surface,
+        patch_material=patches.material,
+        patch_position=patches.centre,
+        form_factors=exchange.form_factors,
+        reflectance=reflectance,
+        arriving=arriving,
+        direct=direct,
         view=_cosine(traced.position, traced.normal, [traced.camera.position_mm], np.ones((len(direct), 1))),
         incidence=_cosine(traced.position, traced.normal, lamps, traced.direct),
-        patch_arriving=first + exchange.form_factors @ radiance, patch_direct=first,
+        patch_arriving=first + exchange.form_factors @ radiance,
+        patch_direct=first,
         patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
-        picture=traced.pixels(reflectance[traced.material] * arriving), roughness=_COATS,
+        picture=traced.pixels(reflectance[traced.material] * arriving),
+        roughness=_COATS,
         coats=np.array([_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COATS], np.float32),
-    )  # fmt: skip
+    )
 
 
 def _cosine(
@@ -268,9 +281,16 @@ def _coated(
     materials = np.unique(traced.material)
     each = [
         changed_reflection(
-            traced.light, traced.camera, radiance, reflectance, shares, coat,
-            material=int(one), seen_in=traced.pixels_of(one), samples=(_COAT_SAMPLES, 0),
+            traced.light,
+            traced.camera,
+            radiance,
+            reflectance,
+            shares,
+            coat,
+            material=int(one),
+            seen_in=traced.pixels_of(one),
+            samples=(_COAT_SAMPLES, 0),
         )
         for one in materials
-    ]  # fmt: skip
+    ]
     return np.sum(each, axis=0)

@@ -102,9 +102,7 @@ def foreign_picture(
     return ForeignPicture(image, camera, light, path, declared, "standard_error" not in cube)
 
 
-def _between(
-    wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage
-) -> NDArray[np.float32]:
+def _between(wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage) -> NDArray[np.float32]:
     """(b, y, x, n) on WAVELENGTH_NM of values (b, y, x, w), whose ratio to our picture's spectra is linear between.
 
     A pixel that is dark in our picture at any wavelength has its mean spectrum in place of its own. Where that is dark

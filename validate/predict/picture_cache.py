@@ -40,9 +40,14 @@ def default_cache() -> Path:
 
 
 def cached_picture(
-    folder: Path | None, light: LightField, camera: Camera, samples: int, batches: int, seed: int,
+    folder: Path | None,
+    light: LightField,
+    camera: Camera,
+    samples: int,
+    batches: int,
+    seed: int,
     progress: Progress = QUIET,
-) -> RenderedImage:  # fmt: skip
+) -> RenderedImage:
     """What ``gather`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made now and kept.
 
     folder : None keeps nothing. A cache that cannot be read or written is no fault, nor is a damaged entry: the
@@ -150,9 +155,12 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
         return None
     names = tuple(surface.name for surface in light.tracer.scene.surfaces)
     return RenderedImage(
-        **arrays, spectra=light.spectra, wavelength_nm=light.wavelength_nm, facet_surface=facet_surface,
+        **arrays,
+        spectra=light.spectra,
+        wavelength_nm=light.wavelength_nm,
+        facet_surface=facet_surface,
         surface_names=names,
-    )  # fmt: skip
+    )
 
 
 def _keep(path: Path, key: str, image: RenderedImage) -> None:

@@ -102,9 +102,7 @@ def picture_errors(
         column[:] = cells.whitened(np.where(region == number, _REGION_ERROR * level, 0.0))
     blocks = _blocks(len(cell))
     none = np.zeros((common.shape[1], common.shape[1]))
-    values, vectors = np.linalg.eigh(
-        sum((common[some].T.astype(float) @ common[some] for some in blocks), none)
-    )
+    values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))
     seen = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
     values, vectors = values[seen], vectors[:, seen]
     orthonormal = np.empty((len(cell), len(values)), np.float32)

@@ -165,8 +165,7 @@ class Predictor:
         base = self.base.scaled(self.lamp_scale)
         light = base.with_signal(base.signal + self.lamp_scale * before)
         noisy, signal = (
-            expected_signal(each, self.sensing, effects, self.camera) / self.lamp_scale
-            for each in (light, base)
+            expected_signal(each, self.sensing, effects, self.camera) / self.lamp_scale for each in (light, base)
         )
         return signal, noisy - signal
 
@@ -229,8 +228,16 @@ class Predictor:
         settings = after_stage(self.settings, effects, "settings")
         weights = sensor_matrix(self.sensing.curves.responses())
         lamp = scene.lamp_radiance(WAVELENGTH_NM)
-        light: PatchLight = patch_light(self._transport(scene), scene, self.effective_nm, WAVELENGTH_NM, weights, lamp,
-                                        max_bounces=settings.max_bounces, samples=self.samples)  # fmt: skip
+        light: PatchLight = patch_light(
+            self._transport(scene),
+            scene,
+            self.effective_nm,
+            WAVELENGTH_NM,
+            weights,
+            lamp,
+            max_bounces=settings.max_bounces,
+            samples=self.samples,
+        )
         light = after_stage(light, effects, "transport")
         return (weights @ lamp)[:, None, None] * light.picture()
 
@@ -268,9 +275,7 @@ def _with_edge(scene: Scene, ratio: float) -> Scene:
     return scene.with_lamps(lambda lamp: replace(lamp, edge_ratio=ratio))
 
 
-def changed_alike(
-    signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None
-) -> NDArray[np.float64]:
+def changed_alike(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:
     """The signal, changed as the picture by patch transport changes: by the ratio, in which errors of the coarse
     patches cancel; by the difference where the ratio is not between 0.5 and 2 (dark pixels, moved edges).
 
@@ -293,9 +298,7 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     for one in np.unique(face[face >= 0]):
         own = face == one
         weight = gaussian_filter(own.astype(float), _NEIGHBOURS_PX, mode="constant")[own]
-        values = gaussian_filter(
-            np.where(own, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant"
-        )
+        values = gaussian_filter(np.where(own, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
         result[:, own] = values[:, own] / weight
     return result
 
@@ -306,9 +309,7 @@ def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SA
     samples : rays of each pixel.
     """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
-    return build_patch_transport(
-        build_patched_scene(scene, edge, _PATCH_SAMPLES, seed), camera, samples, seed
-    )
+    return build_patch_transport(build_patched_scene(scene, edge, _PATCH_SAMPLES, seed), camera, samples, seed)
 
 
 def build_predictor(
@@ -324,6 +325,4 @@ def build_predictor(
     base = scene_light(image, sensing.curves, camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
     base = with_scene_behind(base, warp)
-    return Predictor(
-        scene, sensing, camera, light, image, base, settings, tuple(included), base.effective_nm, warp
-    )
+    return Predictor(scene, sensing, camera, light, image, base, settings, tuple(included), base.effective_nm, warp)

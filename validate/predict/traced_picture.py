@@ -40,13 +40,17 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
 
     def picture(samples: int, batches: int, report: Progress) -> RenderedImage:
         traced = render(
-            scene, camera, traced_nm, samples // _PARTS, batches * _PARTS,
-            seed=settings.seed, max_bounces=settings.max_bounces, progress=report,
-        )  # fmt: skip
+            scene,
+            camera,
+            traced_nm,
+            samples // _PARTS,
+            batches * _PARTS,
+            seed=settings.seed,
+            max_bounces=settings.max_bounces,
+            progress=report,
+        )
         beyond = ((batch @ traced.spectra - lambertian) / lamp[at] for batch in traced.coefficients)
         parts = [np.concatenate([shape.coefficients[0], one], axis=-1, dtype=np.float32) for one in beyond]
-        return replace(
-            shape, coefficients=np.stack(parts), spectra=np.concatenate([shape.spectra, between * lamp])
-        )
+        return replace(shape, coefficients=np.stack(parts), spectra=np.concatenate([shape.spectra, between * lamp]))
 
     return picture

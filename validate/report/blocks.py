@@ -10,8 +10,17 @@ import numpy as np
 from .plots import Drawing, MapRow
 
 __all__ = [
-    "Cell", "Headline", "ReportSection", "Story", "Table", "number", "percent", "significant", "to_error", "with_error",
-]  # fmt: skip
+    "Cell",
+    "Headline",
+    "ReportSection",
+    "Story",
+    "Table",
+    "number",
+    "percent",
+    "significant",
+    "to_error",
+    "with_error",
+]
 
 #: Numbers that need more decimal places are written with an exponent.
 _MOST_PLACES = 6

@@ -13,10 +13,17 @@ __all__ = ["calibration_rows", "colour_rows", "patch_rows"]
 Row = tuple[str, str, str, str]
 
 _CAMERA_ROWS = (
-    ("camera x", "mm"), ("camera y", "mm"), ("camera z", "mm"),
-    ("camera rotation x", "deg"), ("camera rotation y", "deg"), ("camera rotation z", "deg"),
-    ("focal length", "px"), ("principal point u", "px"), ("principal point v", "px"), ("distortion k1", "1"),
-)  # fmt: skip
+    ("camera x", "mm"),
+    ("camera y", "mm"),
+    ("camera z", "mm"),
+    ("camera rotation x", "deg"),
+    ("camera rotation y", "deg"),
+    ("camera rotation z", "deg"),
+    ("focal length", "px"),
+    ("principal point u", "px"),
+    ("principal point v", "px"),
+    ("distortion k1", "1"),
+)
 
 
 def _row(name: str, value: float | None, sigma: float | None, unit: str, missing: str = "") -> Row:
@@ -39,9 +46,7 @@ def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
         for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
     ]
     points = f"{int(fit.kept.sum())} of {len(fit.kept)} points"
-    rows.append(
-        (f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px")
-    )
+    rows.append((f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px"))
     return rows
 
 
@@ -65,30 +70,21 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
         rows.append(("C equal in all bands: probability", f"{scale.probability:.3f}", "", "1"))
     if linearity is not None:
         rows.append(_row("black level", linearity.black_level_dn, linearity.black_level_sigma, "DN"))
-        rows.append(
-            _row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s")
-        )
+        rows.append(_row("exposure offset", linearity.exposure_offset_s, linearity.exposure_offset_sigma, "s"))
         worst = max(linearity.rms_corrected.items(), key=lambda item: item[1], default=None)
         if worst is not None:
             rows.append((f"nonlinearity, rms, worst band {worst[0]}", f"{100 * worst[1]:.2f}", "", "%"))
     transfer, curve = calibration.sensor.transfer, calibration.sensor.curve
     if transfer is not None:
         rows.append(_row("DSNU", transfer.dsnu_e, transfer.dsnu_sigma, "e-", "below the noise of the darks"))
-        rows.append(
-            _row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%", "below the noise of the flats")
-        )
+        rows.append(_row("PRNU", 100 * transfer.prnu, 100 * transfer.prnu_sigma, "%", "below the noise of the flats"))
         rows.append(_row("full well", transfer.saturation_e, None, "e-", "reached in no frame"))
     if curve is not None:
         rms, line = 100 * curve.statistics["rms"], 100 * curve.line_rms
-        rows.append(
-            (f"calibration curve: rms residual (straight line: {line:.2g})", f"{rms:.2g}", "", "% of full")
-        )
+        rows.append((f"calibration curve: rms residual (straight line: {line:.2g})", f"{rms:.2g}", "", "% of full"))
     if calibration.weights is not None:
         gain = calibration.weights.noise_gain
-        rows += [
-            (f"noise of {axis} relative to the bands", f"{gain[i]:.2f}", "", "1")
-            for i, axis in enumerate("XYZ")
-        ]
+        rows += [(f"noise of {axis} relative to the bands", f"{gain[i]:.2f}", "", "1") for i, axis in enumerate("XYZ")]
     return rows
 
 
@@ -105,9 +101,11 @@ def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[st
         if errors is not None and label.label in judged:
             i = judged[label.label]
             own = (
-                f"{errors.known_xyz[i, 1]:.2f}", f"{np.abs(errors.reflectance[i]).max():.3f}",
-                f"{errors.delta_e_ab[i]:.1f}", f"{errors.delta_e_2000[i]:.1f}",
-            )  # fmt: skip
+                f"{errors.known_xyz[i, 1]:.2f}",
+                f"{np.abs(errors.reflectance[i]).max():.3f}",
+                f"{errors.delta_e_ab[i]:.1f}",
+                f"{errors.delta_e_2000[i]:.1f}",
+            )
         rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own))
     if errors is not None:
         for name, summary in (("mean", np.mean), ("largest", np.max)):

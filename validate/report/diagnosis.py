@@ -18,10 +18,21 @@ from .explanation import explanation_record, explanation_sentence
 from .metrics import PathStep
 
 __all__ = [
-    "diagnosis_record", "error_sentence", "evidence_sentences", "finding_sentences",
-    "further_sentences", "in_short", "limit_words", "path_steps", "ranked_values", "separation_sentence",
-    "step_name", "unexplained_sentences", "values_words", "write_diagnosis",
-]  # fmt: skip
+    "diagnosis_record",
+    "error_sentence",
+    "evidence_sentences",
+    "finding_sentences",
+    "further_sentences",
+    "in_short",
+    "limit_words",
+    "path_steps",
+    "ranked_values",
+    "separation_sentence",
+    "step_name",
+    "unexplained_sentences",
+    "values_words",
+    "write_diagnosis",
+]
 
 
 #: So many limits are said; all of them stand in diagnosis.json and the report.
@@ -44,9 +55,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
             for r in diagnosis.ranking
         ],
         "selected": list(diagnosis.selected),
-        "selected_parameters": [
-            {k: _finite(v) for k, v in e.values.items()} for e in diagnosis.path[-1].effects
-        ],
+        "selected_parameters": [{k: _finite(v) for k, v in e.values.items()} for e in diagnosis.path[-1].effects],
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "indistinguishable": [list(group) for group in diagnosis.indistinguishable],
         "heldout_pixels": _finite(diagnosis.heldout_pixels),
@@ -107,11 +116,7 @@ def in_short(diagnosis: Diagnosis) -> str:
     last = diagnosis.path[-1]
     effects = zip(last.effects, last.sigma, strict=True)
     found = " and ".join(f"{effect.id} ({_values(effect, sigma)})" for effect, sigma in effects)
-    rest = (
-        ", and a difference remains that nothing known explains"
-        if diagnosis.selected[-1] == "unknown"
-        else ""
-    )
+    rest = ", and a difference remains that nothing known explains" if diagnosis.selected[-1] == "unknown" else ""
     return f"The model lacks {found}{rest}."
 
 
@@ -195,11 +200,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
 def limit_sentences(diagnosis: Diagnosis) -> list[str]:
     """What would have been found, of the effects that show most easily."""
     shown = [f"{limit.effect} with {limit_words(limit)}" for limit in diagnosis.limits[:_LIMITS_SHOWN]]
-    return (
-        [f"Nine times in ten this capture would have shown, among others: {'; '.join(shown)}."]
-        if shown
-        else []
-    )
+    return [f"Nine times in ten this capture would have shown, among others: {'; '.join(shown)}."] if shown else []
 
 
 def limit_words(limit: Limit) -> str:

@@ -35,9 +35,14 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
     """The entry of diagnosis.json; the family is ``none`` where nothing remains."""
     if explanation is None:
         return {
-            "family": NONE, "surface": None, "centre_px": None, "bands": [], "share": 0.0, "runner_up": None,
+            "family": NONE,
+            "surface": None,
+            "centre_px": None,
+            "bands": [],
+            "share": 0.0,
+            "runner_up": None,
             "field": None,
-        }  # fmt: skip
+        }
     centre = explanation.centre_px
     return {
         "family": explanation.family,
@@ -49,8 +54,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "told_apart": bool(explanation.told_apart),
         "form": explanation.words,
         "relative_change": {
-            band: float(value)
-            for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
+            band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
         "heldout": float(explanation.heldout),
         "field": None if explanation.field is None else field_record(explanation.field),
@@ -103,10 +107,11 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
         for r in explanation.rivals
     ]
     table = Table(
-        ("Family", "Form", "Surface", "Share of the excess, %", "2 ln evidence"), rows,
+        ("Family", "Form", "Surface", "Share of the excess, %", "2 ln evidence"),
+        rows,
         "Every family alone, its best form, with camera and lamp free. What a family lacks to the closest fit is "
         "forgiven up to 3 % of it, for the errors of shapes.",
-    )  # fmt: skip
+    )
     if explanation.family == NONE:
         return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
     strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))

@@ -56,16 +56,19 @@ class Run:
 
 def _chi2(chi2: ChiSquare) -> dict[str, Any]:
     return {
-        "chi2_per_dof": chi2.per_dof, "chi2_per_dof_sigma": chi2.per_dof_sigma,
-        "residuals": chi2.count, "p_value": chi2.p_value,
-    }  # fmt: skip
+        "chi2_per_dof": chi2.per_dof,
+        "chi2_per_dof_sigma": chi2.per_dof_sigma,
+        "residuals": chi2.count,
+        "p_value": chi2.p_value,
+    }
 
 
 def _relative(difference: RelativeDifference) -> dict[str, Any]:
     return {
-        "mean_relative_difference": difference.mean, "rms_relative_difference": difference.rms,
+        "mean_relative_difference": difference.mean,
+        "rms_relative_difference": difference.rms,
         "rms_relative_noise": difference.rms_noise,
-    }  # fmt: skip
+    }
 
 
 def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
@@ -113,11 +116,15 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
     """
     c = comparison
     content: dict[str, Any] = {
-        "capture": run.capture, "model": run.model, "version": run.version, "seconds": run.seconds,
+        "capture": run.capture,
+        "model": run.model,
+        "version": run.version,
+        "seconds": run.seconds,
         "camera": _camera(run, run.calibrated_camera or run.camera),
         "camera_refitted": _camera(run, run.camera) if run.calibrated_camera else None,
         "lamp_scale": {
-            "value": run.lamp_scale, "sigma": run.lamp_scale_sigma,
+            "value": run.lamp_scale,
+            "sigma": run.lamp_scale_sigma,
             "stated_sigma": run.lamp_scale_prior_sigma,
         },
         **_chi2(c.chi2),
@@ -132,10 +139,13 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             name: {
                 "relative_difference": dict(zip(c.bands, row.relative, strict=True)),
                 "relative_difference_sigma": dict(zip(c.bands, row.relative_sigma, strict=True)),
-                "delta_e_ab": row.delta_e_ab, "delta_e_2000": row.delta_e_2000,
+                "delta_e_ab": row.delta_e_ab,
+                "delta_e_2000": row.delta_e_2000,
                 "delta_e_ab_expected_from_noise": row.delta_e_noise,
-                "measured": _light(row.xyz_measured), "rendered": _light(row.xyz_rendered),
-                "interior_pixels": row.interior_pixels, **_chi2(row.chi2),
+                "measured": _light(row.xyz_measured),
+                "rendered": _light(row.xyz_rendered),
+                "interior_pixels": row.interior_pixels,
+                **_chi2(row.chi2),
             }
             for name, row in c.by_surface.items()
         },
@@ -148,7 +158,9 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "regions": {
             kind: {
                 r.words: {
-                    **_chi2(r.chi2), "share_of_residuals": r.share_of_residuals, "share_of_excess": r.share_of_excess,
+                    **_chi2(r.chi2),
+                    "share_of_residuals": r.share_of_residuals,
+                    "share_of_excess": r.share_of_excess,
                 }
                 for r in rows
             }
@@ -156,7 +168,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         },
         "failures": [asdict(failure) for failure in run.failures],
         "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.delta_e_ab.mean)]],
-    }  # fmt: skip
+    }
     for key, value in (extra or {}).items():
         if key in content:
             raise ValueError(f"metrics.json: the key '{key}' exists already")

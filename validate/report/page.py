@@ -63,13 +63,14 @@ def _figures(c: Comparison) -> list[tuple[str, str, str]]:
         ("χ² per degree of freedom", f"{c.chi2.per_dof:.3g}", f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
         ("mean ΔE*ab", f"{c.delta_e_ab.mean:.2f}", f"noise alone {c.delta_e_ab_noise.mean:.2f}"),
         ("mean CIEDE2000", f"{c.delta_e_2000.mean:.2f}", f"noise alone {c.delta_e_2000_noise.mean:.2f}"),
-        ("mean luminance difference", f"{100 * c.luminance.mean:+.2f} %".replace("-", "−"),
-         f"rms {100 * c.luminance.rms:.2f} %, noise alone {100 * c.luminance.rms_noise:.2f} %"),
-        ("render noise / sensor noise", f"{c.render_sigma_over_sensor_sigma:.2f}",
-         "median of standard deviations"),
-        ("pixels used", f"{c.pixels_used:,}".replace(",", "\u202f"),
-         f"of {c.maps.sizes['x']} × {c.maps.sizes['y']}"),
-    ]  # fmt: skip
+        (
+            "mean luminance difference",
+            f"{100 * c.luminance.mean:+.2f} %".replace("-", "−"),
+            f"rms {100 * c.luminance.rms:.2f} %, noise alone {100 * c.luminance.rms_noise:.2f} %",
+        ),
+        ("render noise / sensor noise", f"{c.render_sigma_over_sensor_sigma:.2f}", "median of standard deviations"),
+        ("pixels used", f"{c.pixels_used:,}".replace(",", "\u202f"), f"of {c.maps.sizes['x']} × {c.maps.sizes['y']}"),
+    ]
 
 
 def _provenance_section(rows: Sequence[tuple[str, str]]) -> ReportSection:
@@ -86,23 +87,38 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
     where = where_section(c, bands, run.failures, band_maps(c, bands))
     chapters = [where, story.missing, *story.unexplained, story.falling, story.next]
     folded = [
-        tables_section(c, bands), maps_section(c), residual_section(c), scatter_section(c), *inputs.sections,
-        camera_section(run), masks_section(c), ReportSection("Assumptions", steps=inputs.assumptions),
-    ]  # fmt: skip
+        tables_section(c, bands),
+        maps_section(c),
+        residual_section(c),
+        scatter_section(c),
+        *inputs.sections,
+        camera_section(run),
+        masks_section(c),
+        ReportSection("Assumptions", steps=inputs.assumptions),
+    ]
     if inputs.weights is not None:
         folded.append(weights_section(inputs.weights, responses))
     if inputs.provenance:
         folded.append(_provenance_section(inputs.provenance))
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.globals["kind"] = _block_kind
     page = environment.get_template("report.html.j2").render(
-        run=run, headline=story.headline, level=verdict(c).level, figures=_figures(c),
-        warnings=[*warnings(c, run), *inputs.further_warnings], suspicions=inputs.suspicions,
-        viewer=viewer_fragment(data, "viewer"), chapters=[one for one in chapters if one is not None], folded=folded,
+        run=run,
+        headline=story.headline,
+        level=verdict(c).level,
+        figures=_figures(c),
+        warnings=[*warnings(c, run), *inputs.further_warnings],
+        suspicions=inputs.suspicions,
+        viewer=viewer_fragment(data, "viewer"),
+        chapters=[one for one in chapters if one is not None],
+        folded=folded,
         provenance=dict(inputs.provenance),
-    )  # fmt: skip
+    )
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")

@@ -46,8 +46,9 @@ def maps_section(c: Comparison) -> ReportSection:
     relative = 100 * maps["luminance_relative_difference"].values
     xyz = np.where(
         np.isfinite(maps["delta_e_ab"].values)[..., None],
-        100 * (maps["xyz_measured"].values - maps["xyz_rendered"].values) / c.white.luminance, np.nan,
-    )  # fmt: skip
+        100 * (maps["xyz_measured"].values - maps["xyz_rendered"].values) / c.white.luminance,
+        np.nan,
+    )
     return ReportSection(
         "Maps of colour and luminance differences",
         (
@@ -68,7 +69,7 @@ def maps_section(c: Comparison) -> ReportSection:
                 Scale(-COLOUR, COLOUR, "% of the white's luminance Yn", "RdBu_r"),
             ),
         ),
-    )  # fmt: skip
+    )
 
 
 def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
@@ -76,12 +77,8 @@ def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
     residual = c.maps["residual_over_sigma"].values
     rows = list(c.by_band.values())
     most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MOST_BANDS]
-    shown = {
-        f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most
-    }
-    caption = (
-        "" if len(shown) == len(rows) else f"The {len(shown)} bands of {len(rows)} with the highest χ²/dof."
-    )
+    shown = {f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
+    caption = "" if len(shown) == len(rows) else f"The {len(shown)} bands of {len(rows)} with the highest χ²/dof."
     return map_row(shown, residual_scale("(measured − rendered) / σ"), caption)
 
 
@@ -94,8 +91,13 @@ def residual_section(c: Comparison) -> ReportSection:
     bins = np.linspace(-8, 8, 81)
     left.hist(np.clip(values, -7.99, 7.99), list(bins), density=True, color=LINE, label="this comparison")
     left.plot(bins, norm.pdf(bins), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="noise alone")
-    left.set(yscale="log", ylim=(0.2 / max(values.size, 10), 9), xlabel="(measured − rendered) / σ",
-             ylabel="share per unit", title="Distribution of the residuals")  # fmt: skip
+    left.set(
+        yscale="log",
+        ylim=(0.2 / max(values.size, 10), 9),
+        xlabel="(measured − rendered) / σ",
+        ylabel="share per unit",
+        title="Distribution of the residuals",
+    )
     left.set_xticks(np.arange(-8, 9, 4), ["≤ −8", "−4", "0", "4", "≥ 8"])
     left.legend(loc="upper left", ncols=2)
     plain_log_ticks(left.yaxis)
@@ -111,8 +113,9 @@ def residual_section(c: Comparison) -> ReportSection:
     right.axhline(1, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
     right.axvline(2.5, color=INK, linewidth=0.7, alpha=0.5)
     right.set_xticks(np.arange(len(ring)), labels)
-    right.set(xlabel="px from the nearest edge, from (line: 3 px)", ylabel="χ²/dof",
-              title="Surfaces by distance from edges")  # fmt: skip
+    right.set(
+        xlabel="px from the nearest edge, from (line: 3 px)", ylabel="χ²/dof", title="Surfaces by distance from edges"
+    )
     if np.nanmax(mean, initial=1) > 5:
         right.set_yscale("log")
         plain_log_ticks(right.yaxis)
@@ -138,19 +141,28 @@ def scatter_section(c: Comparison) -> ReportSection:
         low, high = np.percentile(rendered, 0.01) * 0.8, max(measured.max(), rendered.max()) * 1.15
         span = (np.log10(low), np.log10(high))
         shared: dict[str, Any] = {
-            "gridsize": 60, "mincnt": 1, "cmap": "cividis", "norm": LogNorm(), "linewidths": 0,
+            "gridsize": 60,
+            "mincnt": 1,
+            "cmap": "cividis",
+            "norm": LogNorm(),
+            "linewidths": 0,
             "rasterized": True,
-        }  # fmt: skip
+        }
         density = left.hexbin(rendered, measured, xscale="log", yscale="log", extent=(*span, *span), **shared)
         left.plot([low, high], [low, high], color=INK, linewidth=0.9, alpha=0.8)
-        left.set(xlim=(low, high), ylim=(low, high), xlabel="rendered, DN", ylabel="measured, DN",
-                )  # fmt: skip
+        left.set(
+            xlim=(low, high),
+            ylim=(low, high),
+            xlabel="rendered, DN",
+            ylabel="measured, DN",
+        )
         ratio = 100 * (measured / rendered - 1)
         reach = float(np.percentile(np.abs(ratio), 99))
         spread = right.hexbin(rendered, ratio, xscale="log", extent=(*span, -reach, reach), **shared)
         right.axhline(0, color=INK, linewidth=0.9, alpha=0.8)
-        right.set(xlim=(low, high), ylim=(-reach, reach), xlabel="rendered, DN",
-                  ylabel="(measured − rendered) / rendered, %")  # fmt: skip
+        right.set(
+            xlim=(low, high), ylim=(-reach, reach), xlabel="rendered, DN", ylabel="(measured − rendered) / rendered, %"
+        )
         for axis in (left.xaxis, left.yaxis, right.xaxis):
             plain_log_ticks(axis)
         for figure, axes, shown in ((first, left, density), (second, right, spread)):
@@ -217,8 +229,11 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
         ),
         (
             drawing(first, second),
-            Table(header, rows,
-                  "Weights b_i in 1e-18 J per quantum; rms error relative to the rms of the CIE function; "
-                  "noise gain: relative noise of X, Y, Z for light of equal energy, divided by that of every band."),
+            Table(
+                header,
+                rows,
+                "Weights b_i in 1e-18 J per quantum; rms error relative to the rms of the CIE function; "
+                "noise gain: relative noise of X, Y, Z for light of equal energy, divided by that of every band.",
+            ),
         ),
-    )  # fmt: skip
+    )

@@ -19,9 +19,24 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 __all__ = [
-    "COLOUR", "INK", "LINE", "LUMINANCE", "STYLE", "Drawing", "MapRow", "Panel", "Scale", "drawing",
-    "falling_curve", "map_row", "new_figure", "picture_row", "plain_log_ticks", "png_uri", "residual_scale",
-]  # fmt: skip
+    "COLOUR",
+    "INK",
+    "LINE",
+    "LUMINANCE",
+    "STYLE",
+    "Drawing",
+    "MapRow",
+    "Panel",
+    "Scale",
+    "drawing",
+    "falling_curve",
+    "map_row",
+    "new_figure",
+    "picture_row",
+    "plain_log_ticks",
+    "png_uri",
+    "residual_scale",
+]
 
 #: Placeholder that is replaced by the page's text colour in an SVG; not used otherwise.
 INK = "#0a0b0c"
@@ -160,12 +175,27 @@ def picture_row(images: Mapping[str, NDArray[np.uint8]], caption: str = "") -> M
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "cboxlab",
-    "font.size": 10, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "text.color": INK, "axes.edgecolor": INK, "axes.labelcolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8,
-    "axes.grid": True, "grid.color": INK, "grid.alpha": 0.12, "grid.linewidth": 0.7, "axes.axisbelow": True,
-    "legend.frameon": False, "lines.linewidth": 1.6, "figure.constrained_layout.use": True,
-}  # fmt: skip
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "grid.color": INK,
+    "grid.alpha": 0.12,
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "figure.constrained_layout.use": True,
+}
 
 
 def new_figure(height: float = 3.2) -> tuple[Figure, Axes]:

@@ -132,11 +132,14 @@ def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         return []
     layers: list[dict[str, Any]] = [
         {
-            "id": f"cause-{cause.effect}", "name": f"{cause.effect} alone, in σ", "unit": "σ", "perBand": True,
+            "id": f"cause-{cause.effect}",
+            "name": f"{cause.effect} alone, in σ",
+            "unit": "σ",
+            "perBand": True,
             "values": cause.signature,
         }
         for cause in diagnosis.causes
-    ]  # fmt: skip
+    ]
     if len(diagnosis.path) > 1:
         left = diagnosis.path[-1].comparison.maps["residual_over_sigma"].values.astype(np.float32)
         name = "What remains with the effects found, in σ"
@@ -156,11 +159,12 @@ def _limits(diagnosis: Diagnosis) -> Table:
         for limit in diagnosis.limits
     ]
     return Table(
-        ("effect", "found nine times in ten with", "χ² per pixel and band", "limited by"), rows,
+        ("effect", "found nine times in ten with", "χ² per pixel and band", "limited by"),
+        rows,
         "In captures like this one, to first order, in the way in which the effect shows most easily. Small smooth "
         "changes are not told from errors of the picture: there the size is the limit. An effect that "
         "does not stand here would be found at no size, or only by what is known of camera and lamp.",
-    )  # fmt: skip
+    )
 
 
 def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
@@ -231,12 +235,13 @@ def _ranking(diagnosis: Diagnosis) -> Table:
         for r in diagnosis.ranking[:8]
     ]
     return Table(
-        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"), rows,
+        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"),
+        rows,
         "Camera and lamp are refitted with each effect. The errors that the render itself may have count as noise "
         "here, so that they do not pass for an effect; a right effect may explain a little more than 100 %. "
         "Probability: of an effect found, that it is the cause and not one of those that could stand in its stead; "
         "several effects found together have theirs each. Of unknown: that a cause not in the catalogue is at work.",
-    )  # fmt: skip
+    )
 
 
 @matplotlib.rc_context(STYLE)
@@ -261,9 +266,7 @@ def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         return _beyond_adequate()
     steps = []
     for effect in diagnosis.path[-1].effects:
-        values = " ".join(
-            f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in effect.values.items()
-        )
+        values = " ".join(f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in effect.values.items())
         steps.append(f"Confirm {effect.id} in the laboratory. {effect.effect.confirm}")
         steps.append(f"Add it to the model: {effect.id} {values}; model.toml beside this report has it.")
     steps += [separation_sentence(s) for s in diagnosis.separations]

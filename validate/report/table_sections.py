@@ -31,9 +31,7 @@ def _chi2(chi2: ChiSquare) -> Cell:
     return Cell(number(chi2.per_dof, digits), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
 
 
-def _regions(
-    header: str, regions: Sequence[Region], caption: str, names: Sequence[str] | None = None
-) -> Table:
+def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequence[str] | None = None) -> Table:
     """A partition of the residuals with a row for all of them."""
     rows = [
         (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
@@ -69,7 +67,7 @@ def where_section(
             _regions("surface", regions["surface"], "By surface, its edges included."),
             _regions("band", by_band, "By band.", [name for _, name in bands]),
         ),
-    )  # fmt: skip
+    )
 
 
 def _in_place(words: str) -> str:
@@ -83,30 +81,45 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
     band_table = Table(
         ("band", "mean difference, %", "rms difference, %", "rms of noise, %", "beyond noise, %"),
         [
-            (name, number(100 * row.relative.mean, 3, True), number(100 * row.relative.rms),
-             number(100 * row.relative.rms_noise), number(100 * row.beyond_noise, 2))
+            (
+                name,
+                number(100 * row.relative.mean, 3, True),
+                number(100 * row.relative.rms),
+                number(100 * row.relative.rms_noise),
+                number(100 * row.beyond_noise, 2),
+            )
             for name, row in rows
         ],
         "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms residual in "
         "excess of noise, relative to the rms signal.",
-    )  # fmt: skip
+    )
     surfaces = Table(
         ("surface", *(f"{name}, %" for _, name in bands), "ΔE*ab", "CIEDE2000", "interior px"),
         [
             (
                 name,
-                *(Cell(number(100 * row.relative[i], 2, True), f"± {number(100 * row.relative_sigma[i])}",
-                       bool(abs(row.relative[i]) > 3.3 * row.relative_sigma[i])) for i, _ in bands),
-                Cell(number(row.delta_e_ab), f"noise {number(row.delta_e_noise)}",
-                     bool(row.delta_e_ab > 3 * row.delta_e_noise)),
-                number(row.delta_e_2000), f"{row.interior_pixels}",
+                *(
+                    Cell(
+                        number(100 * row.relative[i], 2, True),
+                        f"± {number(100 * row.relative_sigma[i])}",
+                        bool(abs(row.relative[i]) > 3.3 * row.relative_sigma[i]),
+                    )
+                    for i, _ in bands
+                ),
+                Cell(
+                    number(row.delta_e_ab),
+                    f"noise {number(row.delta_e_noise)}",
+                    bool(row.delta_e_ab > 3 * row.delta_e_noise),
+                ),
+                number(row.delta_e_2000),
+                f"{row.interior_pixels}",
             )
             for name, row in c.by_surface.items()
         ],
         "By surface: relative difference of the means over the interior (at least three pixels from any edge) with its "
         "standard error from pixel noise, and ΔE between these means. Bold: significant differences (p < 0.001), and "
         "ΔE*ab above three times its expectation from noise.",
-    )  # fmt: skip
+    )
     return ReportSection("Differences by surface and by band", (), (surfaces, _luminances(c), band_table))
 
 
@@ -124,13 +137,28 @@ def _luminances(c: Comparison) -> Table:
         ],
         "By surface: mean luminance and CIE 1931 chromaticity of the photograph and of the rendering over the same "
         "interiors, both through the filter weights.",
-    )  # fmt: skip
+    )
 
 
 UNITS = dict(zip(PARAMETER_NAMES, ("mm",) * 3 + ("°",) * 3 + ("px",) * 3 + ("1",), strict=True))
-LABELS = dict(zip(PARAMETER_NAMES, (
-    "position x", "position y", "position z", "rotation x", "rotation y", "rotation z", "focal length",
-    "principal point u", "principal point v", "radial distortion k1"), strict=True))  # fmt: skip
+LABELS = dict(
+    zip(
+        PARAMETER_NAMES,
+        (
+            "position x",
+            "position y",
+            "position z",
+            "rotation x",
+            "rotation y",
+            "rotation z",
+            "focal length",
+            "principal point u",
+            "principal point v",
+            "radial distortion k1",
+        ),
+        strict=True,
+    )
+)
 
 
 def camera_section(run: Run) -> ReportSection:
@@ -166,9 +194,16 @@ def camera_section(run: Run) -> ReportSection:
     pull = (run.lamp_scale - 1) / run.lamp_scale_prior_sigma
     lamp = Table(
         ("lamp", "fitted", "standard deviation", "stated standard deviation", "change, σ"),
-        [("scale of its radiance", number(run.lamp_scale, 5), significant(run.lamp_scale_sigma, 2),
-          significant(run.lamp_scale_prior_sigma, 2), number(pull, 2, True))],
-    )  # fmt: skip
+        [
+            (
+                "scale of its radiance",
+                number(run.lamp_scale, 5),
+                significant(run.lamp_scale_sigma, 2),
+                significant(run.lamp_scale_prior_sigma, 2),
+                number(pull, 2, True),
+            )
+        ],
+    )
     return ReportSection(
         "Camera and lamp",
         (f"Reprojection error of the surveyed points: {significant(run.reprojection_rms_px)} px rms per coordinate.",),
@@ -176,7 +211,7 @@ def camera_section(run: Run) -> ReportSection:
             Table(header, rows, "Rotation: Rodrigues vector relative to a camera that looks along +z with +y up."),
             lamp,
         ),
-    )  # fmt: skip
+    )
 
 
 def masks_section(c: Comparison) -> ReportSection:
@@ -187,9 +222,14 @@ def masks_section(c: Comparison) -> ReportSection:
     return ReportSection(
         "Pixels left out",
         (),
-        (Table(("reason", "pixels", "% of the picture"), rows,
-               "Left out in at least one band; a pixel may have several reasons."),),
-    )  # fmt: skip
+        (
+            Table(
+                ("reason", "pixels", "% of the picture"),
+                rows,
+                "Left out in at least one band; a pixel may have several reasons.",
+            ),
+        ),
+    )
 
 
 def parts_section(c: Comparison, known: Sequence[Part]) -> ReportSection:
@@ -205,12 +245,17 @@ def parts_section(c: Comparison, known: Sequence[Part]) -> ReportSection:
             continue
         share = float(excess[here].sum())
         rows.append(
-            (part.words, number(100 * here.sum() / used.sum(), 0),
-             number(100 * share / total if total > 0 else np.nan, 0), number(1 + share / here.sum(), 3))
-        )  # fmt: skip
+            (
+                part.words,
+                number(100 * here.sum() / used.sum(), 0),
+                number(100 * share / total if total > 0 else np.nan, 0),
+                number(1 + share / here.sum(), 3),
+            )
+        )
     table = Table(
-        ("where", "residuals, %", "excess χ², %", "χ²/dof"), rows,
+        ("where", "residuals, %", "excess χ², %", "χ²/dof"),
+        rows,
         "These parts overlap. Light is direct if the surface seen was the first to reflect it; shares of light are "
         "those of the model.",
-    )  # fmt: skip
+    )
     return ReportSection("Excess by kind of light and part of the picture", (), (table,))

@@ -37,9 +37,7 @@ def _assumptions(result: Validation) -> list[str]:
     expected = prepared.expected_camera(result.model.effects)
     moved = expected.motion_px(fit.camera, prepared.scene.corners_mm)
     bounces = result.model.render.max_bounces
-    light = (
-        "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
-    )
+    light = "All interreflection is included" if bounces is None else f"Only {bounces} reflections are included"
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
     lamps = prepared.scene.lamps
     several, reflecting = len(lamps) > 1, any(lamp.reflects for lamp in lamps)
@@ -50,9 +48,7 @@ def _assumptions(result: Validation) -> list[str]:
     if foreign is not None and foreign.estimated:
         rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
     materials = prepared.complete.materials.values()
-    special = [
-        f"{m.name} ({m.bsdf['type'] if m.bsdf else 'a texture'})" for m in materials if not m.lambertian
-    ]
+    special = [f"{m.name} ({m.bsdf['type'] if m.bsdf else 'a texture'})" for m in materials if not m.lambertian]
     paints = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
     air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
@@ -120,12 +116,17 @@ def write_validation(
     build_report(
         report,
         ReportInputs(
-            c, run, _assumptions(result), weights=prepared.weights, responses=prepared.responses,
+            c,
+            run,
+            _assumptions(result),
+            weights=prepared.weights,
+            responses=prepared.responses,
             story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
             viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
             sections=(parts_section(c, known), *sections),
-            further_warnings=[*_another_box(result), *calibration.notes], suspicions=calibration.suspicions,
+            further_warnings=[*_another_box(result), *calibration.notes],
+            suspicions=calibration.suspicions,
             provenance=provenance(result),
         ),
-    )  # fmt: skip
+    )
     return report, figures, maps

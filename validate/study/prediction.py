@@ -106,9 +106,7 @@ class Prediction:
     def sigma(self) -> NDArray[np.float64]:
         """(band, y, x) DN, standard deviation of measured less predicted."""
         prepared, scale = self.base.validation.prepared, self.rendered.fit.lamp_scale
-        return np.sqrt(
-            prepared.calibration.predicted_variance(self.signal) + self.rendered.variance * scale**2
-        )
+        return np.sqrt(prepared.calibration.predicted_variance(self.signal) + self.rendered.variance * scale**2)
 
     @cached_property
     def chi2(self) -> ChiSquare:
@@ -125,9 +123,7 @@ class Prediction:
         return compared(self.base.validation.prepared, self.rendered, self.signal)
 
 
-def predict(
-    base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True, draft: bool = False
-) -> Prediction:
+def predict(base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True, draft: bool = False) -> Prediction:
     """The picture with these effects in place of the model's own, without rendering again.
 
     refit : whether camera and lamp are fitted to it within what is known of them; otherwise the lamp stays as it was
@@ -156,9 +152,7 @@ def predict(
     return Prediction(base, effects, replace(rendered, fit=fit, signal=signal), False)
 
 
-def _camera_step(
-    base: Base, before: NDArray[np.float64], effects: Sequence[AppliedEffect]
-) -> NDArray[np.float64]:
+def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
     """(10,) from the base's camera to that of the least chi2 to first order, the lamp's scale fitted with it.
 
     before : (band, y, x) DN, predicted without any motion of the camera.

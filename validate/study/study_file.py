@@ -96,9 +96,7 @@ def read_study(path: Path) -> StudyFile:
     states = tuple(
         State(
             checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects", place),
-            checked_effects(
-                _read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with", place
-            ),
+            checked_effects(_read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with", place),
         )
         for index, state in enumerate(entry.states)
     )

@@ -88,9 +88,7 @@ def draw_effect(
     return AppliedEffect(effect, {p.name: _drawn(p, present, generator) for p in effect.parameters})
 
 
-def _drawn(
-    parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator
-) -> str | float:
+def _drawn(parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator) -> str | float:
     if parameter.choices:
         return str(generator.choice(present[parameter.kind] if parameter.kind else parameter.choices))
     distance = parameter.step * 10 ** generator.uniform(0, np.log10(STRONGEST_STEPS))
@@ -206,8 +204,7 @@ class Score:
     def to_dict(self) -> dict[str, Any]:
         """The score ready for JSON; errors are relative, infinite for a wrong name."""
         rows = [
-            {"effect": e.effect, "rank": e.rank, "selected": e.selected, "errors": dict(e.errors)}
-            for e in self.effects
+            {"effect": e.effect, "rank": e.rank, "selected": e.selected, "errors": dict(e.errors)} for e in self.effects
         ]
         chosen = list(self.falsely_selected)
         return {"first": self.first, "exact": self.exact, "effects": rows, "falsely_selected": chosen}
@@ -243,9 +240,7 @@ def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
         errors = {} if effect is None else _errors(effect, truth, fitted)
         rows.append(EffectScore(name, None if place is None else place + 1, name in selected, errors))
     first = bool(order) and order[0] in hidden if hidden else not selected
-    return Score(
-        tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden)
-    )
+    return Score(tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden))
 
 
 def _errors(effect: Effect, truth: Mapping[str, str | float], fitted: Mapping[str, Any]) -> dict[str, float]:

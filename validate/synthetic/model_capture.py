@@ -72,9 +72,7 @@ def perturbed_camera(size_px: int, seed: int) -> Camera:
     """The published camera with random deviations in all ten parameters, repeatable by ``seed``."""
     camera = cornell_camera(size_px)
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    sigmas = np.repeat(
-        [_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2]
-    )
+    sigmas = np.repeat([_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2])
     shift = np.append(sigmas * generator.standard_normal(9), generator.uniform(-_K1, _K1))
     return camera.with_parameters(camera.parameters + shift)
 
@@ -184,15 +182,14 @@ def write_model_capture(
     for effect in model.effects:
         if effect.stage not in PHOTOGRAPHED:
             raise InputError(
-                f"effect {effect.id}", f"an effect on the model's {effect.stage}",
+                f"effect {effect.id}",
+                f"an effect on the model's {effect.stage}",
                 f"effects on {', '.join(PHOTOGRAPHED)}",
-            )  # fmt: skip
+            )
     scene = photographed_scene(model)
     altered = after_stage(box(scene), model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
-    image = render_to_precision(
-        Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress
-    )
+    image = render_to_precision(Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
     files = () if model.scene in packaged_scenes() else scene_files(Path(model.scene))

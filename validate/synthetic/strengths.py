@@ -117,7 +117,5 @@ def _scaled(free: list[Parameter], values: Mapping[str, str | float], factor: fl
     result = {}
     for p in free:
         distance = p.to_coordinate(float(values[p.name])) - p.null_coordinate
-        result[p.name] = p.from_coordinate(
-            float(np.clip(p.null_coordinate + factor * distance, *p.coordinate_bounds))
-        )
+        result[p.name] = p.from_coordinate(float(np.clip(p.null_coordinate + factor * distance, *p.coordinate_bounds)))
     return result

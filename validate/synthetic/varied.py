@@ -46,10 +46,7 @@ def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
     moves_blocks = next(e for e in catalogue().values() if any(p.kind == "block" for p in e.parameters))
     scatter = np.array([p.tolerance for p in moves_blocks.numbers])
-    return {
-        block: BlockOffset(*map(float, scatter * draw.standard_normal(3)))
-        for block in names_in(scene)["block"]
-    }
+    return {block: BlockOffset(*map(float, scatter * draw.standard_normal(3))) for block in names_in(scene)["block"]}
 
 
 def settled(scene: Scene, seed: int) -> Scene:

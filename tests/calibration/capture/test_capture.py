@@ -53,8 +53,9 @@ def test_every_key_of_the_format_is_accepted(folder):
     edit(folder, "[camera]", '[camera]\nmodel = "fake"\nreadout_s = 0.5')
     column = '"spectra/all.csv:quantum_efficiency"'
     edit(folder, f"quantum_efficiency = {column}", f"quantum_efficiency = [{column}, {column}, {column}]")
-    edit(folder, '[[flat]]\nband = "f450"',
-         '[[flat]]\nband = "f450"\nstart_s = 3.5\nradiance = "spectra/all.csv:sphere"')  # fmt: skip
+    edit(
+        folder, '[[flat]]\nband = "f450"', '[[flat]]\nband = "f450"\nstart_s = 3.5\nradiance = "spectra/all.csv:sphere"'
+    )
     with open(folder / "capture.toml", "a") as stream:
         stream.write(
             '[lamp]\nradiance = "spectra/all.csv:sphere"\nrelative_uncertainty = 0.02\n'
@@ -121,7 +122,7 @@ MISTAKES = [
     ("[camera]", '[mosaic]\npattern = "RGGX"\n[camera]', ["mosaic.pattern", "RGGX", "R, G and B"]),
     ("[camera]", '[mosaic]\npattern = "RGGB"\n[camera]', ["quantum_efficiency", "list of three"]),
     ("[camera]", '[geometry]\npoints = "points.csv"\n[camera]', ["geometry.points", "does not exist"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "words"), MISTAKES, ids=[m[1][:40] or m[0] for m in MISTAKES])

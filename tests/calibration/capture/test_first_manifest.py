@@ -44,20 +44,27 @@ def write_dng(path, image, exposure=(1, 4)):
     pytest.importorskip("rawpy", reason="needs rawpy (extra 'readers')")
     matrix = [number for value in np.eye(3).ravel() for number in (int(value * 10000), 10000)]
     tags = [
-        (33421, "H", 2, (2, 2), True), (33422, "B", 4, (0, 1, 1, 2), True), (50706, "B", 4, (1, 4, 0, 0), True),
-        (50707, "B", 4, (1, 1, 0, 0), True), (50708, "s", 5, "Test", True), (50721, 10, 9, tuple(matrix), True),
-        (50717, "H", 1, 4095, True), (50714, "H", 1, 0, True), (50778, "H", 1, 21, True),
-        (50728, 5, 3, (1,) * 6, True), (33434, 5, 1, exposure, True), (33437, 5, 1, (8, 1), True),
-        (271, "s", 5, "Test", True), (272, "s", 5, "Test", True),
-    ]  # fmt: skip
+        (33421, "H", 2, (2, 2), True),
+        (33422, "B", 4, (0, 1, 1, 2), True),
+        (50706, "B", 4, (1, 4, 0, 0), True),
+        (50707, "B", 4, (1, 1, 0, 0), True),
+        (50708, "s", 5, "Test", True),
+        (50721, 10, 9, tuple(matrix), True),
+        (50717, "H", 1, 4095, True),
+        (50714, "H", 1, 0, True),
+        (50778, "H", 1, 21, True),
+        (50728, 5, 3, (1,) * 6, True),
+        (33434, 5, 1, exposure, True),
+        (33437, 5, 1, (8, 1), True),
+        (271, "s", 5, "Test", True),
+        (272, "s", 5, "Test", True),
+    ]
     tifffile.imwrite(path, image, photometric=32803, extratags=tags, metadata=None, subfiletype=0)
 
 
 def test_fits_with_its_header(tmp_path):
     image = counts(1) + np.uint16(40000)
-    write_fits(
-        tmp_path / "a.fits", image, EXPTIME=2.5, FILTER="f550", IMAGETYP="Light Frame", EGAIN=1.3, XPIXSZ=9.0
-    )
+    write_fits(tmp_path / "a.fits", image, EXPTIME=2.5, FILTER="f550", IMAGETYP="Light Frame", EGAIN=1.3, XPIXSZ=9.0)
     frame = read_foreign(tmp_path / "a.fits")[0]
     np.testing.assert_array_equal(frame.counts, image)
     assert frame.metadata["exposure_s"] == 2.5 and frame.metadata["filter"] == "f550"
@@ -70,9 +77,7 @@ def test_dng_keeps_the_mosaic(tmp_path):
     frame = read_foreign(tmp_path / "a.dng")[0]
     np.testing.assert_array_equal(frame.counts, image)
     assert (
-        frame.metadata["pattern"] == "RGGB"
-        and frame.metadata["exposure_s"] == 0.25
-        and frame.metadata["f_number"] == 8
+        frame.metadata["pattern"] == "RGGB" and frame.metadata["exposure_s"] == 0.25 and frame.metadata["f_number"] == 8
     )
 
 
@@ -119,9 +124,7 @@ def test_a_folder_of_tiffs(tmp_path):
         "[camera] bit_depth = 12",
         '[[reference]] of sphere-f450-2s.tif radiance = "spectra/sphere.csv:radiance"',
     ]
-    with pytest.raises(
-        InputError, match=r"(?s)camera\.bit_depth: found nothing.*reference\[0\] \(f450\)\.radiance"
-    ):
+    with pytest.raises(InputError, match=r"(?s)camera\.bit_depth: found nothing.*reference\[0\] \(f450\)\.radiance"):
         load_capture(tmp_path)
     (tmp_path / "sphere.csv").write_text("wavelength_nm,radiance\n400,1\n700,1\n")
     capture = completed(tmp_path, bit_depth="12", radiance='"sphere.csv:radiance"')
@@ -153,9 +156,7 @@ def test_what_is_not_known_is_left_out_and_refused(tmp_path):
         written = tomllib.load(file)
     assert written["camera"] == {"width_px": 16, "height_px": 12}
     assert written["band"] == [{"id": "kitchen", "frames": ["kitchen.tif"]}]
-    with pytest.raises(
-        InputError, match=r"(?s)bit_depth: found nothing.*exposure_s: found nothing.*exposure_s = 4.0"
-    ):
+    with pytest.raises(InputError, match=r"(?s)bit_depth: found nothing.*exposure_s: found nothing.*exposure_s = 4.0"):
         load_capture(tmp_path)
     assert completed(tmp_path, bit_depth="12", exposure_s="0.5").band("kitchen").exposure_s == 0.5
 

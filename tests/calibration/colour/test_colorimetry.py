@@ -11,17 +11,13 @@ from helpers.fakes.capture import CENTRES_NM, response
 
 
 def fake_responses(factor=1e-12):
-    return tuple(
-        BandResponse(f"f{c}", INTEGRAL_GRID, response(c), factor * (1 + c / 1000)) for c in CENTRES_NM
-    )
+    return tuple(BandResponse(f"f{c}", INTEGRAL_GRID, response(c), factor * (1 + c / 1000)) for c in CENTRES_NM)
 
 
 def spanning_responses():
     """Three bands that are mixtures of the observer's own functions: the Luther condition."""
     mixtures = np.array([[1.0, 0.3, 0.1], [0.2, 1.0, 0.3], [0.1, 0.2, 1.0]]) @ colour_matching_functions()
-    return tuple(
-        BandResponse(str(i), INTEGRAL_GRID, 1e18 * m, 1e-16 * (i + 1)) for i, m in enumerate(mixtures)
-    )
+    return tuple(BandResponse(str(i), INTEGRAL_GRID, 1e18 * m, 1e-16 * (i + 1)) for i, m in enumerate(mixtures))
 
 
 def images(signal):
@@ -128,9 +124,7 @@ def test_variance_and_covariance_of_xyz_by_simulation():
     rng = np.random.default_rng(6)
     variance = rng.uniform(1, 9, 7)
     signal = 1000 + np.sqrt(variance)[:, None, None] * rng.standard_normal((7, 200, 200))
-    data = band_images(
-        [r.band for r in responses], signal, np.broadcast_to(variance[:, None, None], signal.shape)
-    )
+    data = band_images([r.band for r in responses], signal, np.broadcast_to(variance[:, None, None], signal.shape))
     measured = xyz_image(data, weights, responses)
     covariance = xyz_covariance(variance, weights, responses)
     sample = np.cov(measured["xyz"].values.reshape(3, -1))

@@ -12,8 +12,7 @@ GRID = FILTER_GRID.between(380.0, 730.0)
 CENTRES = np.arange(400.0, 701.0, 50.0)
 LABELS = (Label(1, "grey", "grey"), Label(2, "white", "white"), Label(3, "no table", "none"))
 KNOWN = {
-    name: Spectrum(np.array([380.0, 780.0]), np.full(2, value))
-    for name, value in (("grey", 0.45), ("white", 0.9))
+    name: Spectrum(np.array([380.0, 780.0]), np.full(2, value)) for name, value in (("grey", 0.45), ("white", 0.9))
 }
 
 #: XYZ of D65 by the CIE 1931 observer, Y = 100 (CIE 15:2018, table 3.1).
@@ -26,9 +25,17 @@ def table(grey):
     filters /= filters.sum(axis=1, keepdims=True)
     reflectance = np.array([grey, 0.9, 0.2])[:, None] * np.ones(len(CENTRES))
     return PatchTable(
-        LABELS, tuple(f"f{c:.0f}" for c in CENTRES), reflectance, np.zeros_like(reflectance), np.zeros(len(CENTRES)),
-        {}, GRID, filters, LABELS[1], (),
-    )  # fmt: skip
+        LABELS,
+        tuple(f"f{c:.0f}" for c in CENTRES),
+        reflectance,
+        np.zeros_like(reflectance),
+        np.zeros(len(CENTRES)),
+        {},
+        GRID,
+        filters,
+        LABELS[1],
+        (),
+    )
 
 
 def test_an_even_grey_of_half_the_white_has_half_its_xyz_and_no_error():

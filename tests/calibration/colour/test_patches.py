@@ -20,9 +20,7 @@ def test_chart_of_known_reflectances_through_the_whole_chain(tmp_path):
     labels = np.zeros((height, width), np.uint8)
     scene = np.full((3, height, width), 0.2)
     for index in range(8):
-        window = np.s_[
-            4 + 38 * (index // 4) : 36 + 38 * (index // 4), 4 + 40 * (index % 4) : 36 + 40 * (index % 4)
-        ]
+        window = np.s_[4 + 38 * (index // 4) : 36 + 38 * (index // 4), 4 + 40 * (index % 4) : 36 + 40 * (index % 4)]
         labels[window] = index + 1
         scene[(slice(None), *window)] = true[index][:, None, None]
     u = np.indices((height, width))[1] / width
@@ -34,17 +32,20 @@ def test_chart_of_known_reflectances_through_the_whole_chain(tmp_path):
     stray = (0.0, 0.0, 0.05)
     for band, (name, channel) in enumerate((("f450", "B"), ("f550", "G"), ("f620", "R"))):
         light = 3000 * np.exp(-(0.3 + 0.2 * band) * u)
-        signal = np.where(
-            channel_mask(pattern, (height, width), channel), light * (scene[band] + stray[band]), 30
-        )
+        signal = np.where(channel_mask(pattern, (height, width), channel), light * (scene[band] + stray[band]), 30)
         counts = np.rint(rng.poisson(5 * signal) / 5).astype(np.uint16)
         tifffile.imwrite(folder / f"frames/{name}.tif", counts)
         text += f'[[band]]\nid = "{name}"\nexposure_s = 1.0\nframes = ["frames/{name}.tif"]\n'
         text += f'transmittance = "filters.csv:{name}"\n'
     grid = np.arange(400, 701)
     bells = [np.exp(-0.5 * ((grid - c) / 5) ** 2) for c in (450, 550, 620)]
-    np.savetxt(folder / "filters.csv", np.column_stack([grid, *bells]), delimiter=",", comments="",
-               header="wavelength_nm,f450,f550,f620")  # fmt: skip
+    np.savetxt(
+        folder / "filters.csv",
+        np.column_stack([grid, *bells]),
+        delimiter=",",
+        comments="",
+        header="wavelength_nm,f450,f550,f620",
+    )
     (folder / "known.csv").write_text("wavelength_nm,w\n400,0.9\n700,0.9\n")
     Image.fromarray(labels).save(folder / "labels.png")
     names = "".join(f"{i + 1},{'white' if i == 0 else f'p{i}'},{'w' if i == 0 else ''}\n" for i in range(8))

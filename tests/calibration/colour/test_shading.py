@@ -9,15 +9,10 @@ def patches_under(light, rng, noise=0.5):
     found = []
     for row in range(3):
         for column in range(4):
-            v, u = (
-                a.ravel()
-                for a in np.mgrid[row * 60 + 10 : row * 60 + 50, column * 70 + 10 : column * 70 + 60]
-            )
+            v, u = (a.ravel() for a in np.mgrid[row * 60 + 10 : row * 60 + 50, column * 70 + 10 : column * 70 + 60])
             signal = 200 * rng.uniform(0.05, 1.0) * light(u, v)
             found.append(
-                PatchPixels(
-                    u.astype(float), v.astype(float), signal + noise * rng.standard_normal(u.size), noise
-                )
+                PatchPixels(u.astype(float), v.astype(float), signal + noise * rng.standard_normal(u.size), noise)
             )
     return found
 

@@ -27,9 +27,14 @@ def reduce(folder):
 @pytest.fixture(scope="module")
 def fake(tmp_path_factory):
     fake = FakeCapture(
-        tmp_path_factory.mktemp("correction") / "capture", seed=3, height=96, width=96,
-        hot={HOT: 2000.0}, dead=(DEAD,), saturated=(SATURATED,),
-    )  # fmt: skip
+        tmp_path_factory.mktemp("correction") / "capture",
+        seed=3,
+        height=96,
+        width=96,
+        hot={HOT: 2000.0},
+        dead=(DEAD,),
+        saturated=(SATURATED,),
+    )
     fake.write()
     return fake
 
@@ -118,9 +123,7 @@ def test_hot_pixels_in_frames_cut_off_at_zero():
 
 def test_dead_pixels_of_a_mosaic_are_compared_within_their_colour():
     rng = np.random.default_rng(5)
-    response = np.where(np.indices((60, 60)).sum(0) % 2, 1.5, 0.4) * (
-        1 + 0.005 * rng.standard_normal((60, 60))
-    )
+    response = np.where(np.indices((60, 60)).sum(0) % 2, 1.5, 0.4) * (1 + 0.005 * rng.standard_normal((60, 60)))
     response[30, 30] *= 0.5
     assert np.argwhere(dead_pixels(response, mosaic=True)).tolist() == [[30, 30]]
 
@@ -188,9 +191,7 @@ def test_flat_of_one_changes_nothing_but_the_dark(fake):
     capture = load_capture(fake.folder)
     dark = read_darks(capture)
     band = capture.manifest.band[0]
-    frames = correct(
-        capture, band, uniform_flat(capture.shape, dark), dark, NoiseModel(GAIN, None, READ_NOISE, None)
-    )
+    frames = correct(capture, band, uniform_flat(capture.shape, dark), dark, NoiseModel(GAIN, None, READ_NOISE, None))
     expected = capture.frames(band).mean(axis=0) - dark.at(band.exposure_s)
     np.testing.assert_allclose(frames.signal, expected)
     np.testing.assert_allclose(frames.coefficients[1], 1 / (GAIN * 2))

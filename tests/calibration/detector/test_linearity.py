@@ -53,9 +53,7 @@ def test_errors_come_from_the_scatter_where_the_noise_is_said_to_be_less(tmp_pat
     """
     capture = brackets(tmp_path / "c", light_dn_s=12.0)
     dark = read_darks(capture)
-    true, less = (
-        measure_linearity(capture, dark, NoiseModel(gain, None, 0.0, None)) for gain in (GAIN, 1e4 * GAIN)
-    )
+    true, less = (measure_linearity(capture, dark, NoiseModel(gain, None, 0.0, None)) for gain in (GAIN, 1e4 * GAIN))
     for name in ("black_level_sigma", "exposure_offset_sigma"):
         ratio = getattr(less, name) / getattr(true, name)
         assert 0.8 < ratio < 1.25

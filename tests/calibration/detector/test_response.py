@@ -36,9 +36,7 @@ def test_probabilities_are_uniform_under_the_law():
     rng = np.random.default_rng(6)
     signal = 500 * TIMES
     fits = [
-        fit_response(
-            LAWS["exposure"], TIMES, signal + 0.02 * signal * rng.standard_normal(6), 0.02 * signal, FULL
-        )
+        fit_response(LAWS["exposure"], TIMES, signal + 0.02 * signal * rng.standard_normal(6), 0.02 * signal, FULL)
         for _ in range(500)
     ]
     assert stats.kstest([f.probability for f in fits], "uniform").pvalue > 1e-4

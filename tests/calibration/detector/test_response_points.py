@@ -26,9 +26,7 @@ def series_capture(folder, late_s=0.0, times=TIMES, further=True, shade=0.0):
     names = [f"sphere{level:g}" for level in LEVELS]
     at = spectra[0].split(",").index("sphere")
     rows = [",".join([spectra[0], *names])]
-    rows += [
-        ",".join([r, *(f"{float(r.split(',')[at]) * level:.10g}" for level in LEVELS)]) for r in spectra[1:]
-    ]
+    rows += [",".join([r, *(f"{float(r.split(',')[at]) * level:.10g}" for level in LEVELS)]) for r in spectra[1:]]
     (folder / "spectra" / "all.csv").write_text("\n".join(rows) + "\n")
     settings = [(t, F_NUMBER, DISTANCE_MM, 1.0) for t in times]
     if further:

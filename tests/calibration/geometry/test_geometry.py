@@ -28,10 +28,14 @@ SENSOR = {"width_px": 256, "height_px": 256}
 def box_camera(rng: np.random.Generator) -> Camera:
     """A camera before the box, off its nominal pose, focal length and principal point by typical amounts."""
     return Camera(
-        256, 256, NOMINAL_PX * rng.normal(1, 0.01), rng.normal(127.5, 2.0, 2), rng.uniform(-0.05, 0.05),
+        256,
+        256,
+        NOMINAL_PX * rng.normal(1, 0.01),
+        rng.normal(127.5, 2.0, 2),
+        rng.uniform(-0.05, 0.05),
         Rotation.from_rotvec(rng.normal(0, 0.3, 3), degrees=True).as_matrix() @ REFERENCE_ROTATION,
         rng.normal([278.0, 273.0, -800.0], 4.0),
-    )  # fmt: skip
+    )
 
 
 def survey(camera: Camera, count: int, rng: np.random.Generator, sigma_px: float = 0.0) -> SurveyedPoints:
@@ -73,14 +77,10 @@ def test_no_orientation_of_the_world_is_favoured() -> None:
         turn, shift = Rotation.from_rotvec(vector).as_matrix(), rng.normal(0, 2000, 3)
         moved = replace(points, points_mm=points.points_mm @ turn.T + shift)
         fit = fit_camera(moved, **SENSOR, point_sigma_px=SIGMA_PX, focal_length_px=NOMINAL_PX)
-        np.testing.assert_allclose(
-            fit.camera.position_mm, turn @ reference.camera.position_mm + shift, atol=1e-3
-        )
+        np.testing.assert_allclose(fit.camera.position_mm, turn @ reference.camera.position_mm + shift, atol=1e-3)
         np.testing.assert_allclose(fit.camera.rotation @ turn, reference.camera.rotation, atol=1e-6)
         np.testing.assert_allclose(fit.camera.parameters[6:], reference.camera.parameters[6:], atol=1e-3)
-        np.testing.assert_allclose(
-            fit.camera.covariance[6:, 6:], reference.camera.covariance[6:, 6:], rtol=1e-3
-        )
+        np.testing.assert_allclose(fit.camera.covariance[6:, 6:], reference.camera.covariance[6:, 6:], rtol=1e-3)
 
 
 def test_jacobian_agrees_with_finite_differences() -> None:
@@ -91,10 +91,13 @@ def test_jacobian_agrees_with_finite_differences() -> None:
         camera = camera.with_parameters(np.concatenate([camera.parameters[:3], turn, camera.parameters[6:]]))
         steps = 1e-5 * np.array([1e3] * 3 + [1e2] * 3 + [1e2] * 3 + [1.0])
         numeric = [
-            (camera.with_parameters(camera.parameters + h).project(points)
-             - camera.with_parameters(camera.parameters - h).project(points)).ravel() / (2 * h.sum())
+            (
+                camera.with_parameters(camera.parameters + h).project(points)
+                - camera.with_parameters(camera.parameters - h).project(points)
+            ).ravel()
+            / (2 * h.sum())
             for h in np.diag(steps)
-        ]  # fmt: skip
+        ]
         exact = parameter_jacobian(camera, points)
         assert np.all(np.abs(exact - np.stack(numeric, 1)) < 1e-6 * np.abs(exact).max(0))
 
@@ -112,9 +115,7 @@ def test_covariance_covers_the_truth(stated: bool) -> None:
     for _ in range(surveys):
         true = box_camera(rng)
         points = survey(true, 50, rng, SIGMA_PX)
-        fit = fit_camera(
-            points, **SENSOR, point_sigma_px=SIGMA_PX if stated else None, focal_length_px=NOMINAL_PX
-        )
+        fit = fit_camera(points, **SENSOR, point_sigma_px=SIGMA_PX if stated else None, focal_length_px=NOMINAL_PX)
         squares.append(mahalanobis_square(fit.camera, true))
         lost += bool(fit.outliers)
         assert fit.sigma_estimated != stated
@@ -144,9 +145,7 @@ def test_mistakes_are_found_named_and_harmless() -> None:
         direction = rng.uniform(0, 2 * np.pi, 6)
         size = np.exp(rng.uniform(np.log(2), np.log(100), 6))
         points.image_px[wrong] += size[:, None] * np.stack([np.cos(direction), np.sin(direction)], -1)
-        fit = fit_camera(
-            points, **SENSOR, point_sigma_px=SIGMA_PX if trial % 2 else None, focal_length_px=NOMINAL_PX
-        )
+        fit = fit_camera(points, **SENSOR, point_sigma_px=SIGMA_PX if trial % 2 else None, focal_length_px=NOMINAL_PX)
         assert fit.outliers == tuple(points.ids[i] for i in wrong)
         assert not np.any(fit.kept[wrong]) and np.all(np.linalg.norm(fit.residuals_px[wrong], axis=1) > 1.0)
         total += mahalanobis_square(fit.camera, true) if trial % 2 else 0.0
@@ -272,14 +271,19 @@ def test_cameras_of_the_shared_captures(name: str) -> None:
     sensor, sigma = manifest["camera"], manifest["geometry"]["point_sigma_px"]
     size = {"width_px": sensor["width_px"], "height_px": sensor["height_px"]}
     true = Camera(
-        **size, focal_length_px=answer["fx_px"],
+        **size,
+        focal_length_px=answer["fx_px"],
         principal_point_px=np.array([answer["cx_px"], answer["cy_px"]]),
-        k1=answer["k1"], rotation=np.array(answer["R"]), position_mm=np.array(answer["position_mm"]),
-    )  # fmt: skip
+        k1=answer["k1"],
+        rotation=np.array(answer["R"]),
+        position_mm=np.array(answer["position_mm"]),
+    )
     fit = fit_camera(
-        read_points(CAPTURES / name / manifest["geometry"]["points"]), **size, point_sigma_px=sigma,
+        read_points(CAPTURES / name / manifest["geometry"]["points"]),
+        **size,
+        point_sigma_px=sigma,
         focal_length_px=1e3 * manifest["lens"]["focal_length_mm"] / sensor["pixel_pitch_um"],
-    )  # fmt: skip
+    )
     assert fit.reprojection_rms_px < 1.15 * sigma
     assert mahalanobis_square(fit.camera, true) < 29.6
     assert fit.outliers == ()

@@ -111,10 +111,8 @@ def detection_errors(view: TargetView, camera: Camera, rows: int, columns: int) 
         ("charuco", 3, 5, 6, charuco(3, 5, 0.6)),
     ],
     ids=["chessboard", "dark disks", "light disks", "charuco", "charuco, small markers"],
-)  # fmt: skip
-def test_targets_are_found_and_give_the_lens(
-    kind: str, rows: int, columns: int, fewest: int, pattern: Pattern
-) -> None:
+)
+def test_targets_are_found_and_give_the_lens(kind: str, rows: int, columns: int, fewest: int, pattern: Pattern) -> None:
     """Five tilted views of a rendered target, noisy, through a lens with 1% distortion at the corner."""
     rng = np.random.default_rng(1)
     views, errors = [], []
@@ -250,9 +248,7 @@ def test_covariance_of_the_intrinsics_covers_the_truth(stated: bool) -> None:
 
 def surveyed_box(rng: np.random.Generator, sigma_px: float) -> tuple[Camera, SurveyedPoints]:
     turn = Rotation.from_rotvec(rng.normal(0, 0.5, 3), degrees=True).as_matrix() @ np.diag([-1.0, -1.0, 1.0])
-    camera = Camera(
-        WIDTH, HEIGHT, FOCAL_LENGTH_PX, PRINCIPAL_POINT_PX, K1, turn, rng.normal([278, 273, -1000], 5)
-    )
+    camera = Camera(WIDTH, HEIGHT, FOCAL_LENGTH_PX, PRINCIPAL_POINT_PX, K1, turn, rng.normal([278, 273, -1000], 5))
     points = rng.uniform(0, 550, (16, 3))
     image = camera.project(points) + rng.normal(0, sigma_px, (16, 2))
     return camera, SurveyedPoints(tuple(f"p{i}" for i in range(16)), points, image)
@@ -272,9 +268,12 @@ def test_a_joint_fit_sharpens_the_surveyed_camera_and_still_covers_it() -> None:
         true, points = surveyed_box(rng, 0.15)
         alone = fit_camera(points, width_px=WIDTH, height_px=HEIGHT, point_sigma_px=0.15)
         joint = fit_camera_targets(
-            simulated_views(rng, 0.05), width_px=WIDTH, height_px=HEIGHT,
-            point_sigma_px=0.05 if trial % 2 else None, survey=(points, alone),
-        ).survey_camera  # fmt: skip
+            simulated_views(rng, 0.05),
+            width_px=WIDTH,
+            height_px=HEIGHT,
+            point_sigma_px=0.05 if trial % 2 else None,
+            survey=(points, alone),
+        ).survey_camera
         squares.append(square(joint.covariance, joint.parameters - true.parameters))
         gains.append(alone.camera.covariance[2, 2] / joint.covariance[2, 2])
     assert stats.kstest(squares, stats.chi2(10).cdf).pvalue > 1e-3

@@ -17,9 +17,16 @@ def camera_with(k1: float) -> Camera:
 
 def tsai_with(kappa1: float, scale: float = 1.0) -> TsaiCamera:
     return TsaiCamera(
-        256, 256, 35.0, np.array([125.6, 128.2]), scale, kappa1, TURN, np.array([10.0, 20.0, 900.0]),
+        256,
+        256,
+        35.0,
+        np.array([125.6, 128.2]),
+        scale,
+        kappa1,
+        TURN,
+        np.array([10.0, 20.0, 900.0]),
         np.full(2, PITCH_MM),
-    )  # fmt: skip
+    )
 
 
 def box_points() -> np.ndarray:

@@ -19,9 +19,7 @@ from cboxlab.calibration.quality.content import check_names
 )
 def test_an_exposure_in_a_name_is_read_with_its_power_of_ten(name, exposure_s, count):
     capture = SimpleNamespace(band_ids=("f550",), manifest=SimpleNamespace(band=()))
-    stack = SimpleNamespace(
-        paths=(f"frames/{name}",), band=None, kind="dark", key="dark[0]", exposure_s=exposure_s
-    )
+    stack = SimpleNamespace(paths=(f"frames/{name}",), band=None, kind="dark", key="dark[0]", exposure_s=exposure_s)
     assert len(list(check_names(capture, [stack]))) == count
 
 

@@ -56,7 +56,6 @@ def test_constants_off_by_reciprocal_factors_are_no_exchange():
     radiometry = measure_constant(capture, correct_bands(capture, dark, noise), dark, noise)
     levels = [0.95, *[1.0] * (len(radiometry.by_band) - 2), 1 / 0.95]
     by_band = tuple(
-        replace(c, constant=level * radiometry.constant)
-        for c, level in zip(radiometry.by_band, levels, strict=True)
+        replace(c, constant=level * radiometry.constant) for c, level in zip(radiometry.by_band, levels, strict=True)
     )
     assert not [*check_constant(capture, replace(radiometry, by_band=by_band), noise, None, None)]

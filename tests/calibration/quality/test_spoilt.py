@@ -96,9 +96,7 @@ def test_the_rough_light_of_the_lamp_is_the_renderers():
     sight = see(scene, camera)
     chosen = image.single_surface & (sight.surface == image.surface) & (sight.surface < len(scene.surfaces))
     reflectance = scene.reflectances(bands)[[[*scene.materials].index(s.material) for s in scene.surfaces]]
-    found = radiance_over_lamp(
-        scene, sight.place_mm[chosen], sight.normal[chosen], sight.surface[chosen], reflectance
-    )
+    found = radiance_over_lamp(scene, sight.place_mm[chosen], sight.normal[chosen], sight.surface[chosen], reflectance)
     assert np.count_nonzero(chosen) > 400
     np.testing.assert_allclose(found.mean(axis=0), rendered[chosen].mean(axis=0), rtol=0.03)
 

@@ -38,9 +38,7 @@ def chart(shift=(0.0, 0.0), magnification=1.0, seed=5):
     return picture
 
 
-@pytest.mark.parametrize(
-    ("shift", "magnification"), [((0.37, -0.81), 1.0), ((0.0, 0.0), 1.006), ((-1.6, 0.4), 0.995)]
-)
+@pytest.mark.parametrize(("shift", "magnification"), [((0.37, -0.81), 1.0), ((0.0, 0.0), 1.006), ((-1.6, 0.4), 0.995)])
 @pytest.mark.parametrize("seed", [5, 6])
 def test_registration_to_hundredths_of_a_pixel(shift, magnification, seed):
     """1% noise; other reflectances in the band than in the reference (seed 6): edges differ in strength.
@@ -111,9 +109,7 @@ class ShiftedCapture(FakeCapture):
     def expected(self, band):
         wavelength = int(band[1:])
         away = (wavelength - 550) / 100
-        return (
-            chart((0.5 * away, -0.3 * away), 1 + 0.004 * away) * self.scene_per_s[band] * self.exposure[band]
-        )
+        return chart((0.5 * away, -0.3 * away), 1 + 0.004 * away) * self.scene_per_s[band] * self.exposure[band]
 
 
 @pytest.fixture(scope="module")
@@ -163,9 +159,7 @@ def test_registration_is_what_makes_the_edges_right(measured):
     for aligned in (True, False):
         found = hyperspectral_cube(capture, bands, region, reading, aligned=aligned)
         index = found.bands.index("f700")
-        worst.append(
-            np.nanstd((found.cube["radiance"].values[..., index] - truth_of(fake, "f700"))[8:-8, 8:-8])
-        )
+        worst.append(np.nanstd((found.cube["radiance"].values[..., index] - truth_of(fake, "f700"))[8:-8, 8:-8]))
     assert worst[0] < 0.3 * worst[1]
 
 

@@ -100,9 +100,7 @@ def test_contradiction_to_the_manifest_is_noted(tmp_path):
 
 def test_noise_model_is_its_formula():
     """1000 DN of 12 e-/DN: 83.33 shot, (10/12)^2 read, 1/12 rounding."""
-    assert NoiseModel(12.0, None, 10.0, None).variance(1000.0) == pytest.approx(
-        1000 / 12 + 100 / 144 + 1 / 12
-    )
+    assert NoiseModel(12.0, None, 10.0, None).variance(1000.0) == pytest.approx(1000 / 12 + 100 / 144 + 1 / 12)
 
 
 def test_nominal_constant_by_hand(tmp_path):

@@ -16,8 +16,10 @@ SIGMA = 0.3
 #: A channel with a main lobe, a shoulder and dark ends, in DN per unit of light.
 TRUTH = np.exp(-0.5 * ((GRID - 540) / 35) ** 2) + 0.3 * np.exp(-0.5 * ((GRID - 620) / 20) ** 2)
 ESTIMATES = {
-    "wiener": wiener, "least squares": least_squares, "convex sets": lambda readings: convex_sets(readings)[0],
-}  # fmt: skip
+    "wiener": wiener,
+    "least squares": least_squares,
+    "convex sets": lambda readings: convex_sets(readings)[0],
+}
 
 
 def readings(seed=1, noise=SIGMA) -> NarrowBandReadings:
@@ -95,10 +97,12 @@ def test_a_flat_sensitivity_comes_back_flat():
 @pytest.mark.parametrize(
     "change",
     [
-        {"stimuli": np.ones((30, GRID.size))}, {"sigma": np.zeros(31)}, {"wavelength_nm": GRID[::-1]},
+        {"stimuli": np.ones((30, GRID.size))},
+        {"sigma": np.zeros(31)},
+        {"wavelength_nm": GRID[::-1]},
         {"stimuli": -np.ones((31, GRID.size))},
     ],
-)  # fmt: skip
+)
 def test_readings_that_make_no_sense_are_told(change):
     data = readings()
     fields = {name: getattr(data, name) for name in ("wavelength_nm", "stimuli", "response", "sigma")}

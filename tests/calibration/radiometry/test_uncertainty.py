@@ -88,9 +88,7 @@ def test_constant_and_bands_share_their_errors():
     for _ in range(sets):
         own = scatter * rng.standard_normal(7)
         values = 1 + own + noise * rng.standard_normal(7)
-        found = join_constants(
-            [BandConstant(b, v, noise, 100) for b, v in zip(BANDS, values, strict=True)], 1.0
-        )
+        found = join_constants([BandConstant(b, v, noise, 100) for b, v in zip(BANDS, values, strict=True)], 1.0)
         limits = stats.t.ppf([0.84134, 0.97725], found.degrees) * found.sigma
         inside += np.abs(found.constant - 1) < limits
         off = 1 + own - found.constant
@@ -110,9 +108,7 @@ def test_bands_known_unequally_well_err_less_the_error_of_their_mean():
     rng = np.random.default_rng(9)
     noise = np.geomspace(0.002, 0.03, 7)
     values = 1 + np.hypot(0.008, noise) * rng.standard_normal(7)
-    found = join_constants(
-        [BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1
-    )
+    found = join_constants([BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1)
     assert found.scatter > 0 and np.ptp(found.weights) > 0.05
     own = np.eye(7) - np.outer(np.ones(7), found.weights)
     shared = measure_uncertainty(found, tuple(c.band for c in found.by_band))

@@ -14,10 +14,25 @@ from helpers.fakes.capture import CONSTANT, FakeCapture
 
 KEYS = {
     "suspicions",
-    "capture", "bands", "channels", "camera", "target_intrinsics", "gain_e_per_dn", "read_noise_e",
-    "dark_level", "linearity", "C", "K", "filter_weights", "colour", "masked",
-    "patches", "notes", "sensor", "uncertainty",
-}  # fmt: skip
+    "capture",
+    "bands",
+    "channels",
+    "camera",
+    "target_intrinsics",
+    "gain_e_per_dn",
+    "read_noise_e",
+    "dark_level",
+    "linearity",
+    "C",
+    "K",
+    "filter_weights",
+    "colour",
+    "masked",
+    "patches",
+    "notes",
+    "sensor",
+    "uncertainty",
+}
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +71,13 @@ def test_everything_written_is_whole_and_documented(baseline, tmp_path):
     assert set(found) == KEYS
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "calibration.json", "noise.png", "dark.png", "filters.png", "xyz.nc", "geometry.png",
-    }  # fmt: skip
+        "calibration.json",
+        "noise.png",
+        "dark.png",
+        "filters.png",
+        "xyz.nc",
+        "geometry.png",
+    }
     with xr.open_dataset(tmp_path / "out" / "xyz.nc", engine="h5netcdf") as xyz:
         assert {"capture", "cboxlab_version", "command"} <= set(xyz.attrs)
     camera = found["camera"]
@@ -102,8 +122,14 @@ def test_real_captures_say_what_they_lack(shared, tmp_path, name):
         assert lack in text
     assert found["camera"] is None and found["filter_weights"] is None and found["K"] is None
     assert found["channels"] == {
-        "f400": "B", "f450": "B", "f500": "G", "f550": "G", "f600": "R", "f650": "R", "f700": "R",
-    }  # fmt: skip
+        "f400": "B",
+        "f450": "B",
+        "f500": "G",
+        "f550": "G",
+        "f600": "R",
+        "f650": "R",
+        "f700": "R",
+    }
 
 
 def test_the_camera_behind_the_real_captures_has_one_shutter(shared, colorchecker):
@@ -147,9 +173,7 @@ def test_patches_file(colorchecker, tmp_path):
     )
     written = [float(rows[19][band]) for band in colorchecker.patches.bands]
     np.testing.assert_allclose(written, known, atol=6e-6)
-    assert all(
-        float(row[f"{band}_sigma"]) > 0 for row in rows.values() for band in colorchecker.patches.bands
-    )
+    assert all(float(row[f"{band}_sigma"]) > 0 for row in rows.values() for band in colorchecker.patches.bands)
 
 
 def test_smoothest_spectrum_keeps_the_band_means_and_straight_lines(colorchecker):

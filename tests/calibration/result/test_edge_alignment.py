@@ -44,8 +44,7 @@ def aligned():
     """The short block stands SHIFT_MM off, and the camera is a little off its calibration."""
     box, true = cornell_box(), cornell_camera(SIZE)
     moved = tuple(
-        replace(s, vertices_mm=s.vertices_mm + SHIFT_MM) if s.name == "short-block" else s
-        for s in box.surfaces
+        replace(s, vertices_mm=s.vertices_mm + SHIFT_MM) if s.name == "short-block" else s for s in box.surfaces
     )
     picture = photograph(replace(box, surfaces=moved), true)
     picture += 0.002 * np.random.default_rng(1).standard_normal(picture.shape)
@@ -164,6 +163,8 @@ def test_measuring_again_finds_a_camera_that_one_search_missed():
 
 def test_an_edge_of_two_faces_is_counted_once(places):
     room = places.owner == 0
-    ends = {tuple(np.round(np.sort(places.place_mm[places.edge == n][[0, -1]], axis=0), -1).ravel())
-            for n in np.unique(places.edge[room])}  # fmt: skip
+    ends = {
+        tuple(np.round(np.sort(places.place_mm[places.edge == n][[0, -1]], axis=0), -1).ravel())
+        for n in np.unique(places.edge[room])
+    }
     assert len(ends) == len(np.unique(places.edge[room]))

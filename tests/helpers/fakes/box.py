@@ -18,10 +18,16 @@ GAIN_E_PER_DN = 12.0
 READ_NOISE_E = 10.0
 
 #: Reflectance by surface and band.
-REFLECTANCE = np.array([
-    [0.55, 0.65, 0.72, 0.74, 0.75], [0.55, 0.65, 0.72, 0.74, 0.75], [0.55, 0.65, 0.72, 0.74, 0.75],
-    [0.05, 0.05, 0.06, 0.40, 0.62], [0.10, 0.30, 0.45, 0.20, 0.12], [0.25, 0.31, 0.35, 0.36, 0.37],
-])  # fmt: skip
+REFLECTANCE = np.array(
+    [
+        [0.55, 0.65, 0.72, 0.74, 0.75],
+        [0.55, 0.65, 0.72, 0.74, 0.75],
+        [0.55, 0.65, 0.72, 0.74, 0.75],
+        [0.05, 0.05, 0.06, 0.40, 0.62],
+        [0.10, 0.30, 0.45, 0.20, 0.12],
+        [0.25, 0.31, 0.35, 0.36, 0.37],
+    ]
+)
 
 
 def surfaces(size: int = 96) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -86,9 +92,13 @@ class FakeBox:
     @property
     def xyz_per_dn(self) -> np.ndarray:
         """Rough weights of the right signs and proportions."""
-        return 1e-4 * np.array([
-            [0.35, 0.02, 0.50, 1.00, 0.45], [0.04, 0.45, 1.05, 0.62, 0.16], [1.75, 0.25, 0.01, 0.0, 0.0],
-        ])  # fmt: skip
+        return 1e-4 * np.array(
+            [
+                [0.35, 0.02, 0.50, 1.00, 0.45],
+                [0.04, 0.45, 1.05, 0.62, 0.16],
+                [1.75, 0.25, 0.01, 0.0, 0.0],
+            ]
+        )
 
     @property
     def lamp_xyz(self) -> np.ndarray:
@@ -97,32 +107,49 @@ class FakeBox:
     def compare(self, seed: int, factor: np.ndarray | float = 1.0, **changes: object) -> Comparison:
         measured, rendered = self.images(seed, factor)
         arguments: dict = {
-            "xyz_per_dn": self.xyz_per_dn, "lamp_xyz": self.lamp_xyz, "surface": self.surface,
-            "surface_names": SURFACES, "single_surface": self.single_surface, **changes,
-        }  # fmt: skip
+            "xyz_per_dn": self.xyz_per_dn,
+            "lamp_xyz": self.lamp_xyz,
+            "surface": self.surface,
+            "surface_names": SURFACES,
+            "single_surface": self.single_surface,
+            **changes,
+        }
         return compare(measured, rendered, self.sensor_variance, **arguments)
 
 
 def fake_run(**changes: object) -> Run:
     """A run with a calibrated and a slightly moved camera."""
     sigma = np.array([0.4, 0.4, 0.8, 0.03, 0.03, 0.01, 0.2, 0.3, 0.3, 0.002])
-    camera = Camera(96, 96, 134.4, np.array([47.5, 47.6]), -0.02, REFERENCE_ROTATION,
-                    np.array([278.0, 273.0, -800.0]), np.diag(sigma**2))  # fmt: skip
+    camera = Camera(
+        96,
+        96,
+        134.4,
+        np.array([47.5, 47.6]),
+        -0.02,
+        REFERENCE_ROTATION,
+        np.array([278.0, 273.0, -800.0]),
+        np.diag(sigma**2),
+    )
     moved = camera.with_parameters(camera.parameters + 0.5 * sigma)
     arguments: dict = {
-        "capture": "captures/fake", "model": "published Cornell Box", "version": "0.1.0", "seconds": 12.3,
-        "camera": moved, "reprojection_rms_px": 0.148, "lamp_scale": 1.004, "lamp_scale_sigma": 0.001,
-        "lamp_scale_prior_sigma": 0.02, "calibrated_camera": camera,
-    }  # fmt: skip
+        "capture": "captures/fake",
+        "model": "published Cornell Box",
+        "version": "0.1.0",
+        "seconds": 12.3,
+        "camera": moved,
+        "reprojection_rms_px": 0.148,
+        "lamp_scale": 1.004,
+        "lamp_scale_sigma": 0.001,
+        "lamp_scale_prior_sigma": 0.02,
+        "calibrated_camera": camera,
+    }
     return Run(**{**arguments, **changes})
 
 
 def fake_weights() -> tuple[FilterWeights, list[BandResponse]]:
     """Weights fitted to Gaussian filters."""
     responses = [
-        BandResponse(
-            band, INTEGRAL_GRID, 1e18 * np.exp(-0.5 * ((WAVELENGTH_NM - float(band[1:])) / 22) ** 2), 1.0
-        )
+        BandResponse(band, INTEGRAL_GRID, 1e18 * np.exp(-0.5 * ((WAVELENGTH_NM - float(band[1:])) / 22) ** 2), 1.0)
         for band in BANDS
     ]
     return fit_filter_weights(responses, 0.01), responses

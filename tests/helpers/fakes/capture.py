@@ -69,15 +69,11 @@ class FakeCapture:
         weights = np.ones(GRID.size)
         weights[[0, -1]] = 0.5
         self.signal_per_s = {
-            f"f{c}": CONSTANT
-            / (F_NUMBER * DISTANCE_MM) ** 2
-            * float(np.sum(weights * response(c) * sphere()))
+            f"f{c}": CONSTANT / (F_NUMBER * DISTANCE_MM) ** 2 * float(np.sum(weights * response(c) * sphere()))
             for c in self.centres
         }
         self.scene_per_s = {
-            f"f{c}": CONSTANT
-            / (F_NUMBER * DISTANCE_MM) ** 2
-            * float(np.sum(weights * response(c) * self.spectrum))
+            f"f{c}": CONSTANT / (F_NUMBER * DISTANCE_MM) ** 2 * float(np.sum(weights * response(c) * self.spectrum))
             for c in self.centres
         }
         self.exposure = {b: float(f"{1500 / self.signal_per_s[b]:.3g}") for b in self.signal_per_s}
@@ -136,8 +132,6 @@ class FakeCapture:
         for band, seconds in self.exposure.items() if references else ():
             signal = self.signal_per_s[band] * seconds * self.flat * self.gains.get(band, 1.0)
             text += f'[[reference]]\nband = "{band}"\nexposure_s = {seconds}\n{optics}'
-            text += 'radiance = "spectra/all.csv:sphere"\n' + self._frames(
-                f"sphere-{band}", signal, seconds, 1
-            )
+            text += 'radiance = "spectra/all.csv:sphere"\n' + self._frames(f"sphere-{band}", signal, seconds, 1)
         (self.folder / "capture.toml").write_text(text + extra)
         return self.folder

@@ -65,8 +65,10 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
     )
     camera = replace(cornell_camera(2), height_px=3)
     transport = PatchTransport(
-        light, camera,
-        pixel=np.array([0, 1, 2, 3, 3]), face=face,
+        light,
+        camera,
+        pixel=np.array([0, 1, 2, 3, 3]),
+        face=face,
         coverage=np.array([1.0, 0.5, 1.0, 0.3, 0.6]),
         position=low[face] + random.uniform(0.1, 0.9, (5, 3)) * (high - low)[face],
         direct=random.uniform(0.1, 0.3, (5, 1)).astype(np.float32),
@@ -74,8 +76,6 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
         escape=random.uniform(0.0, 0.2, 5).astype(np.float32),
         covered=np.array([1.0, 0.5, 1.0, 0.9, 0.7, 0.0]).reshape(camera.height_px, camera.width_px),
         lamp_radiance=np.array([0.0, 0.0, 0.0, 0.0, 0.7, 0.0]).reshape(1, camera.height_px, camera.width_px),
-    )  # fmt: skip
-    at_each = (GRID == NM[:, None]).astype(float)
-    return patch_light(
-        transport, scene, NM, GRID, at_each, scene.lamp.radiance.at(GRID), max_bounces=max_bounces
     )
+    at_each = (GRID == NM[:, None]).astype(float)
+    return patch_light(transport, scene, NM, GRID, at_each, scene.lamp.radiance.at(GRID), max_bounces=max_bounces)

@@ -28,9 +28,19 @@ def counts() -> Counts:
     dark = np.array([100.0, 101.0, 102.0])
     seconds = np.array([4.0, 2.0, 1.0])
     return Counts(
-        BANDS, scene, flat, reference, dark, dark + 1, dark + 2, seconds, seconds / 2, seconds / 4,
-        np.array([0.5, 2.0, 5.0]), 4095.0,
-    )  # fmt: skip
+        BANDS,
+        scene,
+        flat,
+        reference,
+        dark,
+        dark + 1,
+        dark + 2,
+        seconds,
+        seconds / 2,
+        seconds / 4,
+        np.array([0.5, 2.0, 5.0]),
+        4095.0,
+    )
 
 
 def curves() -> BandCurves:
@@ -48,9 +58,13 @@ def curves() -> BandCurves:
 def start(effect: Effect) -> Any:
     """A value of the effect's stage."""
     kinds = {
-        "scene": cornell_box, "settings": lambda: RenderSettings(max_bounces=3), "filter": curves,
-        "camera": lambda: cornell_camera(64), "optics": light, "counts": counts,
-    }  # fmt: skip
+        "scene": cornell_box,
+        "settings": lambda: RenderSettings(max_bounces=3),
+        "filter": curves,
+        "camera": lambda: cornell_camera(64),
+        "optics": light,
+        "counts": counts,
+    }
     return kinds[effect.stage]()
 
 

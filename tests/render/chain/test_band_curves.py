@@ -53,9 +53,7 @@ def test_pixels_beyond_the_largest_angle_have_its_response(times):
     spectrum = 1e-4 * (1 + (INTEGRAL_GRID.nm - 400) / 300)
     signal = band_signals(uniform_light(spectrum), curves, field_shares(curves, there))
     last = np.array([response.signal(spectrum) for response in curves.responses(FIELD_ANGLES - 1)])
-    np.testing.assert_allclose(
-        signal[:, beyond], np.broadcast_to(last[:, None], signal[:, beyond].shape), rtol=1e-9
-    )
+    np.testing.assert_allclose(signal[:, beyond], np.broadcast_to(last[:, None], signal[:, beyond].shape), rtol=1e-9)
     bounds = [[r.signal(spectrum) for r in curves.responses(angle)] for angle in range(FIELD_ANGLES)]
     assert np.all(signal <= np.max(bounds, axis=0)[:, None, None] * (1 + 1e-6))
     assert np.all(signal >= np.min(bounds, axis=0)[:, None, None] * (1 - 1e-6))

@@ -10,8 +10,7 @@ from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 
 NM = INTEGRAL_GRID.nm
 RESPONSES = tuple(
-    BandResponse(f"f{nm}", INTEGRAL_GRID, 1e18 * np.exp(-0.5 * ((NM - nm) / 20) ** 2), 1e-15)
-    for nm in (450, 600)
+    BandResponse(f"f{nm}", INTEGRAL_GRID, 1e18 * np.exp(-0.5 * ((NM - nm) / 20) ** 2), 1e-15) for nm in (450, 600)
 )
 
 
@@ -32,9 +31,7 @@ def test_signals_are_the_integral_and_variances_means_of_relative_ones(image):
     weights = np.full(NM.size, 1.0)
     weights[[0, -1]] = 0.5
     for index, response in enumerate(RESPONSES):
-        each = (image.coefficients.astype(float) @ image.spectra) @ (
-            response.factor * response.response * weights
-        )
+        each = (image.coefficients.astype(float) @ image.spectra) @ (response.factor * response.response * weights)
         mean, variance = each.mean(axis=0), each.var(axis=0, ddof=1) / 4
         np.testing.assert_allclose(found.signal.values[index], mean, rtol=1e-6)
         pooled = variance.copy()

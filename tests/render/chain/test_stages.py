@@ -35,6 +35,4 @@ def test_a_stage_takes_its_own_effects_in_their_order_and_passes_over_the_others
     found = after_stage(light(), [glare, offset, edge], "optics")
     assert (found.signal == edge.apply(glare.apply(light())).signal).all()
     assert (found.signal != glare.apply(edge.apply(light())).signal).any()
-    assert (
-        after_stage(counts(), [glare, offset, edge], "counts").scene == offset.apply(counts()).scene
-    ).all()
+    assert (after_stage(counts(), [glare, offset, edge], "counts").scene == offset.apply(counts()).scene).all()

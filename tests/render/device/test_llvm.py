@@ -33,7 +33,9 @@ print("compiled" if variant.compiled() else "stock")
     )
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "DRJIT_LIBLLVM_PATH": library}, capture_output=True, text=True,
-    )  # fmt: skip
+        env={**os.environ, "DRJIT_LIBLLVM_PATH": library},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ("stock" if first else "compiled")

@@ -10,9 +10,7 @@ from cboxlab.rendering.radiosity.lamp import angle_over_sine
 from cboxlab.rendering.visibility.tracer import pixel_rays
 from cboxlab.scenes import Camera
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 
 def _numbers(seed, *shape):
@@ -46,10 +44,14 @@ def test_rays_of_pixels_are_the_cameras(size, k1):
     """In the corner pixels, too, where distortion moves points by 7 to 17%: within single precision."""
     turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     camera = Camera(
-        width_px=size, height_px=size - 2, focal_length_px=1.1 * size, k1=k1,
-        principal_point_px=np.array([0.45, 0.52]) * size, rotation=turned * np.sign(np.linalg.det(turned)),
+        width_px=size,
+        height_px=size - 2,
+        focal_length_px=1.1 * size,
+        k1=k1,
+        principal_point_px=np.array([0.45, 0.52]) * size,
+        rotation=turned * np.sign(np.linalg.det(turned)),
         position_mm=np.array([278.0, 273.0, -800.0]),
-    )  # fmt: skip
+    )
     pixel = np.arange(size * (size - 2), dtype=np.uint32)
     u, v = _numbers(4, 2, pixel.size)
     ray = pixel_rays(camera, mi.UInt32(pixel))(mi.Float(u), mi.Float(v))

@@ -101,9 +101,11 @@ def test_lateral_colour_of_a_known_scene_is_a_focal_length_for_each_band():
     camera, pattern = cornell_camera(16), np.random.default_rng(3).standard_normal((3, 16, 16))
     nm = np.array([410.0, 550.0, 690.0])
     before = Light(
-        np.ones((3, 16, 16)), nm, camera,
+        np.ones((3, 16, 16)),
+        nm,
+        camera,
         lambda there: (there.focal_length_px / camera.focal_length_px - 1) * pattern,
-    )  # fmt: skip
+    )
     after = apply("lateral-colour", before, ppm_per_nm=50).signal - 1
     expected = 50e-6 * (nm - 550)[:, None, None] * pattern
     np.testing.assert_allclose(after, expected, atol=1e-12)
@@ -189,16 +191,13 @@ def test_lamp_reflectance_replaces_the_mean_and_keeps_the_shape():
     sloped = replace(box, lamp=replace(box.lamp, reflectance=Spectrum(NM, 0.2 + 0.001 * (NM - 400))))
     for scene in (box, sloped):
         table, after = (
-            s.lamp.reflectance.at(WAVELENGTH_NM)
-            for s in (scene, apply("lamp-reflectance", scene, reflectance=0.5))
+            s.lamp.reflectance.at(WAVELENGTH_NM) for s in (scene, apply("lamp-reflectance", scene, reflectance=0.5))
         )
         np.testing.assert_allclose(after, table * 0.5 / table.mean(), rtol=1e-2)
         assert after.mean() == pytest.approx(0.5, abs=1e-3)
     assert not apply("lamp-reflectance", box, reflectance=0.0).lamp.reflects
     black = apply("lamp-reflectance", box, reflectance=0.0)
-    assert apply("lamp-reflectance", black, reflectance=0.4).lamp.reflectance.at([400, 700]) == pytest.approx(
-        0.4
-    )
+    assert apply("lamp-reflectance", black, reflectance=0.4).lamp.reflectance.at([400, 700]) == pytest.approx(0.4)
 
 
 def test_the_null_of_the_lamps_reflectance_is_the_scenes_own():
@@ -321,7 +320,7 @@ def test_reflectance_gradient_darkens_along_one_axis(surface, axis, low, extent)
     for own, position, old, new in (
         (patches.surface, patches.centre, before.patch_reflectance, after.patch_reflectance),
         (transport.surface, transport.position, before.fragment_reflectance, after.fragment_reflectance),
-    ):  # fmt: skip
+    ):
         s = (position[:, column] - low) / extent
         assert np.all((s > 0) & (s < 1) | (own != index)) and np.any(own == index)
         np.testing.assert_allclose(new, old * np.where(own == index, 1 - 0.4 * s, 1.0)[:, None], rtol=1e-12)
@@ -354,9 +353,7 @@ def test_fluorescence_emits_the_quanta_it_absorbs():
     own = patches.material == white
     np.testing.assert_allclose(after.patch_emission, np.outer(own * arriving_patch, spectrum), rtol=1e-5)
     own = transport.material == white
-    np.testing.assert_allclose(
-        after.fragment_emission, np.outer(own * arriving_fragment, spectrum), rtol=1e-5
-    )
+    np.testing.assert_allclose(after.fragment_emission, np.outer(own * arriving_fragment, spectrum), rtol=1e-5)
 
 
 def test_ambient_spectra_are_1_at_550_nm():
@@ -370,14 +367,9 @@ def test_ambient_spectra_are_1_at_550_nm():
     for spectrum, kelvin in (("daylight", 6500.0), ("tungsten", 2900.0)):
         values = {"radiance": 0.01, "spectrum": spectrum}
         surround = apply("ambient-light", light, **values).surround
-        assert surround == pytest.approx(
-            0.01 * planck(FAKE_NM, kelvin) / planck(550.0, kelvin) / lamp, rel=1e-6
-        )
+        assert surround == pytest.approx(0.01 * planck(FAKE_NM, kelvin) / planck(550.0, kelvin) / lamp, rel=1e-6)
     values = {"radiance": 0.01, "spectrum": "fluorescent"}
     surround = apply("ambient-light", light, **values).surround
     lines = [(436, 1.0, 5), (488, 0.6, 7), (545, 2.2, 6), (611, 1.6, 7)]
-    shape = [
-        0.35 + sum(h * np.exp(-((nm - c) ** 2) / (2 * s * s)) for c, h, s in lines)
-        for nm in (550.0, *FAKE_NM)
-    ]
+    shape = [0.35 + sum(h * np.exp(-((nm - c) ** 2) / (2 * s * s)) for c, h, s in lines) for nm in (550.0, *FAKE_NM)]
     assert surround == pytest.approx(0.01 * np.array(shape[1:]) / shape[0] / lamp, rel=1e-9)

@@ -29,11 +29,7 @@ PARAMETERS = sorted({p.name for e in catalogue().values() for p in e.parameters 
 
 
 def strings(source: str) -> list[str]:
-    return [
-        n.value
-        for n in ast.walk(ast.parse(source))
-        if isinstance(n, ast.Constant) and isinstance(n.value, str)
-    ]
+    return [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
 
 
 def named_in(source: str) -> set[str]:

@@ -120,9 +120,7 @@ def test_unknown_names_are_refused_with_what_is_known():
         with pytest.raises(InputError, match=r"from 0 to 0\.5"):
             apply_checked("ghost", {"fraction": wrong}, "model.toml: effect[0]")
     with pytest.raises(InputError, match="white, red, green"):
-        apply_checked(
-            "wall-reflectance", {"material": "blue"}, "model.toml: effect[0]", names_in(cornell_box())
-        )
+        apply_checked("wall-reflectance", {"material": "blue"}, "model.toml: effect[0]", names_in(cornell_box()))
 
 
 def test_effects_name_what_the_scene_holds():

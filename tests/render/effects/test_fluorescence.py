@@ -13,9 +13,7 @@ from cboxlab.scenes import Material, Spectrum
 from helpers.boxes import EDGE, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 GRID = np.arange(400.0, 701.0)
 SEEN_NM, PEAK_NM, YIELD = np.array([520.0]), 510.0, 0.3
@@ -29,9 +27,7 @@ T_LIMIT, PATCHES = float(student.isf(0.5e-6, BATCHES - 1)), 0.01
 
 def paint(name, reflectance):
     short, long = reflectance
-    return Material(
-        name, Spectrum(np.array([300.0, 460.0, 461.0, 900.0]), np.array([short, short, long, long]))
-    )
+    return Material(name, Spectrum(np.array([300.0, 460.0, 461.0, 900.0]), np.array([short, short, long, long])))
 
 
 def cosine(random, axis, inward):
@@ -77,9 +73,12 @@ def photons(seed):
     down = np.full(PHOTONS, 1)
     hits = []
     followed(
-        random, np.column_stack([x, np.full(PHOTONS, EDGE), z]), cosine(random, down, -1.0), 0,
+        random,
+        np.column_stack([x, np.full(PHOTONS, EDGE), z]),
+        cosine(random, down, -1.0),
+        0,
         lambda point, axis, side, goes_on: hits.append(point[(axis == 1) & (side == 0)]),
-    )  # fmt: skip
+    )
     glowing = np.concatenate(hits)
     leaving = {name: 0.0 for name in WALLS}
     leaving["floor"] += len(glowing)
@@ -96,9 +95,7 @@ def photons(seed):
 def test_fluorescence_reaches_every_wall_as_photons_do():
     scene = box_with_lamp(0.5, LAMP_HALF)
     surfaces = tuple(replace(s, material="red" if s.name == "floor" else "white") for s in scene.surfaces)
-    scene = replace(
-        scene, surfaces=surfaces, materials={"red": paint("red", DYE), "white": paint("white", REST)}
-    )
+    scene = replace(scene, surfaces=surfaces, materials={"red": paint("red", DYE), "white": paint("white", REST)})
     field = solve_light(scene, SEEN_NM, patch_edge_mm=90.0, patch_samples=1024)
     transport = build_patch_transport(field, camera_inside(8), 16)
     at_seen = (GRID == SEEN_NM[:, None]).astype(float)
@@ -107,8 +104,10 @@ def test_fluorescence_reaches_every_wall_as_photons_do():
     change = (effect.apply(before).patch_radiance() - before.patch_radiance())[:, 0]
     surface = field.patches.surface
     names = [s.name for s in scene.surfaces]
-    found = [np.average(change[own], weights=field.patches.area[own]) for own in
-             (surface == names.index(name) for name in WALLS)]  # fmt: skip
+    found = [
+        np.average(change[own], weights=field.patches.area[own])
+        for own in (surface == names.index(name) for name in WALLS)
+    ]
 
     batches = np.array([photons(seed) for seed in range(BATCHES)])
     areas = np.array([EDGE**2 - (4 * LAMP_HALF**2 if name == "ceiling" else 0) for name in WALLS])

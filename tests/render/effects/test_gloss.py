@@ -85,9 +85,7 @@ def test_base_and_means_are_those_of_the_coat(applied):
     wanted = (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * fresnel(b))
     np.testing.assert_allclose(np.array(given["base"](incoming, outgoing)), wanted, rtol=1e-5)
     base, lobe = given["albedo"](mi.Float(a.astype(np.float32)))
-    np.testing.assert_allclose(
-        np.array(base), (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * 0.0918), rtol=1e-4
-    )
+    np.testing.assert_allclose(np.array(base), (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * 0.0918), rtol=1e-4)
     np.testing.assert_allclose(np.array(lobe), given["coat"].albedo(a), rtol=0.02, atol=2e-3)
     assert dr.width(lobe) == 200
 
@@ -109,9 +107,7 @@ def test_rays_are_traced_again_only_for_another_coat_or_another_light(monkeypatc
     """
     traced, before = [], fake_patch_light()
     direct = before.change(max_bounces=1)
-    monkeypatch.setattr(
-        brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
-    )
+    monkeypatch.setattr(brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
     coat = {"material": "white", "specular": 0.5, "roughness": 0.3}
     seen = before.change(fragment_emission=before.fragment_emission + 0.1)
     glowing = before.change(patch_emission=before.patch_emission + 0.1)

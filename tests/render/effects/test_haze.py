@@ -23,11 +23,17 @@ def air_of(light):
     rows, columns = np.mgrid[0 : camera.height_px, 0 : camera.width_px]
     shape = rows.shape
     return AirTransport(
-        (axes,), -np.inf, corner, np.broadcast_to(size, (8, 3)), np.full(8, size.prod()),
-        seen=random.uniform(0.05, 0.2, (8, 3)).astype(np.float32), escape=random.uniform(0.0, 0.1, 8),
+        (axes,),
+        -np.inf,
+        corner,
+        np.broadcast_to(size, (8, 3)),
+        np.full(8, size.prod()),
+        seen=random.uniform(0.05, 0.2, (8, 3)).astype(np.float32),
+        escape=random.uniform(0.0, 0.1, 8),
         lamps=(AirLamp(random.uniform(0.0, 0.05, 8), random.uniform(0.0, 0.05, (*shape, STEPS)), LAMP),),
-        depth=random.uniform(1000.0, 1400.0, shape), direction=camera.directions(columns, rows),
-    )  # fmt: skip
+        depth=random.uniform(1000.0, 1400.0, shape),
+        direction=camera.directions(columns, rows),
+    )
 
 
 @pytest.fixture
@@ -69,18 +75,14 @@ def expected(light, air, sigma, albedo):
             source = sigma * albedo * (air.lamps[0].cells * to_cell + smooth)
         arriving = t.direct[:, 0] * to_fragment + gather @ b + t.escape * surround
         arriving = arriving + (onto @ source)[t.face]  # each face holds one patch
-        picture = np.bincount(
-            t.pixel, t.coverage * light.fragment_reflectance[:, band] * arriving, minlength=6
-        )
+        picture = np.bincount(t.pixel, t.coverage * light.fragment_reflectance[:, band] * arriving, minlength=6)
         picture = picture.reshape(t.covered.shape) + t.lamp_radiance[0] + surround * (1 - t.covered)
         picture = picture * np.exp(-sigma * air.depth)
         for step in range(STEPS):
             along = (step + 0.5) / STEPS * air.depth
             point = eye + along[..., None] * air.direction
             here = air.at(point, smooth[:, None])[..., 0]
-            here = here + air.lamps[0].rays[..., step] * np.exp(
-                -sigma * np.linalg.norm(point - LAMP, axis=-1)
-            )
+            here = here + air.lamps[0].rays[..., step] * np.exp(-sigma * np.linalg.norm(point - LAMP, axis=-1))
             picture = picture + albedo * sigma * here * np.exp(-sigma * along) * air.depth / STEPS
         pictures.append(picture)
     return np.array(pictures)

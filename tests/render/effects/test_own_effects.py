@@ -11,9 +11,15 @@ from cboxlab.validation.diagnose.hypotheses import hypotheses
 from helpers.installed_effects import own_effects
 
 STAGES = {
-    "washed-surface": "scene", "one-more-bounce": "settings", "soot": "transport", "focus-breathing": "camera",
-    "decentred-lens": "camera", "warm-filters": "filter", "hood-shade": "optics", "row-ramp": "counts",
-}  # fmt: skip
+    "washed-surface": "scene",
+    "one-more-bounce": "settings",
+    "soot": "transport",
+    "focus-breathing": "camera",
+    "decentred-lens": "camera",
+    "warm-filters": "filter",
+    "hood-shade": "optics",
+    "row-ramp": "counts",
+}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -55,11 +55,18 @@ def test_the_rays_are_given_the_formula(applied):
     angles = np.arccos(random.uniform(0.05, 1.0, (2, 300)))
     azimuth = random.uniform(0, 2 * np.pi, 300)
     ways = [
-        mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in (
-            np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle),
-        )))
+        mi.Vector3f(
+            *(
+                mi.Float(x.astype(np.float32))
+                for x in (
+                    np.sin(angle) * np.cos(turn),
+                    np.sin(angle) * np.sin(turn),
+                    np.cos(angle),
+                )
+            )
+        )
         for angle, turn in zip(angles, (0.3 + 0 * azimuth, 0.3 + azimuth), strict=True)
-    ]  # fmt: skip
+    ]
     found = np.array(given["base"](*ways))
     np.testing.assert_allclose(found, reflection(*angles, azimuth), rtol=2e-4)
     cosines = np.linspace(0.05, 1.0, 20)
@@ -87,9 +94,7 @@ def test_patches_reflect_the_means_of_the_formula(applied):
 
 def test_rays_are_traced_again_for_another_roughness_even_where_patches_stay_dark(monkeypatch):
     traced, direct = [], fake_patch_light(max_bounces=1)
-    monkeypatch.setattr(
-        brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1)
-    )
+    monkeypatch.setattr(brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
     for sigma, material, times in ((0.3, "white", 1), (0.3, "white", 1), (0.4, "white", 2), (0.4, "red", 3)):
         apply("rough-diffuse", direct, material=material, sigma_rad=sigma)
         assert len(traced) == times

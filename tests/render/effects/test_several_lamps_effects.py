@@ -18,9 +18,7 @@ def test_effects_of_the_lamp_act_on_all_lamps():
     box = cornell_box()
     second = box.lamp.surface.vertices_mm + np.array([120.0, -1.0, 60.0])
     blue = Spectrum(np.array([400.0, 700.0]), np.array([5.0, 1.0]))
-    other = replace(
-        box.lamp, surface=replace(box.lamp.surface, name="second", vertices_mm=second), radiance=blue
-    )
+    other = replace(box.lamp, surface=replace(box.lamp.surface, name="second", vertices_mm=second), radiance=blue)
     inside = np.arange(450.0, 700.0)
     two = replace(box, further_lamps=(replace(other, reflectance=blue.scaled(0.05)),))
     for before, after in zip(two.lamps, apply("lamp-power", two, scale=1.5).lamps, strict=True):

@@ -17,9 +17,7 @@ from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
 from cboxlab.rendering.radiosity.final_gather import render_final_gather, solve_light
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 NM = np.array([450.0, 550.0, 650.0])
 GRID = np.arange(400.0, 701.0)
@@ -49,13 +47,9 @@ def test_pictures(uneven, render):
 @pytest.mark.usefixtures("bounds")
 def test_effects_of_transport(uneven):
     scene, camera = uneven
-    transport = build_patch_transport(
-        solve_light(scene, NM, patch_edge_mm=150.0, patch_samples=64), camera, 16
-    )
+    transport = build_patch_transport(solve_light(scene, NM, patch_edge_mm=150.0, patch_samples=64), camera, 16)
     light = patch_light(transport, scene, NM, GRID, (GRID == NM[:, None]).astype(float), np.ones(GRID.size))
     for effect in (e for e in catalogue().values() if e.stage == "transport"):
-        fixed = {
-            p.name: p.choices[0] if p.choices else p.default for p in effect.parameters if p.null is None
-        }
+        fixed = {p.name: p.choices[0] if p.choices else p.default for p in effect.parameters if p.null is None}
         moved = {p.name: p.null + 0.1 * (p.high - p.null) for p in effect.parameters if p.null is not None}
         assert np.isfinite(apply_checked(effect.id, fixed | moved, "test").apply(light).picture()).all()

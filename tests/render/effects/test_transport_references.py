@@ -18,9 +18,7 @@ from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from oracles import mitsuba_effects
 from scipy.ndimage import binary_dilation
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 NM = np.array([450.0, 550.0, 650.0])
 GRID = np.arange(400.0, 701.0)
@@ -75,9 +73,7 @@ def test_an_effect_grows_out_of_nothing(published, identifier):
     fixed = {p.name: p.choices[0] if p.choices else p.default for p in effect.parameters if p.null is None}
 
     def change(part):
-        strengths = {
-            p.name: p.null + part * 0.05 * (p.high - p.null) for p in effect.parameters if p.null is not None
-        }
+        strengths = {p.name: p.null + part * 0.05 * (p.high - p.null) for p in effect.parameters if p.null is not None}
         applied = apply_checked(identifier, fixed | strengths, "test")
         return float(np.sqrt(np.mean(np.square(applied.apply(light).picture() - before))))
 
@@ -98,16 +94,12 @@ def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
     across, 208 mm each, may be wrong by a tenth of it, Monte Carlo by its own standard error."""
     scene = published[0]
     camera = replace(cornell_camera(SIZE), focal_length_px=0.75 * cornell_camera(SIZE).focal_length_px)
-    transport = build_patch_transport(
-        solve_light(scene, NM, patch_edge_mm=75.0, patch_samples=512), camera, 64
-    )
+    transport = build_patch_transport(solve_light(scene, NM, patch_edge_mm=75.0, patch_samples=512), camera, 64)
     at_each = (GRID == NM[:, None]).astype(float)
     light = patch_light(transport, scene, NM, GRID, at_each, np.ones(GRID.size))
     air = mitsuba_effects.haze(scene, camera, 0.02, 0.9)
     truth, variance = mitsuba_effects.reference(scene, camera, NM, 512, batches=8, air=air)
-    predicted = (
-        apply_checked("haze", {"extinction_per_m": 0.02, "albedo": 0.9}, "test").apply(light).picture()
-    )
+    predicted = apply_checked("haze", {"extinction_per_m": 0.02, "albedo": 0.9}, "test").apply(light).picture()
     rows = np.indices(transport.covered.shape)[0]
     for half in (rows < SIZE // 2, rows >= SIZE // 2):
         where = (transport.covered == 0) & half

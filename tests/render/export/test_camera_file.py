@@ -19,9 +19,14 @@ def test_a_camera_comes_back_from_its_file(tmp_path):
 
 def written(tmp_path, **changes):
     entry = {
-        "format": "camera/1", "width_px": 40, "height_px": 30, "position_mm": [10, 20, 30], "look_at_mm": [10, 20, 90],
-        "focal_length_px": 50, **changes,
-    }  # fmt: skip
+        "format": "camera/1",
+        "width_px": 40,
+        "height_px": 30,
+        "position_mm": [10, 20, 30],
+        "look_at_mm": [10, 20, 90],
+        "focal_length_px": 50,
+        **changes,
+    }
     path = tmp_path / "camera.json"
     path.write_text(json.dumps({k: v for k, v in entry.items() if v is not None}))
     return path

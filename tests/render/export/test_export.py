@@ -17,9 +17,7 @@ from helpers.boxes import box_with_lamp, camera_inside
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, BATCHES, SUBPIXELS = 10, 2, 3
-SETTINGS = ExportSettings(
-    np.array([450.0, 500.0, 550.0, 640.0]), samples=9, batches=BATCHES, subpixels=SUBPIXELS
-)
+SETTINGS = ExportSettings(np.array([450.0, 500.0, 550.0, 640.0]), samples=9, batches=BATCHES, subpixels=SUBPIXELS)
 
 
 def crooked():

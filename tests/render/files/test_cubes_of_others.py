@@ -53,9 +53,7 @@ def test_units_are_told_by_their_dimensions(unit, factor):
     assert spectral_factor("a", unit, Declared()) == pytest.approx(factor, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    "unit", ["W m^-2 nm^-1", "W m^-2 sr^-1", "cd m^-2", "DN", "furlong", "", "W m^-2 sr^-1 nm^-"]
-)
+@pytest.mark.parametrize("unit", ["W m^-2 nm^-1", "W m^-2 sr^-1", "cd m^-2", "DN", "furlong", "", "W m^-2 sr^-1 nm^-"])
 def test_other_units_are_refused(unit):
     with pytest.raises(InputError, match="the unit"):
         spectral_factor("a", unit, Declared())
@@ -114,9 +112,7 @@ def test_what_every_file_states_may_not_be_declared(tmp_path):
 
 def test_bands_without_wavelengths_ask_for_a_list(tmp_path):
     """As Mitsuba's specfilm writes them: names of the user, values integrated over each response of 20 nm."""
-    path = exr(
-        tmp_path / "a.exr", channels(["band10", "band2", "band1"]), generatedBy="Mitsuba version 3.9.1"
-    )
+    path = exr(tmp_path / "a.exr", channels(["band10", "band2", "band1"]), generatedBy="Mitsuba version 3.9.1")
     with pytest.raises(InputError, match=r"band1, band2, band10.*declare wavelengths"):
         read_cube(path)
     with pytest.raises(InputError, match="integrates over each response"):
@@ -208,9 +204,7 @@ def test_rgb_asks_for_its_colour_space_and_its_unit(tmp_path):
 
 def test_a_header_states_primaries_and_luminance_of_white(tmp_path):
     bt2020 = np.array(COLOUR_SPACES["rec2020"], np.float32)
-    path = exr(
-        tmp_path / "a.exr", channels("RGB"), chromaticities=tuple(map(float, bt2020)), whiteLuminance=50.0
-    )
+    path = exr(tmp_path / "a.exr", channels("RGB"), chromaticities=tuple(map(float, bt2020)), whiteLuminance=50.0)
     picture = read_picture(path)
     np.testing.assert_allclose(picture["xyz"][..., 1], 50 * GREY @ [0.2627, 0.6780, 0.0593], rtol=2e-4)
 
@@ -247,9 +241,7 @@ def test_a_radiance_picture_is_told_from_an_envi_header(tmp_path):
 def run(program, *arguments, given=None):
     pyradiance = pytest.importorskip("pyradiance", reason="Radiance's own programs as an oracle")
     folder = Path(pyradiance.__file__).parent
-    return subprocess.run(
-        [folder / "bin" / program, *arguments], input=given, capture_output=True, check=True
-    ).stdout
+    return subprocess.run([folder / "bin" / program, *arguments], input=given, capture_output=True, check=True).stdout
 
 
 @pytest.mark.parametrize("flat", [[], ["-u"]])
@@ -262,9 +254,7 @@ def test_pictures_of_radiances_own_programs(tmp_path, flat):
     (tmp_path / "xyze.hdr").write_bytes(run("ra_xyze", *flat, "-e", "2", str(tmp_path / "rgbe.hdr")))
     assert b"32-bit_rle_xyze" in (tmp_path / "xyze.hdr").read_bytes()
     xyz = read_picture(tmp_path / "xyze.hdr", Declared("cd m^-2"))["xyz"].values
-    rgb = read_picture(tmp_path / "rgbe.hdr", Declared("cd m^-2", 179.0, colour_space="radiance"))[
-        "xyz"
-    ].values
+    rgb = read_picture(tmp_path / "rgbe.hdr", Declared("cd m^-2", 179.0, colour_space="radiance"))["xyz"].values
     assert xyz.mean() == pytest.approx(rgb.mean(), rel=3e-3)
     np.testing.assert_allclose(xyz, rgb, atol=0.02 * rgb.max())
     expected = 179 * wide @ primaries_matrix(COLOUR_SPACES["radiance"]).T

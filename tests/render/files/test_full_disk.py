@@ -37,8 +37,6 @@ print(sorted(writers))
 
 
 def test_every_format_refuses_a_full_disk_and_leaves_nothing(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", WRITING, str(tmp_path)], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", WRITING, str(tmp_path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "['cube.exr', 'cube.hdr', 'cube.nc', 'cube.png', 'map.exr', 'raw.tif']\n"

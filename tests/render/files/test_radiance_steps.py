@@ -20,9 +20,7 @@ def test_the_stated_error_is_that_of_the_steps(tmp_path):
     """20,000 pixels of any colour whose weakest channel is 2 to 5 % of the strongest: the root mean square of errors
     over the stated ones is 1 within 2 %, and their mean 0 within 0.03."""
     rng = np.random.default_rng(1)
-    rgb = rng.uniform(0.5, 8.0, (100, 200, 1)) * rng.uniform(
-        [0.5, 0.1, 0.02], [1.0, 0.4, 0.05], (100, 200, 3)
-    )
+    rgb = rng.uniform(0.5, 8.0, (100, 200, 1)) * rng.uniform([0.5, 0.1, 0.02], [1.0, 0.4, 0.05], (100, 200, 3))
     picture, error = read(tmp_path, rgb)
     over = error / picture["rounding"].values
     np.testing.assert_allclose(np.sqrt((over**2).mean(axis=(0, 1))), 1.0, rtol=0.02)
@@ -58,9 +56,7 @@ def test_what_is_shared_covers_means_of_noisy_surfaces(tmp_path, spread):
         rgb = level + spread * step * rng.standard_normal((17, 17, 3))
         picture, error = read(tmp_path, rgb)
         own = np.sqrt((picture["rounding"].values ** 2).sum(axis=(0, 1))) / 17**2
-        over.append(
-            error.mean(axis=(0, 1)) / np.hypot(own, picture["rounding_shared"].values.mean(axis=(0, 1)))
-        )
+        over.append(error.mean(axis=(0, 1)) / np.hypot(own, picture["rounding_shared"].values.mean(axis=(0, 1))))
     assert np.all(np.sqrt(np.square(over).mean(axis=0)) < 1.1)
 
 

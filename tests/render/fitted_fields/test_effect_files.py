@@ -45,8 +45,9 @@ def test_a_model_names_the_file_wherever_it_lies(written, cbox):
     (written / "below").mkdir()
     model = load_model(written / "model.toml")
     assert [(effect.id, effect.stage) for effect in model.effects] == [
-        ("rows", "counts"), ("veiling-glare", "optics"),
-    ]  # fmt: skip
+        ("rows", "counts"),
+        ("veiling-glare", "optics"),
+    ]
     write_model(written / "below" / "other.toml", model)
     assert 'id = "../rows.toml"' in (written / "below" / "other.toml").read_text()
     assert load_model(written / "below" / "other.toml").effects[0].values == {"amplitude": 1.0}

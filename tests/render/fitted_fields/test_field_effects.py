@@ -78,9 +78,7 @@ def _written(folder, cause):
 
 def _counts(bands=("b0", "b1", "b2", "b3")):
     frames, seconds = SIGNAL + DARK[:, None, None], np.ones(BANDS)
-    return Counts(
-        bands, frames, frames, frames, DARK, DARK, DARK, seconds, seconds, seconds, seconds, 65535.0
-    )
+    return Counts(bands, frames, frames, frames, DARK, DARK, DARK, seconds, seconds, seconds, seconds, 65535.0)
 
 
 def _changed(effect, amplitude):
@@ -158,9 +156,7 @@ def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
 @pytest.mark.parametrize("spectrum", [[0.1], [0.1] * 5])
 def test_a_surfaces_spectrum_has_a_number_for_each_band(spectrum, tmp_path):
     places = WaveMap("floor", np.zeros(3), np.ones(3), np.zeros((1, 3)), np.ones(1), np.ones(4))
-    whole = FittedField(
-        "reflectance", ("a", "b", "c", "d"), NM, (4, 4), surfaces=(places,), spectrum=np.ones(4)
-    )
+    whole = FittedField("reflectance", ("a", "b", "c", "d"), NM, (4, 4), surfaces=(places,), spectrum=np.ones(4))
     record = field_record(whole)
     record["surfaces"][0]["spectrum"] = spectrum
     with pytest.raises(InputError, match=r"surfaces\[0\]\.spectrum: found \d numbers; expected 4 numbers"):

@@ -30,9 +30,7 @@ def published():
 
 
 def _even(*surfaces, value=1.0):
-    return tuple(
-        WaveMap(name, np.zeros(3), np.ones(3), np.zeros((1, 3)), np.array([value])) for name in surfaces
-    )
+    return tuple(WaveMap(name, np.zeros(3), np.ones(3), np.zeros((1, 3)), np.array([value])) for name in surfaces)
 
 
 def _effect(acts, surfaces, spectrum):

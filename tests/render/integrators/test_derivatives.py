@@ -36,9 +36,7 @@ def test_paints_against_differences(paint):
     exact = found.reflectance[:, found.material_names.index(paint)]
     # at most three factors rho: the third derivative is 6 / rho^3 of what the first is 3 / rho
     assert np.abs(difference - exact).max() < 1e-3 * np.abs(exact).max()
-    assert np.array_equal(
-        found.image.coefficients, render_path_tracer(scene, camera, BANDS, **arguments).coefficients
-    )
+    assert np.array_equal(found.image.coefficients, render_path_tracer(scene, camera, BANDS, **arguments).coefficients)
 
 
 def test_a_grey_box_has_the_derivative_of_its_series():
@@ -83,10 +81,7 @@ def test_bounces_share_their_paths_and_add_up():
     whole = render_path_tracer(cornell_box(), cornell_camera(12), BANDS, **arguments)
     radiance = whole.coefficients @ whole.spectra
     assert parts.sum("part").values == pytest.approx(radiance, rel=1e-5, abs=1e-6 * radiance.max())
-    cut = [
-        render_path_tracer(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments)
-        for n in (1, 2)
-    ]
+    cut = [render_path_tracer(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments) for n in (1, 2)]
     one, two = (image.coefficients @ image.spectra for image in cut)
     assert parts.sel(part="2").values == pytest.approx(two - one, rel=1e-3, abs=1e-6 * one.max())
     assert set(parts.surface.values.ravel()) >= {"floor", "left", "ceiling"}

@@ -30,9 +30,7 @@ INK = Medium(FLAT.scaled(0.0), SLOPE, 0.0)
 def with_block(inside, bsdf, rho=0.7, lamp_half=350.0, **scene):
     """A box with a large lamp and a filled block that hangs before the camera, clear of the walls."""
     box = box_with_lamp(rho, lamp_half=lamp_half)
-    block = Surface(
-        "block", "skin", *box_mesh([520.0, 450.0, 600.0], [320.0, 380.0, 260.0], 25.0), inside=inside
-    )
+    block = Surface("block", "skin", *box_mesh([520.0, 450.0, 600.0], [320.0, 380.0, 260.0], 25.0), inside=inside)
     materials = {**box.materials, "skin": Material("skin", FLAT.scaled(0.5), bsdf)}
     return replace(box, surfaces=(*box.surfaces, block), materials=materials, **scene)
 
@@ -123,9 +121,7 @@ def test_a_lamp_through_rough_glass_and_its_glint_past_a_boundary_are_stocks():
         arguments = {"samples": 256, "batches": BATCHES}
         ours = render_general_path_tracer(scene, camera, BANDS, seed=1, **arguments)
         stock = render_stock(scene, camera, BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
-        a, b = (
-            image.coefficients[:, ~ours.sees_lamp & ~stock.sees_lamp].mean(axis=1) for image in (ours, stock)
-        )
+        a, b = (image.coefficients[:, ~ours.sees_lamp & ~stock.sees_lamp].mean(axis=1) for image in (ours, stock))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < 0.01 * a.mean(axis=0))
         limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error
@@ -153,8 +149,7 @@ def test_a_boundary_with_nothing_in_it_is_not_seen():
     scene, camera = with_block(nothing, NULL), camera_inside(12)
     without = replace(scene, surfaces=scene.surfaces[:-1])
     one, other = (
-        render_general_path_tracer(s, camera, BANDS, 256, BATCHES, seed=n)
-        for n, s in enumerate((scene, without))
+        render_general_path_tracer(s, camera, BANDS, 256, BATCHES, seed=n) for n, s in enumerate((scene, without))
     )
     used = other.surface >= 0
     a, b = ((image.coefficients @ image.spectra)[:, used].mean(axis=1) for image in (one, other))

@@ -56,9 +56,7 @@ SCENES = {
     "coat": (lambda: with_bsdf(**COATED), 0.01),
     "coat that is not affine": (lambda: with_bsdf(**COATED, nonlinear=True), 0.01),
     "metal": (
-        lambda: with_bsdf(
-            type="roughconductor", alpha=0.3, material="none", specular_reflectance="reflectance"
-        ),
+        lambda: with_bsdf(type="roughconductor", alpha=0.3, material="none", specular_reflectance="reflectance"),
         0.02,
     ),
     "rough glass": (lambda: with_bsdf(type="roughdielectric", alpha=0.4, int_ior=1.3), 0.2),
@@ -93,18 +91,14 @@ def test_the_last_bounce_reflects_all_that_it_should():
 def test_diffuse_scenes_agree_with_the_path_tracer():
     camera = cornell_camera(16)
     scene = replace(cornell_box(), lamp=replace(cornell_box().lamp, pattern=PATTERN))
-    pair = [
-        r(scene, camera, BANDS, 64, BATCHES, seed=3) for r in (render_general_path_tracer, render_path_tracer)
-    ]
+    pair = [r(scene, camera, BANDS, 64, BATCHES, seed=3) for r in (render_general_path_tracer, render_path_tracer)]
     assert_equal(*pair, 0.01)
 
 
 def test_a_white_furnace_with_coat_and_medium_is_white():
     """A closed box that absorbs nothing, lit by a black lamp of radiance 1, has radiance 1 everywhere."""
     scene = box_with_lamp(1.0, lamp_half=499.0)
-    coated = replace(
-        scene, materials={"grey": Material("grey", FLAT, {"type": "diffuse", "reflectance": 1.0})}
-    )
+    coated = replace(scene, materials={"grey": Material("grey", FLAT, {"type": "diffuse", "reflectance": 1.0})})
     hazy = replace(coated, medium=Medium(FLAT.scaled(1 / EDGE), FLAT.scaled(0.0), -0.3))
     camera = camera_inside(12)
     images = [render_general_path_tracer(s, camera, BANDS[:1], 512, BATCHES, seed=4) for s in (coated, hazy)]
@@ -128,9 +122,7 @@ def test_the_door_takes_every_scene_and_the_final_gather_diffuse_ones():
     scene = with_bsdf(**COATED)
     image = render(scene, cornell_camera(8), BANDS, samples=4, batches=2)
     assert image.coefficients.shape == (2, 8, 8, 3)
-    with pytest.raises(
-        InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"
-    ):
+    with pytest.raises(InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"):
         solve_light(scene, BANDS)
 
 

@@ -61,12 +61,8 @@ def test_many_names_for_the_same_paints_change_nothing():
     """With a paint of its own on each surface, paints are looked up another way; paths stay the same."""
     scene = cornell_box()
     materials = {s.name: scene.materials[s.material] for s in scene.surfaces}
-    many = replace(
-        scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces)
-    )
-    few, more = (
-        render_path_tracer(box, cornell_camera(16), BANDS, samples=16, batches=1) for box in (scene, many)
-    )
+    many = replace(scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces))
+    few, more = (render_path_tracer(box, cornell_camera(16), BANDS, samples=16, batches=1) for box in (scene, many))
     np.testing.assert_array_equal(few.coefficients, more.coefficients)
 
 
@@ -143,9 +139,7 @@ def test_scatter_between_seeds_is_the_stated_error(integrator):
     scene, camera = box_with_lamp(0.6, front=False), camera_inside(16, z=-900.0, focal=0.9)
     renders = [integrator(scene, camera, BANDS[:1], samples=32, batches=8, seed=s) for s in range(12)]
     where = renders[0].single_surface & (renders[0].surface >= 0)
-    means, variances = (
-        np.array(x)[:, where, 0] for x in zip(*(r.project(np.eye(1)) for r in renders), strict=True)
-    )
+    means, variances = (np.array(x)[:, where, 0] for x in zip(*(r.project(np.eye(1)) for r in renders), strict=True))
     ratio = means.var(axis=0, ddof=1).sum() / variances.mean(axis=0).sum()
     # relative variance of the ratio: 2 / 11 of the observed plus 2 / (12 * 7) of the stated, per pixel;
     # pixels near the lamp weigh more than others, which halves how many there are
@@ -167,9 +161,7 @@ def test_the_picture_is_linear_in_the_lamp(integrator):
     """Twice the lamp's radiance: twice the picture, exactly, with the same noise."""
     scene, camera = cornell_box(), cornell_camera(12)
     double = scene.with_lamp(scene.lamp.radiance.scaled(2.0))
-    one, two = (
-        integrator(s, camera, BANDS, samples=4, batches=2, seed=7).project(np.eye(3)) for s in (scene, double)
-    )
+    one, two = (integrator(s, camera, BANDS, samples=4, batches=2, seed=7).project(np.eye(3)) for s in (scene, double))
     assert np.array_equal(2 * one[0], two[0])
     assert np.array_equal(4 * one[1], two[1])
 
@@ -182,8 +174,7 @@ def test_reflections_are_counted_and_add_up(integrator):
     """
     scene, camera = box_with_lamp(0.5), camera_inside(12)
     images = [
-        integrator(scene, camera, BANDS[:1], samples=64, batches=8, seed=3, max_bounces=n)
-        for n in (0, 1, 2, 3, None)
+        integrator(scene, camera, BANDS[:1], samples=64, batches=8, seed=3, max_bounces=n) for n in (0, 1, 2, 3, None)
     ]
     lamp, walls = images[0].coverage[..., -1] == 1, images[0].coverage[..., -1] == 0
     light = [relative(image)[..., 0].mean(axis=0) for image in images]
@@ -288,9 +279,7 @@ def test_a_lamp_that_lights_nothing(integrator):
 def test_cut_pictures_agree_between_integrators(cut):
     scene, camera = cornell_box(), cornell_camera(16)
     sets = [
-        relative(r(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4, max_bounces=cut)).mean(
-            axis=(1, 2)
-        )
+        relative(r(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4, max_bounces=cut)).mean(axis=(1, 2))
         for r in (render_path_tracer, render_final_gather, render_stock)
     ]
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -335,9 +324,7 @@ def test_the_door_to_all_integrators(name):
     """Each integrator is reached by name, tells its progress up to 1, and returns the whole picture."""
     told = []
     progress = Teller(lambda stage, done: told.append(done))
-    image = render(
-        cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2, progress=progress, integrator=name
-    )
+    image = render(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2, progress=progress, integrator=name)
     assert image.project(np.eye(3))[0].shape == (8, 8, 3)
     assert told == sorted(told)
     assert told[-1] == pytest.approx(1.0)

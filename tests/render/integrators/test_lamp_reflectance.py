@@ -57,9 +57,7 @@ def references():
     """A grey box with a large lamp that reflects, by stock Mitsuba: all light, and three reflections at most."""
     scene = box_with_lamp(0.7, lamp_half=300.0, reflectance=SLOPE)
     return {
-        n: render_stock(
-            scene, looking_up(), BANDS, 256, BATCHES, seed=2, max_bounces=n, variant="llvm_ad_rgb"
-        )
+        n: render_stock(scene, looking_up(), BANDS, 256, BATCHES, seed=2, max_bounces=n, variant="llvm_ad_rgb")
         for n in (None, 3)
     }
 
@@ -92,9 +90,7 @@ def test_the_parts_by_reflections_add_up():
     np.testing.assert_allclose(parts.sel(part="0").values[:, lamp], 1.0, rtol=1e-6)
     assert np.all(parts.sel(part="1").values[:, lamp] == 0)
     assert parts.sel(part="2").values[:, lamp].mean() > 0.03
-    np.testing.assert_allclose(
-        parts.sum("part").values, whole.coefficients @ whole.spectra, rtol=1e-4, atol=1e-5
-    )
+    np.testing.assert_allclose(parts.sum("part").values, whole.coefficients @ whole.spectra, rtol=1e-4, atol=1e-5)
 
 
 def test_the_published_box_is_as_much_brighter_as_another_simulation_says():

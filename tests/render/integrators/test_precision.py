@@ -74,9 +74,7 @@ def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
     hard = halvings == 0
     assert 0.05 <= hard.mean() < 0.6
     assert np.array_equal(spread.coefficients[:, hard], even.coefficients[:, hard])
-    width = [
-        np.subtract(*np.log([relative_error(image, p) for p in (95.0, 25.0)])) for image in (spread, even)
-    ]
+    width = [np.subtract(*np.log([relative_error(image, p) for p in (95.0, 25.0)])) for image in (spread, even)]
     assert width[0] < 0.7 * width[1]
 
 
@@ -110,9 +108,7 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     other = render_to_precision(Job(*WHERE, seed=5), 0.004, checkpoint=kept)
     assert not np.array_equal(other.coefficients, whole.coefficients)
     kept.write_bytes(b"broken")
-    assert np.array_equal(
-        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients
-    )
+    assert np.array_equal(render_to_precision(Job(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients)
 
 
 def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
@@ -154,9 +150,7 @@ def test_another_machines_basis_makes_no_difference():
 
 def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     """A worker process that its last pass kills once, and that starts anew: the picture is the one rendered here."""
-    distributed = pytest.importorskip(
-        "distributed", reason="needs dask[distributed], of the extra 'distributed'"
-    )
+    distributed = pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     jobs = [Job(*WHERE, 8).numbered(n) for n in range(3)]
     marker = tmp_path / "died"
     with (
@@ -165,16 +159,12 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     ):
         futures = [client.submit(_dying_once, job, str(marker), pure=False) for job in jobs]
         images = client.gather(futures)
-        shared = dict(
-            (job.number, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address)
-        )
+        shared = dict((job.number, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address))
     assert marker.exists()
     assert np.array_equal(shared[1].coefficients, images[1].coefficients)
     here = [render_pass(job) for job in jobs]
     for one, other in zip(images, here, strict=True):
-        assert combined([other, one]).coefficients[1] == pytest.approx(
-            other.coefficients[0], rel=1e-4, abs=1e-6
-        )
+        assert combined([other, one]).coefficients[1] == pytest.approx(other.coefficients[0], rel=1e-4, abs=1e-6)
 
 
 def _dying_once(job, marker):

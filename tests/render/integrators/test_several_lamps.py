@@ -61,9 +61,7 @@ def assert_agree(one, other, largest_error):
         a, b = (radiance(image)[:, where].mean(axis=1) for image in (one, other))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < largest_error * a.mean(axis=0)), (face, error / a.mean(axis=0))
-        limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error + 1e-5 * a.mean(
-            axis=0
-        )  # rounding of stock's film
+        limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error + 1e-5 * a.mean(axis=0)  # rounding of stock's film
         assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < limit), face
         faces += 1
     assert faces >= 5

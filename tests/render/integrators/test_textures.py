@@ -36,9 +36,7 @@ def painted(*names, paint=None):
     """The grey box with a texture on some of its walls."""
     box = box_with_lamp(0.6)
     own = paint or texture()
-    surfaces = [
-        replace(s, material="painted", texture_uv=CORNERS) if s.name in names else s for s in box.surfaces
-    ]
+    surfaces = [replace(s, material="painted", texture_uv=CORNERS) if s.name in names else s for s in box.surfaces]
     materials = {**box.materials, "painted": Material("painted", own.mean, texture=own)}
     return replace(box, surfaces=tuple(surfaces), materials=materials)
 

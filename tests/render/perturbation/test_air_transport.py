@@ -23,9 +23,17 @@ def air():
     nothing = np.zeros(0)
     corner, size = (np.concatenate([inside[i], front[i]]) for i in (1, 2))
     return AirTransport(
-        (inside[0], front[0]), 0.0, corner, size, size.prod(axis=1), nothing, nothing, (), nothing,
+        (inside[0], front[0]),
+        0.0,
+        corner,
+        size,
+        size.prod(axis=1),
         nothing,
-    )  # fmt: skip
+        nothing,
+        (),
+        nothing,
+        nothing,
+    )
 
 
 def test_what_grows_evenly_is_known_everywhere_exactly(air):

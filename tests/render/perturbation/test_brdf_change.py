@@ -14,9 +14,7 @@ from helpers.boxes import BANDS, box_with_lamp, camera_inside
 from scipy.ndimage import binary_dilation
 from scipy.stats import chi2
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 SIGMAS = 4.9
 COSINES = [0.05, 0.3, 0.7, 0.999]
@@ -35,9 +33,7 @@ def directions(z, phi):
 def outgoing(cosine, count):
     """Many copies of a direction at that cosine from the normal, turned 0.4 rad about it."""
     sine = np.sqrt(1 - cosine**2)
-    return mi.Vector3f(
-        *(dr.full(mi.Float, x, count) for x in (sine * np.cos(0.4), sine * np.sin(0.4), cosine))
-    )
+    return mi.Vector3f(*(dr.full(mi.Float, x, count) for x in (sine * np.cos(0.4), sine * np.sin(0.4), cosine)))
 
 
 def hemisphere(cells, fine, power=3):
@@ -186,9 +182,7 @@ def test_other_paints_are_left_alone():
         samples=(64, 64),
     )
     image = gather(light, camera, 4, 1)
-    covered = image.coverage[
-        ..., [scene.surfaces[f].material == "red" for f in image.facet_surface[:-1]] + [False]
-    ]
+    covered = image.coverage[..., [scene.surfaces[f].material == "red" for f in image.facet_surface[:-1]] + [False]]
     assert np.all(change[:, covered.sum(axis=-1) == 1] > 0)
     assert np.all(change[:, binary_dilation(covered.any(axis=-1)) == 0] == 0)
 
@@ -272,12 +266,19 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
 
     with_it, without = (
         changed_reflection(
-            light, camera, np.ones((len(light.patches), 2)), np.full((1, 2), rho), ONE_LAMP,
-            Reflection(lambda i, o: 1.5 * o.z, coat, means), material=0, seen_in=everywhere(camera),
-            samples=(1024, 1024), seed=5,
+            light,
+            camera,
+            np.ones((len(light.patches), 2)),
+            np.full((1, 2), rho),
+            ONE_LAMP,
+            Reflection(lambda i, o: 1.5 * o.z, coat, means),
+            material=0,
+            seen_in=everywhere(camera),
+            samples=(1024, 1024),
+            seed=5,
         )[0]
         for means in (albedo, None)
-    )  # fmt: skip
+    )
     image = gather(light, camera, 4, 1)
     used = image.single_surface & (image.surface >= 0)
     v, u = np.nonzero(used)

@@ -76,9 +76,7 @@ def test_another_albedo_for_diffuse_and_for_direct_light():
     """
     light = fake_patch_light()
     materials = list(light.scene.materials)
-    after = with_albedo(
-        light, materials.index("white"), lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine
-    )
+    after = with_albedo(light, materials.index("white"), lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
     patches, lamp = light.transport.light.patches, light.transport.light.lamps[0].centre
     direct, factors, *_ = exchange_of(light)
     rho = light.patch_reflectance.copy()
@@ -104,9 +102,7 @@ def test_each_lamps_light_meets_the_albedo_at_its_own_angle():
     second = SimpleNamespace(centre=np.array([100.0, 500.0, 80.0]))
     direct = random.uniform(0.1, 0.3, (3, 2)).astype(np.float32)
     exchange = replace(field.exchange, direct=direct)
-    transport = replace(
-        light.transport, light=replace(field, lamps=(*field.lamps, second), exchange=exchange)
-    )
+    transport = replace(light.transport, light=replace(field, lamps=(*field.lamps, second), exchange=exchange))
     shares = np.array([[0.4, 0.9, 1.2], [1.6, 1.1, 0.8]])
     own = list(light.scene.materials).index("white")
     two = light.change(transport=transport, lamp_shares=shares)

@@ -19,9 +19,7 @@ from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey,
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 SETS, BATCHES = 6, 6
 T_LIMIT = float(student.isf(0.5e-6, min(SETS, BATCHES) - 1))
@@ -32,9 +30,7 @@ SURFACE_BIAS, PICTURE_BIAS = 0.005, 0.002
 def light_of(transport, scene, wavelength_nm, max_bounces=None):
     """The picture's light with one band at each wavelength."""
     lamp = scene.lamp.radiance.at(wavelength_nm)
-    return patch_light(
-        transport, scene, wavelength_nm, wavelength_nm, np.eye(len(lamp)), lamp, max_bounces=max_bounces
-    )
+    return patch_light(transport, scene, wavelength_nm, wavelength_nm, np.eye(len(lamp)), lamp, max_bounces=max_bounces)
 
 
 def test_a_fragment_lies_where_the_pixels_central_ray_meets_its_face():
@@ -49,9 +45,7 @@ def test_a_fragment_lies_where_the_pixels_central_ray_meets_its_face():
     assert alone.sum() > 60
     row, column = np.divmod(transport.pixel[alone], 12)
     off = np.abs(camera.project(transport.position[alone]) - np.stack([column, row], axis=1)).max(axis=1)
-    assert (
-        np.mean(off < 1e-6) > 0.9 and off.max() < 0.1
-    )  # points beyond a face's extent are moved to its border
+    assert np.mean(off < 1e-6) > 0.9 and off.max() < 0.1  # points beyond a face's extent are moved to its border
     for fragment in np.flatnonzero(alone)[off < 1e-6]:
         corners = light.tracer.vertices[light.tracer.facet == transport.face[fragment]].reshape(-1, 3)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])

@@ -12,9 +12,7 @@ from cboxlab.utils.errors import InputError
 from helpers.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 SIZE = 96
 
@@ -115,8 +113,6 @@ def test_derivatives_are_those_of_the_changes(warp, off):
     camera, steps = moved(own, 3, off), 0.01 / pixels_per_unit(own.tracer, own.camera)
     found = warp_derivatives(own, camera, steps)
     for one, step, row in zip(found, steps, np.diag(steps), strict=True):
-        ahead, behind = (
-            warp_change(own, camera.with_parameters(camera.parameters + sign * row)) for sign in (1, -1)
-        )
+        ahead, behind = (warp_change(own, camera.with_parameters(camera.parameters + sign * row)) for sign in (1, -1))
         expected = (ahead - behind) / (2 * step)
         assert np.linalg.norm(one - expected) < 1e-3 * np.linalg.norm(expected)

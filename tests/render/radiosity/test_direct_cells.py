@@ -56,9 +56,7 @@ def test_means_over_surfaces_are_those_of_shadow_rays(tracer, means):
         if name == "ceiling":  # in the lamp's plane
             assert np.abs(read[patches.surface == surface]).max() < 1e-6
             continue
-        assert np.average(read, weights=weight) == pytest.approx(
-            np.average(traced, weights=weight), rel=2e-4
-        ), name
+        assert np.average(read, weights=weight) == pytest.approx(np.average(traced, weights=weight), rel=2e-4), name
 
 
 def test_patches_in_light_and_shadow_agree(means):

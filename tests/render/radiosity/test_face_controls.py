@@ -82,9 +82,7 @@ def test_shares_are_those_of_least_squares():
     products = v, w, b, v * w, v * b, w * w, w * b, b * b
     found = least_variance_shares([device_array(mi.Float, p.mean(axis=1)) for p in products])
     centred = [x - x.mean(axis=1, keepdims=True) for x in (v, w, b)]
-    exact = [
-        np.linalg.lstsq(np.stack([x, y], axis=1), z, rcond=None)[0] for z, x, y in zip(*centred, strict=True)
-    ]
+    exact = [np.linalg.lstsq(np.stack([x, y], axis=1), z, rcond=None)[0] for z, x, y in zip(*centred, strict=True)]
     assert np.stack([x.numpy() for x in found], axis=1) == pytest.approx(np.clip(exact, 0, 1), abs=2e-4)
     nothing = least_variance_shares([mi.Float(x) for x in (1, 0, 0, 0, 0, 0, 0, 0)])
     assert [x.numpy()[0] for x in nothing] == [0, 0]
@@ -117,9 +115,7 @@ def test_faces_that_lie_on_one_another_count_once():
     box = cornell_box()
     floor = next(s for s in box.surfaces if s.name == "floor")
     double = replace(box, surfaces=(*box.surfaces, replace(floor, name="second-floor")))
-    controls = [
-        solve_light(b, BANDS, patch_edge_mm=200.0, patch_samples=64).controls[0] for b in (box, double)
-    ]
+    controls = [solve_light(b, BANDS, patch_edge_mm=200.0, patch_samples=64).controls[0] for b in (box, double)]
     assert controls[0].count == controls[1].count
     assert controls[0].walls == controls[1].walls
 
@@ -127,8 +123,6 @@ def test_faces_that_lie_on_one_another_count_once():
 def test_scenes_in_a_tree_have_none():
     box = cornell_box()
     ball = Surface("ball", "white", *sphere_mesh((185, 83, 169), 80))
-    light = solve_light(
-        replace(box, surfaces=(*box.surfaces, ball)), BANDS, patch_edge_mm=200.0, patch_samples=64
-    )
+    light = solve_light(replace(box, surfaces=(*box.surfaces, ball)), BANDS, patch_edge_mm=200.0, patch_samples=64)
     assert not isinstance(light.tracer.accelerator, FlatFaces)
     assert light.controls == (None,)

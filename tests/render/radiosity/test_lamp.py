@@ -10,9 +10,7 @@ from cboxlab.scenes import Lamp, Scene, Surface
 from cboxlab.scenes.shapes import ring_mesh
 from helpers.boxes import EDGE, FLAT, grey, quad, square, walls
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 MIDDLE = np.array([EDGE / 2, EDGE, EDGE / 2])
 OUTER, HOLE = square(MIDDLE, 300.0, 1, -1), square(MIDDLE, 150.0, 1, -1)

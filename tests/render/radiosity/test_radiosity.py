@@ -19,9 +19,7 @@ from cboxlab.scenes import Scene, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
 from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 SIGMAS = 4.9
 
@@ -105,9 +103,7 @@ def test_slopes_reproduce_a_plane(cornell_patches):
 
 def test_what_leaves_a_patch_arrives_or_escapes():
     """In an open box without a lamp in sight every ray meets a patch or leaves: rows and escape sum to 1."""
-    scene = lamp_and(
-        [quad(n, c) for n, c in walls(front=False).items()], square(np.full(3, -EDGE), 10.0, 1, -1)
-    )
+    scene = lamp_and([quad(n, c) for n, c in walls(front=False).items()], square(np.full(3, -EDGE), 10.0, 1, -1))
     _, _, exchange = exchange_of(scene, 250.0, 512, seed=1)
     assert exchange.form_factors.sum(axis=1) + exchange.escape == pytest.approx(1.0, abs=2e-6)
     # one side of six is missing
@@ -126,9 +122,7 @@ def test_what_stands_on_a_patch_takes_its_place():
     block = Surface("block", "grey", *box_mesh(middle, [420.0, 200.0, 420.0], 0.0))
     boxes = [quad(n, c) for n, c in walls(ceiling=False).items()]
     tracer, patches, exchange = exchange_of(lamp_and([*boxes, block], lamp), 150.0, 1024, seed=5)
-    _, _, dark = exchange_of(
-        lamp_and([*boxes, block], square(np.full(3, -EDGE), 10.0, 1, -1)), 150.0, 256, seed=5
-    )
+    _, _, dark = exchange_of(lamp_and([*boxes, block], square(np.full(3, -EDGE), 10.0, 1, -1)), 150.0, 256, seed=5)
     floor = patches.surface == list(walls(ceiling=False)).index("floor")
     inside = np.abs(patches.corners[:, :, [0, 2]] - EDGE / 2).max(axis=2) < 210.0
     under, free, partly = (floor & x for x in (inside.all(1), ~inside.any(1), inside.any(1) & ~inside.all(1)))
@@ -147,9 +141,11 @@ def test_what_stands_on_a_patch_takes_its_place():
         normal = mi.Vector3f(np.tile(np.array([[0.0], [1.0], [0.0]], np.float32), len(points)))
         active = mi.Bool(np.ones(len(points), bool))
         light = np.array(
-            direct_light(tracer, build_lamp_samplers(tracer)[0], mi.Point3f(points.T), normal, mi.Float(u),
-                         mi.Float(v), active), float,
-        )  # fmt: skip
+            direct_light(
+                tracer, build_lamp_samplers(tracer)[0], mi.Point3f(points.T), normal, mi.Float(u), mi.Float(v), active
+            ),
+            float,
+        )
         # the exchange's own points, at least 100 of them, are no noisier than as many independent ones
         error = light.std() * np.sqrt(1 / len(light) + 1 / (1024 * len(points) / 2**14))
         assert abs(exchange.direct[index, 0] - light.mean()) < SIGMAS * error + 1e-6
@@ -311,9 +307,7 @@ def test_energy_is_conserved(front, reflectance, lamp):
         absorbed = np.sum(patches.area * b * (1 - rho) / rho)
         elsewhere = np.maximum(1 - exchange.form_factors.sum(axis=1), 0)  # the opening, and a black lamp
         emitted = build_lamp_samplers(tracer)[0].area
-        if (
-            not front
-        ):  # the lamp's own light that goes straight out: form factor by integration over the front
+        if not front:  # the lamp's own light that goes straight out: form factor by integration over the front
             emitted -= emitted * _lamp_to_front()
         balances.append((absorbed + np.sum(patches.area * b * elsewhere)) / emitted)
     error = np.std(balances, ddof=1) / np.sqrt(8)
@@ -360,8 +354,9 @@ def test_colours_do_not_mix():
     """Of two paints one is black: its patches send out nothing, the others' do."""
     surfaces = [quad(n, c, "black" if n == "left" else "grey") for n, c in walls(ceiling=False).items()]
     lamp = quad("light", walls()["ceiling"])
-    scene = Scene("two", tuple(surfaces), {"grey": grey(0.5), "black": grey(0.0, "black")},
-                  lamp_and([], lamp.vertices_mm).lamp)  # fmt: skip
+    scene = Scene(
+        "two", tuple(surfaces), {"grey": grey(0.5), "black": grey(0.0, "black")}, lamp_and([], lamp.vertices_mm).lamp
+    )
     _, patches, exchange = exchange_of(scene, 250.0, 64, seed=1)
     b = solve(exchange, np.array([[0.5], [0.0]])[patches.material])
     assert np.all(b[patches.material == 1] == 0)

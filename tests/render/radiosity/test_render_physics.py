@@ -29,9 +29,7 @@ from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-pytestmark = pytest.mark.skipif(
-    not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators"
-)
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
 SIGMAS = 4.9
 
@@ -44,9 +42,14 @@ def light_at(scene, position, normal, samples=2**16, seed=1):
     generator = np.random.default_rng(seed)
     u, v = generator.random((2, samples)).astype(np.float32)
     value = direct_light(
-        tracer, lamp, mi.Point3f(position.T), mi.Vector3f(normal.T), mi.Float(u), mi.Float(v),
+        tracer,
+        lamp,
+        mi.Point3f(position.T),
+        mi.Vector3f(normal.T),
+        mi.Float(u),
+        mi.Float(v),
         mi.Bool(np.ones(samples, bool)),
-    )  # fmt: skip
+    )
     value = np.array(value, float)
     return value.mean(), value.std() / np.sqrt(samples)
 
@@ -170,9 +173,7 @@ def test_the_lamps_pattern_by_quadrature(exponent, edge_ratio, sideways):
         cosine = height / np.sqrt(square_distance)
         return pattern * cosine ** (2 + exponent) / square_distance
 
-    expected = (
-        dblquad(integrand, -half, half, -half, half)[0] / np.pi / (edge_ratio + (1 - edge_ratio) * 4 / 9)
-    )
+    expected = dblquad(integrand, -half, half, -half, half)[0] / np.pi / (edge_ratio + (1 - edge_ratio) * 4 / 9)
     assert error < 0.003 * expected
     assert abs(mean - expected) < SIGMAS * error
 
@@ -239,9 +240,7 @@ def test_vertices_of_a_path_take_columns_of_their_own():
     lane, index = (values.astype(np.uint32) for values in (np.zeros(64), np.arange(64)))
     points = PathPoints(64, mi.UInt32(lane), seed=3)
     first, second, third = (
-        (np.array(points.at_vertex(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 64)).light_u) * 8).astype(
-            int
-        )
+        (np.array(points.at_vertex(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 64)).light_u) * 8).astype(int)
         for depth in range(3)
     )
     for one, other in ((first, second), (first, third), (second, third)):
@@ -265,9 +264,7 @@ def test_later_vertices_of_one_lanes_paths_are_independent():
 @pytest.mark.parametrize("k1", [0.0, -0.15, 0.2])
 def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1):
     """Small squares' coverage is the density of their projected points, distortion included, to 1%."""
-    places = np.array(
-        [[250.0, 300.0, 900.0], [500.0, 500.0, 900.0], [800.0, 750.0, 900.0], [180.0, 850.0, 900.0]]
-    )
+    places = np.array([[250.0, 300.0, 900.0], [500.0, 500.0, 900.0], [800.0, 750.0, 900.0], [180.0, 850.0, 900.0]])
     marks = [quad(f"mark-{i}", square(p, 25.0, 2, -1)) for i, p in enumerate(places)]
     scene = lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
     camera = replace(camera_inside(64, z=-700.0, focal=1.3), k1=k1, principal_point_px=np.array([30.2, 33.4]))
@@ -327,9 +324,11 @@ def test_no_pixel_that_sees_several_faces_is_overlooked(scene, camera):
 def test_a_lamp_in_the_corner_leaves_no_tails():
     """A lamp against two walls, 64 samples a pixel: no pixel of a batch is off by half; single ones were 16 times too
     bright."""
-    ceiling = {"lamp": [[0, 400], [400, 400], [400, 1000], [0, 1000]],
-               "beside": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
-               "before": [[0, 0], [400, 0], [400, 400], [0, 400]]}  # fmt: skip
+    ceiling = {
+        "lamp": [[0, 400], [400, 400], [400, 1000], [0, 1000]],
+        "beside": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
+        "before": [[0, 0], [400, 0], [400, 400], [0, 400]],
+    }
     corners = {name: np.array([[x, EDGE, z] for x, z in quads], float) for name, quads in ceiling.items()}
     surfaces = [quad(n, c) for n, c in walls().items() if n != "ceiling"]
     surfaces += [quad(name, corners[name]) for name in ("beside", "before")]

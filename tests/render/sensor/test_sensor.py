@@ -21,9 +21,12 @@ SIGMAS = 5.0
 
 def detector(**changes) -> Detector:
     values = {
-        "gain_e_per_dn": 12.0, "bit_depth": 12, "dark_exposure_s": np.array([1.0, 11.0]),
-        "dark_mean_dn": np.array([100.0, 110.0]), "dark_sigma_dn": np.array([1.0, 1.0]),
-    }  # fmt: skip
+        "gain_e_per_dn": 12.0,
+        "bit_depth": 12,
+        "dark_exposure_s": np.array([1.0, 11.0]),
+        "dark_mean_dn": np.array([100.0, 110.0]),
+        "dark_sigma_dn": np.array([1.0, 1.0]),
+    }
     return Detector(**{**values, **changes})
 
 
@@ -77,10 +80,7 @@ def test_photon_transfer_returns_gain_and_read_noise():
     levels = np.linspace(0, 40_000, 10)
     mean, variance = np.empty(10), np.empty(10)
     for index, level in enumerate(levels):
-        pair = [
-            quantise(noisy_counts(np.full(per_level, level), 100.0, 1.0, sensor, generator), 12)
-            for _ in range(2)
-        ]
+        pair = [quantise(noisy_counts(np.full(per_level, level), 100.0, 1.0, sensor, generator), 12) for _ in range(2)]
         mean[index] = np.mean(pair)
         variance[index] = np.var(pair[0] - pair[1].astype(float), ddof=1) / 2
     weight = 1 / (variance * np.sqrt(2 / per_level))
@@ -94,9 +94,7 @@ def test_counts_are_clipped_to_the_bit_depth():
 
 
 def test_full_well_cuts_the_charge_before_the_converter():
-    counts = noisy_counts(
-        np.full(1000, 50_000.0), 0.0, 0.0, detector(full_well_e=24_000.0), np.random.default_rng(0)
-    )
+    counts = noisy_counts(np.full(1000, 50_000.0), 0.0, 0.0, detector(full_well_e=24_000.0), np.random.default_rng(0))
     assert np.all(counts == 2000.0)
 
 
@@ -153,9 +151,7 @@ def test_simulated_frames_scatter_about_the_expected_counts():
         own = (slice(where[0], None, 2), slice(where[1], None, 2))
         dark, sigma = camera.detector.dark(exposure)
         variance = (expected[own][0, 0] - dark) / 300.0 + sigma**2 + 1 / 12
-        assert frame[own].mean() == pytest.approx(
-            expected[own][0, 0], abs=SIGMAS * np.sqrt(variance / 62_500)
-        )
+        assert frame[own].mean() == pytest.approx(expected[own][0, 0], abs=SIGMAS * np.sqrt(variance / 62_500))
         assert frame[own].var() == pytest.approx(variance, rel=SIGMAS * np.sqrt(2 / 62_500))
 
 
@@ -211,8 +207,7 @@ def test_mosaic_of_any_size_repeats_over_the_sensor():
 def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
     grid = np.array([400.0, 700.0])
     channels = {
-        letter: Spectrum(grid, np.full(2, value), "zero")
-        for letter, value in zip("WXYZ", (1, 2, 3, 4), strict=True)
+        letter: Spectrum(grid, np.full(2, value), "zero") for letter, value in zip("WXYZ", (1, 2, 3, 4), strict=True)
     }
     camera = SensorCamera("four", channels, ("WX", "YZ"), detector(), "test")
     electrons = expected_electrons(cube(np.ones((2, 2, 31))), camera, 1.0)
@@ -252,9 +247,7 @@ def test_negative_radiance_is_told_with_its_place_unless_it_is_the_renders_own_n
 
 
 def test_every_packaged_camera_loads():
-    assert packaged_cameras() == [
-        "dcs200", "dcs420", "nikon-d5100", "pxl1300l", "sigma-sd-merrill", "sony-a7r2"
-    ]  # fmt: skip
+    assert packaged_cameras() == ["dcs200", "dcs420", "nikon-d5100", "pxl1300l", "sigma-sd-merrill", "sony-a7r2"]
     for name in packaged_cameras():
         assert load_camera(name).source
 

@@ -60,9 +60,7 @@ def test_a_point_spreads_by_its_wavelength_and_field_height_and_keeps_its_light(
     centre, corner = (np.interp(wavelength, BLUR.wavelength_nm, t) for t in (BLUR.centre_px, BLUR.corner_px))
     expected = centre**2 + (corner**2 - centre**2) * height**2
     total, along_y, along_x = moments(expected_electrons(point(shape, place), camera, 1.0, channel))
-    assert total == pytest.approx(
-        expected_electrons(point(shape, place), sharp, 1.0, channel).sum(), rel=1e-12
-    )
+    assert total == pytest.approx(expected_electrons(point(shape, place), sharp, 1.0, channel).sum(), rel=1e-12)
     assert along_y == pytest.approx(expected, rel=0.02)
     assert along_x == pytest.approx(expected, rel=0.02)
 
@@ -144,9 +142,7 @@ def test_the_fixed_pattern_is_in_every_frame_and_as_large_as_stated():
     """Mean of two frames minus what noise leaves; spreads within five standard errors."""
     field = cube(np.full((128, 128, 31), 2e-5))
     camera = mono()
-    detector = dataclasses.replace(
-        camera.detector, sensitivity_spread=0.05, offset_spread_dn=3.0, pattern_seed=4
-    )
+    detector = dataclasses.replace(camera.detector, sensitivity_spread=0.05, offset_spread_dn=3.0, pattern_seed=4)
     camera = dataclasses.replace(camera, detector=detector)
     frames = [simulate(field, camera, 2.0, seed, "f550").astype(float) for seed in (1, 2)]
     common = np.cov(frames[0].ravel(), frames[1].ravel())
@@ -159,9 +155,13 @@ def test_the_fixed_pattern_is_in_every_frame_and_as_large_as_stated():
 def everything():
     camera = load_camera("dcs200")
     detector = dataclasses.replace(
-        camera.detector, leakage=(0.02, 0.03), sensitivity_spread=0.02, offset_spread_dn=0.5,
-        full_well_e=60_000.0, blooms=True,
-    )  # fmt: skip
+        camera.detector,
+        leakage=(0.02, 0.03),
+        sensitivity_spread=0.02,
+        offset_spread_dn=0.5,
+        full_well_e=60_000.0,
+        blooms=True,
+    )
     fall = Vignetting(np.array([0.0, 1.0]), np.array([1.0, 0.6]))
     return dataclasses.replace(camera, detector=detector, blur=BLUR, vignetting=fall)
 
@@ -218,9 +218,7 @@ def test_a_camera_file_states_optics_and_charge(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(text.replace("[dark]", 'full_well_e = 6e4\noverflow = "column"\n[dark]') + more)
     field = random_cube((70, 30))
-    np.testing.assert_array_equal(
-        simulate(field, load_camera(path), 5.0, 1), simulate(field, everything(), 5.0, 1)
-    )
+    np.testing.assert_array_equal(simulate(field, load_camera(path), 5.0, 1), simulate(field, everything(), 5.0, 1))
     path.write_text(text.replace("[dark]", 'overflow = "column"\n[dark]'))
     with pytest.raises(InputError, match=r"detector\.full_well_e"):
         load_camera(path)

@@ -149,9 +149,7 @@ def test_expected_counts_agree_with_an_independent_photon_count(name):
 
 def test_components_give_the_cube_back_and_their_error_falls_to_rounding():
     field = chart_cube(2)
-    errors = [
-        spectral_error(field, to_basis(field, principal_components(field, count))) for count in (1, 3, 8, 31)
-    ]
+    errors = [spectral_error(field, to_basis(field, principal_components(field, count))) for count in (1, 3, 8, 31)]
     assert errors == sorted(errors, reverse=True)
     assert errors[1] < 0.1 and errors[2] < 0.01 and errors[3] < 1e-12
     basis = principal_components(field, 8)
@@ -161,9 +159,7 @@ def test_components_give_the_cube_back_and_their_error_falls_to_rounding():
     assert 1 - (missed**2).sum(axis=-1).mean() / variance == pytest.approx(basis.explained, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "blur", [None, Blur(np.array([400.0, 700.0]), np.array([0.5, 1.0]), np.array([1.0, 2.0]))]
-)
+@pytest.mark.parametrize("blur", [None, Blur(np.array([400.0, 700.0]), np.array([0.5, 1.0]), np.array([1.0, 2.0]))])
 def test_simulation_from_coefficients_equals_the_full_path(tmp_path, blur):
     camera = dataclasses.replace(load_camera("dcs200"), blur=blur)
     coefficients = to_basis(chart_cube(20), principal_components(chart_cube(20), 8))
@@ -172,9 +168,7 @@ def test_simulation_from_coefficients_equals_the_full_path(tmp_path, blur):
     np.testing.assert_allclose(expected_electrons(coefficients, camera, 1.0), expected, rtol=1e-10)
     write_cube(tmp_path / "c.nc", coefficients)
     with open_cube(tmp_path / "c.nc") as opened:
-        np.testing.assert_array_equal(
-            simulate(opened, camera, 0.1, 1), simulate(coefficients, camera, 0.1, 1)
-        )
+        np.testing.assert_array_equal(simulate(opened, camera, 0.1, 1), simulate(coefficients, camera, 0.1, 1))
 
 
 def test_a_basis_of_other_wavelengths_is_told():
@@ -196,9 +190,7 @@ def test_the_correction_is_the_lmmse_formula_and_exact_for_a_camera_that_sees_as
     np.testing.assert_allclose(fit_correction(mixed, reflectance, TUNGSTEN).xyz(mixed), xyz, rtol=1e-9)
     variance = np.array([1.0, 2.0, 4.0])
     formula = xyz.T @ mixed @ np.linalg.inv(mixed.T @ mixed + 24 * np.diag(variance))
-    np.testing.assert_allclose(
-        fit_correction(mixed, reflectance, TUNGSTEN, variance).matrix, formula, rtol=1e-9
-    )
+    np.testing.assert_allclose(fit_correction(mixed, reflectance, TUNGSTEN, variance).matrix, formula, rtol=1e-9)
 
 
 def test_a_flat_mosaic_frame_comes_out_of_demosaicing_as_it_was():
@@ -267,9 +259,7 @@ def test_a_capture_holds_the_cubes_light_by_the_formats_own_equation(tmp_path):
     capture = load_capture(tmp_path / "c")
     dark = read_darks(capture)
     radiance = np.interp(WAVELENGTH_NM, WAVELENGTH, field["radiance"].values[0, 0])
-    for band, response in zip(
-        capture.manifest.band, band_responses(capture, nominal_constant(capture)), strict=True
-    ):
+    for band, response in zip(capture.manifest.band, band_responses(capture, nominal_constant(capture)), strict=True):
         counts = capture.frames(band).mean() - dark.at(band.exposure_s).mean()
         expected = response.signal(radiance)
         assert counts == pytest.approx(expected, rel=3e-4)

@@ -159,9 +159,7 @@ def test_exposures_are_on_the_dial_and_expose_well(calibration):
         assert np.min(np.abs(mark - np.array(EXPOSURE_STEPS))) < 1e-9
         level = np.percentile(capture.frames(band)[:, lit], 99.5) / capture.saturation_dn
         assert 0.5 < level < 0.72
-    exposed = [
-        t.exposure_s for t in (*capture.manifest.band, *capture.manifest.flats, *capture.manifest.reference)
-    ]
+    exposed = [t.exposure_s for t in (*capture.manifest.band, *capture.manifest.flats, *capture.manifest.reference)]
     assert {dark.exposure_s for dark in capture.manifest.darks} == set(exposed)
 
 

@@ -39,9 +39,7 @@ def test_an_edge_crosses_the_pixels_of_its_points(name, k1):
     along = np.linspace(0, 1, 40_001)[:, None]
     points = edge[0] + along * (edge[1] - edge[0])
     right, down, forward = ((points - camera.position_mm) @ camera.rotation.T).T
-    near = (forward > 1.0) & (
-        np.hypot(right, down) < forward
-    )  # beyond, the distortion folds back into the picture
+    near = (forward > 1.0) & (np.hypot(right, down) < forward)  # beyond, the distortion folds back into the picture
     uv = camera.project(points[near])
     seen = np.zeros_like(found)
     column, row = np.rint(uv).astype(int).T

@@ -90,9 +90,7 @@ def test_segments_between_surfaces_may_leave_out_the_hull(name):
 
 def test_lanes_that_are_not_asked_meet_nothing():
     both, *_ = scene(ball([250, 100, 250]))
-    ray = rays(
-        np.full((4, 3), [250.0, 400.0, 250.0]), np.array([[0, -1.0, 0], [0, -1, 0], [1, 0, 0], [1, 0, 0]])
-    )
+    ray = rays(np.full((4, 3), [250.0, 400.0, 250.0]), np.array([[0, -1.0, 0], [0, -1, 0], [1, 0, 0], [1, 0, 0]]))
     active = [True, False, True, False]
     hit, _, triangle, _ = asked(both, ray, active)
     assert hit.tolist() == active

@@ -183,9 +183,7 @@ def test_what_is_no_convex_body_is_the_room_or_single_faces():
     inwards = good.copy()
     inwards[[0, 5]] = inwards[[0, 5], ::-1]
     dent = good.copy()
-    dent[np.all(np.isclose(dent, good[0, 0]), axis=-1)] += 0.5 * (
-        good.reshape(-1, 3).mean(axis=0) - good[0, 0]
-    )
+    dent[np.all(np.isclose(dent, good[0, 0]), axis=-1)] += 0.5 * (good.reshape(-1, 3).mean(axis=0) - good[0, 0])
     for vertices, single in ((inwards, 0), (dent, 2), (good[:, ::-1], 0)):
         faces, _, _ = both(vertices)
         assert not faces.bodies and len(faces.rows) == single
@@ -251,9 +249,7 @@ def test_rays_from_within_cross_one_wall_of_the_room():
 
 def test_a_block_above_the_floor_is_entered_from_below_too():
     """Its open side is then not on the scene's hull: what is inside is met from there."""
-    floor = np.array(
-        [[[0, 0, 0], [0, 0, 500], [500, 0, 500]], [[0, 0, 0], [500, 0, 500], [500, 0, 0]]], float
-    )
+    floor = np.array([[[0, 0, 0], [0, 0, 500], [500, 0, 500]], [[0, 0, 0], [500, 0, 500], [500, 0, 0]]], float)
     vertices = np.concatenate([floor, block() + np.array([0, 50, 0])])
     faces, tree, _ = both(vertices)
     (body,) = faces.bodies
@@ -272,7 +268,5 @@ def test_a_fine_convex_mesh_about_the_faces_leaves_them_loose():
     across = np.sqrt(1 - height**2)
     sphere = 2_000 * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
     walls = triangles(500 * BOX)[:6]
-    faces = flat_faces(
-        walls, facets(normals_of(walls), np.zeros(6, int))[0], np.concatenate([sphere, *walls])
-    )
+    faces = flat_faces(walls, facets(normals_of(walls), np.zeros(6, int))[0], np.concatenate([sphere, *walls]))
     assert faces.room is None and len(faces.rows) == 6

@@ -76,9 +76,7 @@ def test_cameras_asked_together_see_what_each_sees_alone():
     """What a pixel may see is sorted out once for all of them: cameras half a pixel (rms) apart, of several lenses."""
     published, tracer = cornell_camera(SIZE), build_tracer(cornell_box())
     pixels, steps = np.arange(SIZE * SIZE), np.diag(0.5 / pixels_per_unit(tracer, published))
-    several = [
-        published.with_parameters(published.parameters + step) for step in (0 * steps[0], *steps, *-steps)
-    ]
+    several = [published.with_parameters(published.parameters + step) for step in (0 * steps[0], *steps, *-steps)]
     together = pixel_coverage(tracer, several, pixels, 1)
     for camera, found in zip(several, together, strict=True):
         np.testing.assert_allclose(found, pixel_coverage(tracer, [camera], pixels, 1)[0], atol=2e-6)
@@ -89,9 +87,12 @@ def seen(*outlines):
     triangles = [outline[list(corners)] for outline in outlines for corners in ((0, 1, 2), (0, 2, 3))]
     faces = flat_faces(np.array(triangles, float), np.repeat(np.arange(len(outlines)), 2))
     camera = replace(
-        cornell_camera(1), position_mm=np.zeros(3), rotation=np.eye(3), focal_length_px=1.0,
+        cornell_camera(1),
+        position_mm=np.zeros(3),
+        rotation=np.eye(3),
+        focal_length_px=1.0,
         principal_point_px=np.zeros(2),
-    )  # fmt: skip
+    )
     return polygon_coverage(faces, [camera], np.array([0]))[0, 0]
 
 

@@ -49,8 +49,7 @@ def test_strips_agree_with_the_whole_picture(by_strips):
     across = difference[ROWS].sum(axis=0) / np.sqrt(variance[ROWS].sum(axis=0))
     assert np.abs(across).max() < 4
     alone = [
-        render(None, wavelengths=BANDS, camera=part, samples=32, seed=3)
-        for part in strip_cameras(cornell_camera(SIZE))
+        render(None, wavelengths=BANDS, camera=part, samples=32, seed=3) for part in strip_cameras(cornell_camera(SIZE))
     ]
     expected = np.median([a.standard_error for a in alone]), max(a.standard_error_99 for a in alone)
     assert [float(n) / 100 for n in re.findall(r"([\d.]+)%", notes[0])] == pytest.approx(expected, rel=0.1)
@@ -115,9 +114,7 @@ def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, mon
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     solved, numbers = [], []
     solve = passes.solve_light
-    monkeypatch.setattr(
-        passes, "solve_light", lambda *given, **more: solved.append(1) or solve(*given, **more)
-    )
+    monkeypatch.setattr(passes, "solve_light", lambda *given, **more: solved.append(1) or solve(*given, **more))
     monkeypatch.setattr(
         precision, "render_pass", lambda job, report: numbers.append(job.number) or render_pass(job, report)
     )

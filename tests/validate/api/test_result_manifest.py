@@ -23,9 +23,7 @@ def made(tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(path.name.encode())
     model.write_text("model")
-    write_manifest(
-        results, [results / "maps", results / "metrics.json"], [capture, model, tmp_path / "none"], seed=7
-    )
+    write_manifest(results, [results / "maps", results / "metrics.json"], [capture, model, tmp_path / "none"], seed=7)
     return results, capture, model
 
 

@@ -66,9 +66,7 @@ def test_scale_error_is_reported_as_such():
     assert comparison.luminance.mean == pytest.approx(0.02, abs=5e-4)
     # dL* = 116/3 (Y/Yn)^(1/3) 0.02, for a near-neutral surface most of Delta E.
     row = comparison.by_surface["ceiling"]
-    relative_luminance = (
-        comparison.maps.xyz_rendered.values[(BOX.surface == 1), 1].mean() / comparison.white.luminance
-    )
+    relative_luminance = comparison.maps.xyz_rendered.values[(BOX.surface == 1), 1].mean() / comparison.white.luminance
     assert row.delta_e_ab == pytest.approx(116 / 3 * relative_luminance ** (1 / 3) * 0.02, rel=0.05)
     assert row.delta_e_ab > 10 * row.delta_e_noise
     assert verdict(comparison).level == "unexplained"
@@ -109,10 +107,14 @@ def test_a_surface_that_is_not_seen_has_no_luminance():
 def test_standard_errors_of_surface_means_cover():
     """68% and 95% of the differences of means lie within one and two sigma (binomial, to 4 sigma)."""
     small = FakeBox(size=48)
-    pulls = np.concatenate([
-        (row.measured - row.rendered) / row.sigma
-        for seed in range(40) for row in small.compare(seed).by_surface.values() if row.interior_pixels
-    ])  # fmt: skip
+    pulls = np.concatenate(
+        [
+            (row.measured - row.rendered) / row.sigma
+            for seed in range(40)
+            for row in small.compare(seed).by_surface.values()
+            if row.interior_pixels
+        ]
+    )
     for width, share in ((1, 0.6827), (2, 0.9545)):
         tolerance = 4 * np.sqrt(share * (1 - share) / pulls.size)
         assert abs(np.mean(np.abs(pulls) < width) - share) < tolerance
@@ -147,28 +149,24 @@ def test_error_in_one_band_and_surface_is_named():
     comparison = BOX.compare(seed=7, factor=factor)
     details = " ".join(verdict(comparison).details)
     assert "green wall" in details and "f600" in details
-    assert (
-        abs(comparison.by_surface["floor"].chi2.per_dof - 1)
-        < 5 * comparison.by_surface["floor"].chi2.per_dof_sigma
-    )
+    assert abs(comparison.by_surface["floor"].chi2.per_dof - 1) < 5 * comparison.by_surface["floor"].chi2.per_dof_sigma
 
 
 def test_masked_pixels_do_not_matter_and_are_counted():
     """Nonsense under a mask leaves every figure alone."""
     measured, rendered = BOX.images(seed=8)
     arguments: dict = {
-        "xyz_per_dn": BOX.xyz_per_dn, "lamp_xyz": BOX.lamp_xyz, "surface": BOX.surface,
-        "surface_names": SURFACES, "single_surface": BOX.single_surface,
-    }  # fmt: skip
+        "xyz_per_dn": BOX.xyz_per_dn,
+        "lamp_xyz": BOX.lamp_xyz,
+        "surface": BOX.surface,
+        "surface_names": SURFACES,
+        "single_surface": BOX.single_surface,
+    }
     mask, signal = measured.mask.values.copy(), measured.signal.values.copy()
     mask[2, 20:30, 40:60] |= np.uint8(Mask.HOT)
-    clean = compare(
-        band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
-    )
+    clean = compare(band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments)
     signal[2, 20:30, 40:60] = np.nan
-    spoilt = compare(
-        band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
-    )
+    spoilt = compare(band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments)
     assert spoilt.chi2 == clean.chi2
     assert spoilt.delta_e_ab == clean.delta_e_ab
     assert spoilt.luminance == clean.luminance
@@ -179,6 +177,4 @@ def test_masked_pixels_do_not_matter_and_are_counted():
     assert np.isfinite(spoilt.maps.residual_over_sigma.values[1, 25, 50])
     signal[0, 50, 50] = np.nan
     with pytest.raises(ValueError, match="f450"):
-        compare(
-            band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments
-        )
+        compare(band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments)

@@ -25,9 +25,7 @@ def test_round_trip_keeps_values_order_units_and_nan(tmp_path):
     values = np.random.default_rng(1).normal(size=(4, 5, 7)).astype(np.float32)
     values[0, 2, 3] = np.nan
     names = ["Z", "B", "R", "f400.left"]
-    array = xr.DataArray(
-        values, dims=("channel", "y", "x"), coords={"channel": names}, attrs={"description": "tést"}
-    )
+    array = xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": names}, attrs={"description": "tést"})
     write_map(tmp_path / "a.exr", array, {name: f"unit of {name}" for name in names})
     back, units = read_map(tmp_path / "a.exr")
     np.testing.assert_array_equal(back.values, values)
@@ -58,9 +56,7 @@ def test_maps_of_a_comparison(tmp_path, comparison):
 def test_previews_share_one_exposure(tmp_path, comparison):
     """The photograph is 1% brighter than the render, so its preview is on average brighter by a little."""
     write_maps(tmp_path, comparison, {})
-    measured, rendered = (
-        np.asarray(Image.open(tmp_path / f"{n}.png"), float) for n in ("measured", "rendered")
-    )
+    measured, rendered = (np.asarray(Image.open(tmp_path / f"{n}.png"), float) for n in ("measured", "rendered"))
     ratio = measured[BOX.surface == 2].mean() / rendered[BOX.surface == 2].mean()
     assert 1.001 < ratio < 1.01
 
@@ -89,19 +85,32 @@ def test_stable_keys(tmp_path, comparison):
     """The keys that other programs rely on, as the plan of the house states them."""
     write_metrics(tmp_path / "metrics.json", comparison, fake_run(), {"adequate": False})
     m = json.loads((tmp_path / "metrics.json").read_text())
-    for key in ("capture", "model", "version", "seconds", "chi2_per_dof", "pixels_used",
-                "render_sigma_over_sensor_sigma_median"):  # fmt: skip
+    for key in (
+        "capture",
+        "model",
+        "version",
+        "seconds",
+        "chi2_per_dof",
+        "pixels_used",
+        "render_sigma_over_sensor_sigma_median",
+    ):
         assert key in m
-    assert set(m["camera"]) == {"reprojection_rms_px", "position_mm", "position_sigma_mm", "rotation_deg",
-                                "focal_length_px", "principal_point_px", "k1", "covariance"}  # fmt: skip
+    assert set(m["camera"]) == {
+        "reprojection_rms_px",
+        "position_mm",
+        "position_sigma_mm",
+        "rotation_deg",
+        "focal_length_px",
+        "principal_point_px",
+        "k1",
+        "covariance",
+    }
     assert len(m["camera"]["position_mm"]) == len(m["camera"]["position_sigma_mm"]) == 3
     assert np.shape(m["camera"]["covariance"]) == (10, 10)
     assert m["lamp_scale"]["value"] == 1.004 and m["lamp_scale"]["sigma"] == 0.001
     assert m["masked"]["lamp"] == m["masked"]["saturated"] == BOX.lamp.sum()
     for band in BANDS:
-        assert {"chi2_per_dof", "mean_relative_difference", "rms_relative_difference"} <= set(
-            m["bands"][band]
-        )
+        assert {"chi2_per_dof", "mean_relative_difference", "rms_relative_difference"} <= set(m["bands"][band])
     assert list(m["surfaces"]) == list(SURFACES)
     for surface in m["surfaces"].values():
         assert list(surface["relative_difference"]) == list(BANDS)
@@ -112,9 +121,7 @@ def test_stable_keys(tmp_path, comparison):
     assert {"mean_relative_difference", "rms_relative_difference"} <= set(m["luminance"])
     assert 0 <= m["edges"]["share_of_excess"] <= 1
     assert {"chi2_per_dof"} <= set(m["edges"]) & set(m["interiors"])
-    assert m["path"] == [
-        {"effects": [], "chi2_per_dof": m["chi2_per_dof"], "delta_e_ab_mean": m["delta_e_ab"]["mean"]}
-    ]
+    assert m["path"] == [{"effects": [], "chi2_per_dof": m["chi2_per_dof"], "delta_e_ab_mean": m["delta_e_ab"]["mean"]}]
     assert m["adequate"] is False
     run = fake_run()
     assert run.calibrated_camera is not None

@@ -27,9 +27,13 @@ def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
     monkeypatch.setattr(pipeline, "kept_fit", lambda cache, **named: given.update(named))
     predictor = SimpleNamespace(signal=lambda effects: np.full((1, 1, 2), 100.0), warp=None)
     prepared = SimpleNamespace(
-        calibration=SimpleNamespace(predicted_variance=lambda lit: 2 * lit + 5), lit=lambda signal: 3 * signal,
-        cache=None, measured=None, expected_camera=lambda effects: None, lamp_sigma=None,
-    )  # fmt: skip
+        calibration=SimpleNamespace(predicted_variance=lambda lit: 2 * lit + 5),
+        lit=lambda signal: 3 * signal,
+        cache=None,
+        measured=None,
+        expected_camera=lambda effects: None,
+        lamp_sigma=None,
+    )
     rendered = SimpleNamespace(predictor=predictor, variance=np.full((1, 1, 2), 7.0), used=None)
     pipeline.refitted(prepared, rendered, ())
     np.testing.assert_array_equal(given["variance"], 2 * 300 + 5 + 7)

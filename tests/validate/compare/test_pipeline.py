@@ -72,9 +72,7 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
 
 
 @pytest.mark.parametrize(("motions_px", "drafts"), [((0.09, 9.0), 1), ((0.11, 0.01), 2), ((0.5, 0.5), 2)])
-def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far(
-    monkeypatch, motions_px, drafts
-):
+def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far(monkeypatch, motions_px, drafts):
     """The final picture is rendered through the last fitted camera."""
     cameras = [cornell_camera(64)]
     for motion in motions_px:
@@ -154,9 +152,7 @@ def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
         index = result.comparison.bands.index(band["id"])
         for name in ("measured", "rendered", "sigma"):
             assert band[name] == pytest.approx(maps[name].values[index, y, x], rel=1e-6)
-    assert np.mean([v for v in shown if v is not None]) == pytest.approx(
-        metrics["delta_e_ab"]["mean"], rel=1e-4
-    )
+    assert np.mean([v for v in shown if v is not None]) == pytest.approx(metrics["delta_e_ab"]["mean"], rel=1e-4)
     spectrum = result.fit.lamp_scale * image.project(np.eye(len(image.wavelength_nm)))[0][y, x]
     np.testing.assert_allclose(record["spectrum"]["values"], spectrum, atol=2e-3 * spectrum.max())
     shares = [part["share"] for part in record["light"]]
@@ -238,10 +234,7 @@ def test_the_true_camera_lies_within_the_survey(result, truth):
 def test_the_refit_brings_the_camera_closer(result, truth):
     """Thousands of pixels along edges know the camera better than fifty surveyed points."""
     corners = np.concatenate([surface.vertices_mm for surface in truth[2].surfaces])
-    error = [
-        truth[1].motion_px(camera, corners)
-        for camera in (result.fit.camera, result.prepared.calibrated_camera)
-    ]
+    error = [truth[1].motion_px(camera, corners) for camera in (result.fit.camera, result.prepared.calibrated_camera)]
     assert error[0] < error[1] / 2
     assert error[0] < 0.03
 
@@ -319,10 +312,7 @@ def test_metrics_have_every_key_of_the_plan(written, result):
                 "relative_difference": dict.fromkeys(bands, number),
                 "delta_e_ab": number,
                 "delta_e_2000": number,
-                **{
-                    side: {"luminance_cd_m2": number, "x": number, "y": number}
-                    for side in ("measured", "rendered")
-                },
+                **{side: {"luminance_cd_m2": number, "x": number, "y": number} for side in ("measured", "rendered")},
             }
             for name in surfaces
         },
@@ -378,9 +368,7 @@ def test_the_promised_figures_are_met(shared):
     """On a capture by another simulator, the effect that it hides in the model; its answers have the true camera."""
     answer = json.loads((shared / "captures" / "answers.json").read_text())["mystery-2"]
     effect = apply_checked(answer["effect"], answer["params"], "answers.json")
-    result = validate(
-        shared / "captures" / "mystery-2", Model(effects=(effect,), render=RenderSettings(noise=0.8))
-    )
+    result = validate(shared / "captures" / "mystery-2", Model(effects=(effect,), render=RenderSettings(noise=0.8)))
     fit, c, seen = result.prepared.calibration.camera_fit, result.comparison, answer["true_camera"]
     true = Camera(
         fit.camera.width_px,

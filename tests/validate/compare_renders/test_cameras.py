@@ -42,9 +42,7 @@ def test_the_shift_of_a_turn_and_of_a_step():
     assert shift_px(CAMERA, step) == pytest.approx(CAMERA.focal_length_px * 2 / nearest_depth, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "text", [None, "", "[]", "{}", '{"width_px": 3, "height_px": 3, "parameters": [1, 2]}']
-)
+@pytest.mark.parametrize("text", [None, "", "[]", "{}", '{"width_px": 3, "height_px": 3, "parameters": [1, 2]}'])
 def test_a_cube_without_a_camera_is_compared(text):
     assert camera_of_attribute(text) is None
 
@@ -60,9 +58,7 @@ def test_other_cameras_are_refused_and_near_ones_noted():
 
 def test_other_sensors_are_noted():
     values = np.ones((1, 4, 4))
-    notes = compare_stacks(
-        stack(values, None, {"gain, e-/DN": 12}), stack(values, None, {"gain, e-/DN": 6})
-    ).notes
+    notes = compare_stacks(stack(values, None, {"gain, e-/DN": 12}), stack(values, None, {"gain, e-/DN": 6})).notes
     assert notes == ("the cameras differ in gain, e-/DN: 12 and 6; their counts differ in meaning",)
 
 

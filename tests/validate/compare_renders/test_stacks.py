@@ -44,9 +44,7 @@ def test_the_rows_are_means_and_squares_by_hand():
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twice(
-    monkeypatch, tmp_path, stated
-):
+def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twice(monkeypatch, tmp_path, stated):
     """Two bands of one second and of four, at f/8 and 50 mm from lens to image where these are stated."""
     seconds = np.array([1.0, 4.0])
     signal, planes = np.array([[[100.0, 200.0]], [[400.0, 800.0]]]), ("band", "y", "x")
@@ -64,9 +62,7 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
     monkeypatch.setattr(
         stacks, "calibrate", lambda capture: SimpleNamespace(capture=capture, images=images, camera=None)
     )
-    monkeypatch.setattr(
-        stacks, "optical_factor", lambda _, band: band.exposure_s / optics if stated else None
-    )
+    monkeypatch.setattr(stacks, "optical_factor", lambda _, band: band.exposure_s / optics if stated else None)
     monkeypatch.setattr(stacks, "instrument_of", lambda *_: None)
     found = read_stack(tmp_path)
     np.testing.assert_allclose(found.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))

@@ -51,9 +51,7 @@ def test_a_set_keeps_its_numbers_within_their_bounds():
     """An effect that only adds light takes no part where light is missing."""
     linearised, known = laboratory(resembling(), {"one": 0.5, "two": -0.4})
     hypothesis = known["two"].hypothesis
-    known["two"] = replace(
-        known["two"], hypothesis=replace(hypothesis, free=(replace(AMOUNT, low=0.0, high=10.0),))
-    )
+    known["two"] = replace(known["two"], hypothesis=replace(hypothesis, free=(replace(AMOUNT, low=0.0, high=10.0),)))
     found = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 2)
     assert "one" in names_of(found) and "two" not in names_of(found)
     assert best_set(linearised.problem(()), [known["two"]], linearised.model.residual, 3) == []
@@ -84,16 +82,16 @@ def test_a_set_leaves_out_what_averaging_noise_would_gain():
     slopes = {"one": 300.0, "two": 0.0}
     problem, residual = linearised.problem(()), linearised.model.residual
     blurring = SimpleNamespace(
-        model=problem.model, scale=1.0, camera_change=lambda effect: 0.0,
+        model=problem.model,
+        scale=1.0,
+        camera_change=lambda effect: 0.0,
         noise_averaging_gain=lambda effect: slopes[effect.id] * effect.values["amount"],
-    )  # fmt: skip
+    )
     design = np.array([pattern.ravel() for pattern in patterns.values()]).T
     aim = design.T @ residual[:COUNT] - np.array([150.0, 0.0])
     found = best_set(blurring, [*known.values()], residual, 2)
     amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in found}
-    assert [amounts["one"], amounts["two"]] == pytest.approx(
-        np.linalg.solve(design.T @ design, aim), rel=1e-4
-    )
+    assert [amounts["one"], amounts["two"]] == pytest.approx(np.linalg.solve(design.T @ design, aim), rel=1e-4)
 
 
 def test_two_ways_of_one_effect_are_no_set():
@@ -108,10 +106,7 @@ def test_two_ways_of_one_effect_are_no_set():
 def of_numbers(chi2, *counts):
     """Effects of so many numbers each, and the chi2 of all together, as far as sets are compared."""
     effect = SimpleNamespace(stage="optics")
-    return [
-        SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * n))
-        for n in counts
-    ]
+    return [SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * n)) for n in counts]
 
 
 @pytest.mark.parametrize(
@@ -125,9 +120,7 @@ def of_numbers(chi2, *counts):
 def test_a_set_pays_for_its_numbers_and_must_promise_half(monkeypatch, promised, reached, taken_over, fitted):
     """One number with chi2 of 1100 in place; noise makes 1000."""
     chosen, tried = of_numbers(1100.0, 1), []
-    first = SimpleNamespace(
-        problem=lambda chosen: None, model=SimpleNamespace(residual=None, count=1000), name="first"
-    )
+    first = SimpleNamespace(problem=lambda chosen: None, model=SimpleNamespace(residual=None, count=1000), name="first")
     monkeypatch.setattr(stepwise, "best_set", lambda *given: of_numbers(promised, 4, 6))
     monkeypatch.setattr(stepwise, "refitted", lambda validation, first, chosen: "again")
     monkeypatch.setattr(

@@ -172,9 +172,7 @@ def test_final_model_is_written_and_read_back(outcome, tmp_path):
     _, diagnosis = outcome
     write_model(tmp_path / "model.toml", diagnosis.model)
     again = load_model(tmp_path / "model.toml")
-    assert [(e.id, dict(e.values)) for e in again.effects] == [
-        (e.id, dict(e.values)) for e in diagnosis.model.effects
-    ]
+    assert [(e.id, dict(e.values)) for e in again.effects] == [(e.id, dict(e.values)) for e in diagnosis.model.effects]
 
 
 @pytest.mark.parametrize(
@@ -299,9 +297,7 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     there = replace(linearised, predictor=replace(predictor, included=(effect,)))
     excess = excess_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
     np.testing.assert_allclose(excess.moved, there.scale * there.derivative[7:9], rtol=1e-5)
-    assert (
-        len(excess.transport.reflectance) == len(predictor.scene.materials) + 2
-    )  # the new paint and the lamp
+    assert len(excess.transport.reflectance) == len(predictor.scene.materials) + 2  # the new paint and the lamp
 
 
 def test_averaged_changes_stay_on_their_face():
@@ -351,9 +347,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
     (found,) = separations(validation.prepared, linearised, [one])
     assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)
-    dark = validation.prepared.calibration.predicted_variance(np.zeros(linearised.base.shape))[
-        linearised.model.used
-    ]
+    dark = validation.prepared.calibration.predicted_variance(np.zeros(linearised.base.shape))[linearised.model.used]
     least = np.sum(offset.numbers["dn"] ** 2 / dark)
     reached = distance(validation.prepared, linearised, capped, (), offset, glare)
     now = distance(validation.prepared, linearised, None, (), offset, glare)
@@ -380,10 +374,7 @@ def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
     assert abs(found - expected) < 4 * scatter
     assert expected > 20 * scatter
     assert (
-        problem.noise_averaging_gain(
-            apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")
-        )
-        == 0
+        problem.noise_averaging_gain(apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")) == 0
     )
 
 

@@ -70,18 +70,14 @@ def bell(size, place):
 def test_numbers_end_at_the_least_squares_those_without_null_included():
     """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width beside its place."""
     residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
-    found = fit(
-        Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11))
-    )
+    found = fit(Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11)))
     best = minimize(lambda n: np.sum((residual - bell(*n)) ** 2), [2.0, 1.6], method="Nelder-Mead")
     assert found.chi2 == pytest.approx(best.fun, abs=0.05)
     assert [found.numbers["size"], found.numbers["place"]] == pytest.approx(list(best.x), abs=0.01)
     assert found.predicted[:COUNT] == pytest.approx(bell(*best.x), abs=0.02)
     slopes = np.array([bell(1.0, best.x[1]), bell(*best.x) * (LINE - best.x[1]) / 0.09])
     cramer_rao = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
-    assert [found.sigma["size"], found.sigma["place"]] == pytest.approx(
-        list(cramer_rao), rel=0.35
-    )  # 64 clusters
+    assert [found.sigma["size"], found.sigma["place"]] == pytest.approx(list(cramer_rao), rel=0.35)  # 64 clusters
 
 
 def test_what_a_blur_gains_by_averaging_noise_is_no_gain():

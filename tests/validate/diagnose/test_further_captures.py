@@ -46,9 +46,13 @@ def between(one, other, used):
     """``distance`` of two candidates in the capture itself."""
     predictor = Pictures()
     linearised = SimpleNamespace(
-        scale=SCALE, given=(), predictor=predictor, base=predictor.signal(()), derivative=predictor.derivative,
+        scale=SCALE,
+        given=(),
+        predictor=predictor,
+        base=predictor.signal(()),
+        derivative=predictor.derivative,
         model=SimpleNamespace(used=used, priors=PRIORS),
-    )  # fmt: skip
+    )
     variance = SimpleNamespace(predicted_variance=lambda signal: np.full(SHAPE, READ_VARIANCE))
     return distance(SimpleNamespace(calibration=variance), linearised, None, (), one, other)
 
@@ -71,14 +75,8 @@ def least_squares(other, used, free):
     pictures = Pictures()
     here = SCALE * pictures.signal([other.applied])
     sigma = np.sqrt(READ_VARIANCE + model_variance(here))[used]
-    difference = SCALE * (
-        pictures.signal([candidate("cause", 1.0).applied]) - pictures.signal([other.applied])
-    )
-    moved = (
-        displacement(pictures.camera, (), (other.applied,))
-        if other.applied.stage == "camera"
-        else np.zeros(10)
-    )
+    difference = SCALE * (pictures.signal([candidate("cause", 1.0).applied]) - pictures.signal([other.applied]))
+    moved = displacement(pictures.camera, (), (other.applied,)) if other.applied.stage == "camera" else np.zeros(10)
     wanted = np.concatenate([difference[used] / sigma, PRIORS @ np.append(moved, 0.0)])
     nuisances = [*SCALE * pictures.derivative, pictures.signal(())]
     pixels = np.array([n[used] / sigma for n in nuisances]).T

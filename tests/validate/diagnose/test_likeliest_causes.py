@@ -20,14 +20,22 @@ def candidate(name, chi2, *pixels):
 def test_cosines_and_distances_of_known_vectors():
     """The residual is (3, 4): signatures along it, along x, and against it; chi2 of 10, 26 and 9."""
     model = LinearModel(
-        used=np.ones((1, 1, 2), bool), interior=np.ones(2, bool), patch=np.zeros(2, int), sigma=np.ones(2),
-        priors=np.zeros((11, 11)), by_lamp=np.ones(2), basis=np.zeros((13, 0)),
-        shared_errors=np.zeros((13, 1), np.float32), residual=np.append([3.0, 4.0], np.zeros(11)),
-    )  # fmt: skip
+        used=np.ones((1, 1, 2), bool),
+        interior=np.ones(2, bool),
+        patch=np.zeros(2, int),
+        sigma=np.ones(2),
+        priors=np.zeros((11, 11)),
+        by_lamp=np.ones(2),
+        basis=np.zeros((13, 0)),
+        shared_errors=np.zeros((13, 1), np.float32),
+        residual=np.append([3.0, 4.0], np.zeros(11)),
+    )
     tried = [
-        candidate("against", 9.0, -6.0, -8.0), candidate("along", 10.0, 0.3, 0.4),
-        candidate("x", 26.0, 5.0, 0.0), candidate("fourth", 30.0, 0.0, 0.0),
-    ]  # fmt: skip
+        candidate("against", 9.0, -6.0, -8.0),
+        candidate("along", 10.0, 0.3, 0.4),
+        candidate("x", 26.0, 5.0, 0.0),
+        candidate("fourth", 30.0, 0.0, 0.0),
+    ]
     along, against, x = likeliest_causes(model, tried, ["along"])
     assert [c.effect for c in (along, against, x)] == ["along", "against", "x"]
     assert [c.cosine for c in (along, against, x)] == pytest.approx([1.0, -1.0, 0.6])

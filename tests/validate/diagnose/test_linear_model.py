@@ -21,9 +21,7 @@ def parts():
     v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
     base = 1000 * (1 + 0.3 * u)[None] * np.array([0.6, 1.0, 1.4])[:, None, None]
     derivative = np.array([np.sin((k + 1) * (u + 0.3 * k * v)) * base for k in range(10)])
-    camera = Camera(
-        48, 48, 60.0, np.array([23.5, 23.5]), 0.0, REFERENCE_ROTATION, np.zeros(3), 1e-4 * np.eye(10)
-    )
+    camera = Camera(48, 48, 60.0, np.array([23.5, 23.5]), 0.0, REFERENCE_ROTATION, np.zeros(3), 1e-4 * np.eye(10))
     return generator, base, derivative, camera
 
 
@@ -79,9 +77,7 @@ def test_signature_keeps_only_what_nuisances_cannot_imitate(parts):
     _, base, derivative, camera = parts
     model = model_of(base, base, derivative, camera)
     own = np.random.default_rng(1).standard_normal(SHAPE)
-    assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(
-        base / 5
-    )  # the lamp's scale is a nuisance
+    assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(base / 5)  # the lamp's scale is a nuisance
     whitened = model.whiten(own)
     assert np.allclose(model.project(whitened), whitened)
     assert np.allclose(model.basis.T @ whitened, 0, atol=1e-9)
@@ -93,9 +89,7 @@ def test_a_moved_camera_leaves_what_the_survey_says_of_it(parts):
     model = model_of(base, base, derivative, camera)
     change = 0.01 * np.random.default_rng(2).standard_normal(10)
     picture = model.whiten(np.tensordot(change, derivative, 1))
-    np.testing.assert_allclose(
-        model.camera_change(change), picture, atol=1e-9 * np.linalg.norm(change / 0.01)
-    )
+    np.testing.assert_allclose(model.camera_change(change), picture, atol=1e-9 * np.linalg.norm(change / 0.01))
     assert np.linalg.norm(picture) > 0.5 * np.linalg.norm(change / 0.01)
 
 
@@ -111,15 +105,14 @@ def test_a_lamps_power_leaves_what_its_stated_power_says_of_it(parts):
     assert np.linalg.norm(plain.lamp_change(0.3 * base)) == pytest.approx(0.3 / 0.02, rel=0.01)
     model = model_of(base + further, base, derivative, camera, lamp=base + further)
     predictor = SimpleNamespace(
-        camera=camera, settings=SimpleNamespace(seed=1),
+        camera=camera,
+        settings=SimpleNamespace(seed=1),
         signal=lambda effects: base * np.prod([effect.values["scale"] for effect in effects]),
-    )  # fmt: skip
+    )
     dimmer = AppliedEffect(catalogue()["lamp-power"], {"scale": 0.1})
     change = build_problem(predictor, model, (), 1.0, np.zeros(SHAPE)).change(dimmer)
     left, cheated = (model.residual - one for one in (change, model.whiten(-0.9 * base)))
-    assert np.sum(left[: model.count] ** 2) == pytest.approx(
-        np.sum(model.residual[: model.count] ** 2), rel=0.01
-    )
+    assert np.sum(left[: model.count] ** 2) == pytest.approx(np.sum(model.residual[: model.count] ** 2), rel=0.01)
     assert np.sum(cheated[: model.count] ** 2) < 0.1 * np.sum(model.residual[: model.count] ** 2)
 
 

@@ -56,9 +56,7 @@ def test_errors_shared_and_further_ones_are_counted_each_over_sigma(monkeypatch)
     linearised, _ = laboratory(PATTERNS, {}, scale=0.8)
     sigma, shared = random.uniform(1, 2, COUNT), random.standard_normal((COUNT + 11, 2))
     signal, more = random.uniform(1, 2, linearised.base.shape), random.standard_normal(COUNT)
-    rendered = SimpleNamespace(
-        fit=SimpleNamespace(lamp_scale=0.8), signal=signal, image=SimpleNamespace(coverage="c")
-    )
+    rendered = SimpleNamespace(fit=SimpleNamespace(lamp_scale=0.8), signal=signal, image=SimpleNamespace(coverage="c"))
     linearised = replace(
         linearised, rendered=rendered, model=replace(linearised.model, sigma=sigma, shared_errors=shared)
     )
@@ -101,15 +99,24 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         predicted_variance=lambda lit: 2 * lit + 5, noise=SimpleNamespace(rounding_error_dn=0.0)
     )
     prepared = SimpleNamespace(
-        calibration=calibration, scene=SimpleNamespace(lamp_radiance=np.ones_like), measured=None, lamp_sigma=0.02,
-        expected_camera=lambda given: None, responses=None, lit=lambda signal: 3 * signal,
-    )  # fmt: skip
+        calibration=calibration,
+        scene=SimpleNamespace(lamp_radiance=np.ones_like),
+        measured=None,
+        lamp_sigma=0.02,
+        expected_camera=lambda given: None,
+        responses=None,
+        lit=lambda signal: 3 * signal,
+    )
     predictor = SimpleNamespace(signal=lambda effects: picture, warp=None, lamp_scale=scale)
     predictor.seen_by = predictor.at_lamp = lambda _: predictor
     rendered = SimpleNamespace(
-        fit=SimpleNamespace(lamp_scale=scale, camera=None), predictor=predictor, signal=picture, variance=own,
-        used=None, image=SimpleNamespace(coverage=None),
-    )  # fmt: skip
+        fit=SimpleNamespace(lamp_scale=scale, camera=None),
+        predictor=predictor,
+        signal=picture,
+        variance=own,
+        used=None,
+        image=SimpleNamespace(coverage=None),
+    )
     linearised_fit.linearised_fit(prepared, rendered, ())
     lit = 3 * 100 * scale
     np.testing.assert_allclose(given["variance"], 2 * lit + 5 + 0.01 * lit + 9 * scale**2)

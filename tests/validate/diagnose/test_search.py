@@ -85,9 +85,7 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
 @pytest.mark.parametrize("explained", [0.0, 1e5])
 def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explained):
     """Of changes at edges alone, which need the least: 0.004 a sample by size, a hundredth of what is explained."""
-    effect = next(
-        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "defocus"
-    )
+    effect = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "defocus")
     model = SimpleNamespace(**{**vars(SQUARE), "errors": errors, "patch": np.arange(1024) % 64})
     ends, rendered = np.zeros(11), np.append(np.zeros(1034), explained**0.5)
     sides = np.append(np.tile([1.0, -1.0], 512), ends) / 32
@@ -142,9 +140,7 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
 
 def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     """0.05 mm and 0.01 degrees: 0.17 mm in both directions are 23 of chi-square, 18.8 come by chance in 3 of 10,000."""
-    known = next(
-        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose"
-    )
+    known = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose")
     change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
     for away, counts in ((0.13, False), (0.17, True)):
         moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
@@ -156,9 +152,7 @@ def test_each_free_number_costs_half_of_what_tells_two_effects_apart():
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings(max_bounces=2))}
     for name, numbers in (("camera-pose", 6), ("defocus", 1), ("interreflection", 0)):
         assert len(known[name].free) == numbers
-        assert penalised(Candidate(known[name], {}, {}, 100.0, np.zeros(1))) == pytest.approx(
-            100 + 4.6 * numbers
-        )
+        assert penalised(Candidate(known[name], {}, {}, 100.0, np.zeros(1))) == pytest.approx(100 + 4.6 * numbers)
 
 
 def test_screening_leaves_out_what_averaging_noise_would_gain():
@@ -208,9 +202,7 @@ def test_a_blur_gains_what_it_averages_of_the_pictures_noise_at_the_lamps_power(
 
 def test_the_error_of_an_index_is_not_that_of_its_coordinate():
     """Filter shift is searched in 1 / n^2; a small error of that, as an index' own."""
-    (p,) = next(
-        h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "filter-shift"
-    ).free
+    (p,) = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "filter-shift").free
     coordinate, error = p.to_coordinate(2.0), 1e-6
     ends = [p.from_coordinate(coordinate + sign * error) for sign in (-1, 1)]
     assert p.deviation(2.0, error) == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)

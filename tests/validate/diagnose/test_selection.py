@@ -59,9 +59,7 @@ def test_progress_grows_to_the_whole_while_effects_are_tried():
 
 
 @pytest.mark.parametrize(("of_least", "fitted"), [(0.0, 1), (0.7, 1), (0.5, 0)])
-def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full(
-    monkeypatch, of_least, fitted
-):
+def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full(monkeypatch, of_least, fitted):
     linearised, known = laboratory({"one": waves(1, 0), "two": waves(0, 2)}, {"one": 0.3})
     problem, residual, done = linearised.problem(()), linearised.model.residual, []
 
@@ -119,9 +117,7 @@ def test_a_mixture_that_came_first_gives_its_place_to_the_cause():
         "two": waves(0, 2),
     }
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.3})
-    chosen, where = with_better_alternatives(
-        linearised, taken(linearised, known, "mixture", "two"), [*known.values()]
-    )
+    chosen, where = with_better_alternatives(linearised, taken(linearised, known, "mixture", "two"), [*known.values()])
     assert names_of(chosen) == {"one", "two"}
     assert groups(where) == ()
 
@@ -165,9 +161,11 @@ def beside_errors():
     coloured = waves(1, 1) * np.sqrt(1.5) * np.array([1.0, -1.0, 0.0])[:, None, None]
     linearised, known = laboratory({"coloured": coloured, "grey": waves(1, 1)}, {})
     fitted = SimpleNamespace(
-        fit=linearised.rendered.fit, signal=np.full(SHAPE, 1000.0), variance=np.zeros(SHAPE),
+        fit=linearised.rendered.fit,
+        signal=np.full(SHAPE, 1000.0),
+        variance=np.zeros(SHAPE),
         image=SimpleNamespace(coverage=np.ones((*SHAPE[1:], 1))),
-    )  # fmt: skip
+    )
     rows, columns = np.indices(SHAPE[1:])
     place = {n: rows * n // 40 * n + columns * n // 40 for n in (16, 4)}
     generator = np.random.default_rng(12)
@@ -209,9 +207,7 @@ def test_an_effect_of_the_size_of_its_limit_is_found_nine_times_in_ten():
     known, drawn = beside_errors()
     plain = drawn(0.0)
     counting = plain.counting_errors(())
-    coloured, grey = (
-        limit_of(known[name], plain.model, counting.model, 1.0) for name in ("coloured", "grey")
-    )
+    coloured, grey = (limit_of(known[name], plain.model, counting.model, 1.0) for name in ("coloured", "grey"))
     assert coloured.beside_errors and not grey.beside_errors
     assert coloured.visible == pytest.approx(1.0, abs=0.02)
     # what its size must be, and what errors of the picture that look like it take off in one capture of ten
@@ -243,9 +239,7 @@ class Traced(Patterns):
 
     def signal(self, effects):
         noise = np.random.default_rng(self.seed).standard_normal(SHAPE)
-        return 1000.0 + sum(
-            (e.values["amount"] * (self.patterns[e.id] + noise) for e in effects), np.zeros(SHAPE)
-        )
+        return 1000.0 + sum((e.values["amount"] * (self.patterns[e.id] + noise) for e in effects), np.zeros(SHAPE))
 
     def rough(self):
         return self
@@ -377,9 +371,7 @@ def test_an_effects_certainty_is_its_amount_over_its_error():
 def with_numbers(name, chi2, count):
     """A candidate of so many numbers, as far as it is compared with others."""
     effect = SimpleNamespace(id=name)
-    return SimpleNamespace(
-        chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * count), name=name
-    )
+    return SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * count), name=name)
 
 
 @pytest.mark.parametrize(("behind", "replaced"), [(9.7, True), (15.0, False)])

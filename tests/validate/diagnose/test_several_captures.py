@@ -23,11 +23,16 @@ def model(residual):
     """A linear model whose nuisances can imitate nothing."""
     whitened = np.append(residual, np.zeros(NUISANCES))
     return LinearModel(
-        used=np.ones((1, 1, COUNT), bool), interior=np.ones(COUNT, bool), patch=np.arange(COUNT) // 20,
-        sigma=np.ones(COUNT), priors=np.zeros((NUISANCES, NUISANCES)), by_lamp=np.ones(COUNT),
-        basis=np.eye(COUNT + NUISANCES)[:, -1:], shared_errors=np.zeros((COUNT + NUISANCES, 1), np.float32),
+        used=np.ones((1, 1, COUNT), bool),
+        interior=np.ones(COUNT, bool),
+        patch=np.arange(COUNT) // 20,
+        sigma=np.ones(COUNT),
+        priors=np.zeros((NUISANCES, NUISANCES)),
+        by_lamp=np.ones(COUNT),
+        basis=np.eye(COUNT + NUISANCES)[:, -1:],
+        shared_errors=np.zeros((COUNT + NUISANCES, 1), np.float32),
         residual=whitened,
-    )  # fmt: skip
+    )
 
 
 class OneShape:
@@ -51,9 +56,7 @@ class OneShape:
 def candidate(grows):
     width = Parameter("width", "px", null=0.0, low=-9.0, high=9.0, step=0.1, grows_with_aperture=grows)
     effect = Effect("blurred", "optics", "", (width,), lambda light, width: light, "")
-    return Candidate(
-        Hypothesis(effect, (width,), {}), {"width": 0.1}, {}, np.inf, np.zeros(COUNT + NUISANCES)
-    )
+    return Candidate(Hypothesis(effect, (width,), {}), {"width": 0.1}, {}, np.inf, np.zeros(COUNT + NUISANCES))
 
 
 @pytest.mark.parametrize("grows", [True, False])

@@ -21,9 +21,7 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     chosen = [SimpleNamespace(hypothesis=SimpleNamespace(free=(None,) * numbers))] * effects
     paid = effects * (4.6 * numbers + 2 * np.log(len(catalogue())))
     for own, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
-        explanation = SimpleNamespace(
-            family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own
-        )
+        explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own)
         assert beats(explanation, model, chosen, model, LEFT) == wins
 
 
@@ -50,9 +48,7 @@ def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(a
     """0.015 per sample of 2000, beside its complexity of 50. How much of its change the errors that bands and faces
     share could make is no matter: what each leaves after them counts."""
     model = _model(left_by_family=4000.0 - 50.0 - ahead)
-    whole = SimpleNamespace(
-        family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0
-    )
+    whole = SimpleNamespace(family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0)
     assert beats(whole, model, [None], model, LEFT) == wins
 
 
@@ -62,14 +58,18 @@ def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike(
     face, other = np.zeros(2011), np.zeros(2011)
     face[:1000], other[1000:2000] = 1 / np.sqrt(1000), np.sqrt(0.2)
     model = LinearModel(
-        used=np.ones((1, 40, 50), bool), interior=np.ones(2000, bool), patch=np.zeros(2000, int), sigma=np.ones(2000),
-        priors=np.zeros((11, 11)), by_lamp=np.ones(2000), basis=np.zeros((2011, 0)),
-        shared_errors=face[:, None].astype(np.float32), residual=80 * face,
-    )  # fmt: skip
-    change = (80 * face[:2000]).reshape(1, 40, 50)
-    whole = SimpleNamespace(
-        family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0
+        used=np.ones((1, 40, 50), bool),
+        interior=np.ones(2000, bool),
+        patch=np.zeros(2000, int),
+        sigma=np.ones(2000),
+        priors=np.zeros((11, 11)),
+        by_lamp=np.ones(2000),
+        basis=np.zeros((2011, 0)),
+        shared_errors=face[:, None].astype(np.float32),
+        residual=80 * face,
     )
+    change = (80 * face[:2000]).reshape(1, 40, 50)
+    whole = SimpleNamespace(family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0)
     assert beats(whole, model, [None], model, other)
     assert not beats(whole, model, [None], model, other / 2)
 
@@ -96,9 +96,11 @@ def test_levels_of_frames_are_the_lamps_with_their_noise():
     for _ in range(50):
         frames = 100 + levels[:, None, None] * picture + 2 * random.standard_normal((4, 50, 100))
         capture = SimpleNamespace(
-            band_ids=("lit", "single"), saturation_dn=4000.0, frames=lambda table, lit=frames: lit[: len(table.frames)],
+            band_ids=("lit", "single"),
+            saturation_dn=4000.0,
+            frames=lambda table, lit=frames: lit[: len(table.frames)],
             band=lambda name: SimpleNamespace(frames=range(4 if name == "lit" else 1)),
-        )  # fmt: skip
+        )
         relative, sigma = _repeats(capture)
         assert np.isnan(relative[1]).all() and np.isinf(sigma[1])
         found.append(relative[0])

@@ -49,9 +49,7 @@ def test_between_wavelengths_ratios_to_our_spectrum_are_linear(tmp_path, light):
     whole = ours.project(np.eye(WAVELENGTH_NM.size))[0][walls]
     coarse = replace(ours, spectra=ours.spectra[:, ::20], wavelength_nm=WAVELENGTH_NM[::20])
     write_cube(tmp_path / "cube.nc", coarse.cube())
-    found = foreign_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(
-        np.eye(WAVELENGTH_NM.size)
-    )[0]
+    found = foreign_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
     linear = interp1d(WAVELENGTH_NM[::20], whole[:, ::20])(WAVELENGTH_NM)
     plain, by_ratio = ((one - whole) / whole.max(axis=1, keepdims=True) for one in (linear, found[walls]))
     assert np.sqrt(np.mean(by_ratio**2)) < 0.1 * np.sqrt(np.mean(plain**2))

@@ -65,9 +65,7 @@ def test_a_picture_has_the_same_bits_without_a_cache_from_a_cold_and_from_a_warm
 
 def test_a_solution_found_again_has_the_same_key(light):
     """Else a second run would find nothing of the first one's."""
-    assert picture_key(solved(), CAMERA, SAMPLES, BATCHES, SEED) == picture_key(
-        light, CAMERA, SAMPLES, BATCHES, SEED
-    )
+    assert picture_key(solved(), CAMERA, SAMPLES, BATCHES, SEED) == picture_key(light, CAMERA, SAMPLES, BATCHES, SEED)
 
 
 def test_a_camera_however_near_has_its_own_picture(tmp_path, light, made):

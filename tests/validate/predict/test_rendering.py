@@ -30,9 +30,7 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
     _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=QUIET)
     assert pilot == 3.0 and len(asked) == 2 and asked[0] == (64, 8)
     assert np.sqrt(found.variance.values).max() <= 0.6
-    _, again, same = rendering.render_to_noise(
-        *common, noise=0.6, convergence=0.7, pilot=pilot, progress=QUIET
-    )
+    _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=QUIET)
     assert same == pilot and asked[2:] == asked[1:2]
     np.testing.assert_array_equal(again.variance, found.variance)
 

@@ -74,9 +74,7 @@ def painted(scene):
     place = scene.lamp.surface.vertices_mm[::-1][:, [1, 0, 2]] * [0.0, 0.5, 1.0] + [540.0, 150.0, 0.0]
     level = float(scene.lamp.radiance.at(550.0))
     blue = Spectrum(np.array([400.0, 700.0]), level * np.array([3.0, 0.2]))
-    second = replace(
-        scene.lamp, surface=replace(scene.lamp.surface, name="second", vertices_mm=place), radiance=blue
-    )
+    second = replace(scene.lamp, surface=replace(scene.lamp.surface, name="second", vertices_mm=place), radiance=blue)
     return replace(scene, surfaces=surfaces, materials={**scene.materials, **own}, further_lamps=(second,))
 
 

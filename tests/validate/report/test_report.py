@@ -25,23 +25,29 @@ def folder(tmp_path_factory):
     """Reports of pure noise without a diagnosis, and of a 3% error with a story and a folded section."""
     folder = tmp_path_factory.mktemp("reports")
     step = ReportSection(
-        "The error falling", ("Effects added one at a time.",),
+        "The error falling",
+        ("Effects added one at a time.",),
         (falling_curve(["as given", "+ veiling-glare"], [7.3, 1.02], [1.9, 0.3]),),
-    )  # fmt: skip
+    )
     table = Table(("effect", "fraction"), [("veiling-glare", Cell("0.031", "± 0.001", True))])
     pictures = map_row({"before": np.ones((8, 8)), "after": np.zeros((8, 8))}, residual_scale())
     story = Story(
         Headline("Glare of 3 % is missing.", ("It lies everywhere.",), pictures),
-        ReportSection("What is missing", ("Glare.",), (table,)), step,
+        ReportSection("What is missing", ("Glare.",), (table,)),
+        step,
         ReportSection("What to do next", steps=("Add it.",)),
-    )  # fmt: skip
+    )
     inputs = {
         "noise": ReportInputs(BOX.compare(seed=1), fake_run(), ASSUMPTIONS, *fake_weights()),
         "error": ReportInputs(
-            BOX.compare(seed=2, factor=1.03), fake_run(lamp_scale=1.05), ASSUMPTIONS, story=story,
-            further_warnings=("A hand-written warning.",), provenance=[("command", "cbox x"), ("date", "today")],
+            BOX.compare(seed=2, factor=1.03),
+            fake_run(lamp_scale=1.05),
+            ASSUMPTIONS,
+            story=story,
+            further_warnings=("A hand-written warning.",),
+            provenance=[("command", "cbox x"), ("date", "today")],
         ),
-    }  # fmt: skip
+    }
     for name, given in inputs.items():
         build_report(folder / f"{name}.html", given)
     return folder
@@ -75,8 +81,9 @@ def test_well_formed_with_unique_identifiers(pages, name):
 def test_the_finding_stands_before_any_picture(pages):
     """The first heading is the cause and its size, and the picture that shows it stands beside it."""
     for name, sentence in (
-        ("error", "Glare of 3 % is missing."), ("noise", "The model is adequate: noise explains the difference."),
-    ):  # fmt: skip
+        ("error", "Glare of 3 % is missing."),
+        ("noise", "The model is adequate: noise explains the difference."),
+    ):
         page = pages[name]
         assert re.findall(r"<h1>(.*?)</h1>", page) == [sentence]
         assert page.index(sentence) < page.index("<img") < page.index("<h2>")
@@ -119,8 +126,16 @@ def test_what_is_outside_the_box_is_no_edge():
     measured, rendered = BOX.images(3)
     outside = (BOX.surface < 0) & ~BOX.lamp
     measured.signal.values[:, outside] += 20 * np.sqrt(BOX.sensor_variance[:, outside])
-    c = compare(measured, rendered, BOX.sensor_variance, xyz_per_dn=BOX.xyz_per_dn, lamp_xyz=BOX.lamp_xyz,
-                surface=BOX.surface, surface_names=SURFACES, single_surface=BOX.single_surface)  # fmt: skip
+    c = compare(
+        measured,
+        rendered,
+        BOX.sensor_variance,
+        xyz_per_dn=BOX.xyz_per_dn,
+        lamp_xyz=BOX.lamp_xyz,
+        surface=BOX.surface,
+        surface_names=SURFACES,
+        single_surface=BOX.single_surface,
+    )
     interiors, edges, beyond = regions_of(c)["place"]
     assert beyond.share_of_excess == pytest.approx(1, abs=0.01)
     assert abs(edges.share_of_excess) < 0.01 and abs(interiors.share_of_excess) < 0.01
@@ -138,8 +153,14 @@ def test_worst_is_the_highest_chi2_per_dof():
 def test_order_of_the_report_is_fixed(pages):
     titles = re.findall(r"<h2>(.*?)</h2>", pages["error"])
     assert titles == [
-        "Warnings", "Compare", "Where it fails", "What is missing", "The error falling", "What to do next", "Details",
-    ]  # fmt: skip
+        "Warnings",
+        "Compare",
+        "Where it fails",
+        "What is missing",
+        "The error falling",
+        "What to do next",
+        "Details",
+    ]
     folded = re.findall(r"<summary>(.*?)</summary>", pages["noise"])
     assert folded[0] == "Differences by surface and by band" and folded[-1].startswith("From bands to colour")
     assert "cbox x" in pages["error"] and "today" in pages["error"]
@@ -177,9 +198,13 @@ def test_numbers():
 @pytest.mark.parametrize(
     ("value", "sigma", "shown"),
     [
-        (0.004031, 1.2e-5, "0.004031 ± 0.000012"), (3.94e-8, 1.53e-9, "3.94e−08 ± 1.5e−09"),
-        (-0.6428, 0.91, "−0.64 ± 0.91"), (524.4, 12.0, "524 ± 12"), (1.0, 0.0, "1"), (0.25, np.nan, "0.25"),
+        (0.004031, 1.2e-5, "0.004031 ± 0.000012"),
+        (3.94e-8, 1.53e-9, "3.94e−08 ± 1.5e−09"),
+        (-0.6428, 0.91, "−0.64 ± 0.91"),
+        (524.4, 12.0, "524 ± 12"),
+        (1.0, 0.0, "1"),
+        (0.25, np.nan, "0.25"),
     ],
-)  # fmt: skip
+)
 def test_a_number_is_shown_as_good_as_its_error(value, sigma, shown):
     assert with_error(value, sigma) == shown

@@ -45,9 +45,7 @@ TEXTS = """
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
-    build_report(
-        path, ReportInputs(BOX.compare(seed=2, factor=1.03), fake_run(), ["One & another."], *fake_weights())
-    )
+    build_report(path, ReportInputs(BOX.compare(seed=2, factor=1.03), fake_run(), ["One & another."], *fake_weights()))
     return path
 
 
@@ -132,8 +130,6 @@ def test_printed_it_is_complete_and_keeps_its_columns(browser, report):
         "Array.from(document.querySelectorAll('.n3'), (e) => getComputedStyle(e).gridTemplateColumns.split(' ').length)"
     )
     assert columns and set(columns) == {3}
-    exact = browser.run(
-        "Array.from(document.querySelectorAll('.ramp'), (e) => getComputedStyle(e).printColorAdjust)"
-    )
+    exact = browser.run("Array.from(document.querySelectorAll('.ramp'), (e) => getComputedStyle(e).printColorAdjust)")
     assert len(exact) > 5 and set(exact) == {"exact"}
     browser.call("Emulation.setEmulatedMedia", media="")

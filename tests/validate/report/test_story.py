@@ -24,18 +24,26 @@ def _cause(name, values, cosine, first, behind):
 
 
 def _diagnosis(selected, causes=(), separations=()):
-    found = [
-        AppliedEffect(catalogue()[name], catalogue_values(name)) for name in selected if name != "unknown"
-    ]
+    found = [AppliedEffect(catalogue()[name], catalogue_values(name)) for name in selected if name != "unknown"]
     steps = [Step((), (), 1.0, 3.0, AS_GIVEN)]
     if found:
         steps.append(Step(tuple(found), tuple({"fraction": 0.0012} for _ in found), 0.0, 3.0, MENDED))
     ranking = [Ranked(c.effect, dict(c.values), {}, 2.0, 0.4) for c in causes]
     return Diagnosis(
-        adequate=not selected, chi2_per_dof=8.0, final_chi2_per_dof=1.0, ranking=tuple(ranking), selected=selected,
-        indistinguishable=(), path=tuple(steps), heldout_pixels=0.9, heldout_bands=np.nan, separations=separations,
-        model=Model(), residual=AS_GIVEN.maps["residual_over_sigma"].values.astype(np.float32), causes=tuple(causes),
-    )  # fmt: skip
+        adequate=not selected,
+        chi2_per_dof=8.0,
+        final_chi2_per_dof=1.0,
+        ranking=tuple(ranking),
+        selected=selected,
+        indistinguishable=(),
+        path=tuple(steps),
+        heldout_pixels=0.9,
+        heldout_bands=np.nan,
+        separations=separations,
+        model=Model(),
+        residual=AS_GIVEN.maps["residual_over_sigma"].values.astype(np.float32),
+        causes=tuple(causes),
+    )
 
 
 def catalogue_values(name):
@@ -52,8 +60,9 @@ def test_the_first_sentence_is_the_cause_and_its_size():
     told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     assert told.headline.sentence == "The model lacks veiling-glare (fraction 0.0301 ± 0.0012)."
     assert [p.caption for p in told.headline.pictures.panels] == [
-        "What the photograph shows", "What veiling-glare would show",
-    ]  # fmt: skip
+        "What the photograph shows",
+        "What veiling-glare would show",
+    ]
     assert told.falling is not None
 
 

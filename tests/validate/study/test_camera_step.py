@@ -19,10 +19,12 @@ def test_pixels_count_by_the_noise_of_the_measured_light_where_the_model_lacks_i
     derivative = np.zeros((10, 1, 1, 2))
     derivative[0] = 1.0
     prepared = SimpleNamespace(
-        expected_camera=lambda effects: camera, lamp_sigma=held, measured=before + np.array([1.0, 0.0]),
+        expected_camera=lambda effects: camera,
+        lamp_sigma=held,
+        measured=before + np.array([1.0, 0.0]),
         lit=lambda signal: there if signal is before else None,
         calibration=SimpleNamespace(predicted_variance=lambda light: light),
-    )  # fmt: skip
+    )
     rendered = SimpleNamespace(
         fit=NuisanceFit(camera, 1.0, held), used=np.ones((1, 1, 2), bool), variance=np.ones((1, 1, 2))
     )

@@ -146,9 +146,7 @@ def diagnosis(ranking, selected):
 
 
 def test_a_right_diagnosis_scores():
-    result = score(
-        HIDDEN, diagnosis([("veiling-glare", {"fraction": 0.011}), ("ghost", {})], ["veiling-glare"])
-    )
+    result = score(HIDDEN, diagnosis([("veiling-glare", {"fraction": 0.011}), ("ghost", {})], ["veiling-glare"]))
     assert result.first and result.exact and not result.falsely_selected
     assert result.effects[0].rank == 1 and result.effects[0].selected
     assert result.effects[0].errors["fraction"] == pytest.approx(0.1)
@@ -186,9 +184,7 @@ def test_what_is_no_diagnosis_is_named(tmp_path, content):
     path.write_text(content)
     with pytest.raises(InputError, match=r"d\.json.*diagnosis"):
         read_diagnosis(path)
-    assert read_diagnosis(_written(tmp_path, diagnosis([("ghost", {})], ["unknown"])))["selected"] == [
-        "unknown"
-    ]
+    assert read_diagnosis(_written(tmp_path, diagnosis([("ghost", {})], ["unknown"])))["selected"] == ["unknown"]
 
 
 def _written(folder, content):

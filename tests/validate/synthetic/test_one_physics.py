@@ -29,8 +29,7 @@ SETTINGS = CaptureSettings()
 DARK_DN_S = SETTINGS.dark_current_e_s / SETTINGS.gain_e_per_dn
 #: s, by band, of the scene, the flat and the reference; s from the first frame's beginning to each band's.
 EXPOSURES = {
-    kind: base * np.linspace(1, 3, len(BANDS))
-    for kind, base in (("band", 2.0), ("flat", 0.7), ("reference", 1.1))
+    kind: base * np.linspace(1, 3, len(BANDS)) for kind, base in (("band", 2.0), ("flat", 0.7), ("reference", 1.1))
 }
 STARTS = 30.0 * np.arange(len(BANDS))[::-1]
 
@@ -83,27 +82,33 @@ def photographed(effects: list[AppliedEffect], flat: np.ndarray) -> dict[str, np
 
 def constants(effects: list[AppliedEffect], flat: np.ndarray) -> Sensing:
     """What a calibration without any error finds before the counts' effects act."""
-    _, field, _ = photographed_light(
-        image(), [e for e in effects if e.stage == "filter"], None, CAMERA, SETTINGS
-    )
+    _, field, _ = photographed_light(image(), [e for e in effects if e.stage == "filter"], None, CAMERA, SETTINGS)
     unit = unit_factors(SETTINGS, SIZE, grid=FILTER_GRID)
     seen = field * flat
     sphere = np.tile(sphere_spectrum().at(WAVELENGTH_NM), (len(BANDS), 1))
     level = seen.mean(axis=(1, 2)) * EXPOSURES["flat"]
     everywhere = np.ones(seen.shape, bool)
     dark = {kind: SETTINGS.bias_dn + DARK_DN_S * seconds for kind, seconds in EXPOSURES.items()}
-    scene = ResponseFactors(
-        unit.bands, unit.grid, unit.transmittance, unit.rest, unit.factor * EXPOSURES["band"]
-    )
+    scene = ResponseFactors(unit.bands, unit.grid, unit.transmittance, unit.rest, unit.factor * EXPOSURES["band"])
     return Sensing(
-        curves=over_field(scene, CAMERA), flat_radiance=sphere, reference_radiance=sphere,
-        flat=seen / seen.mean(axis=(1, 2), keepdims=True), usable=everywhere, good=everywhere, flat_level=level,
-        reference_factor=unit.factor * EXPOSURES["reference"], reference_weight=np.ones(len(BANDS)),
-        dark_scene=dark["band"], dark_flat=dark["flat"], dark_reference=dark["reference"],
-        exposure_scene=EXPOSURES["band"], exposure_flat=EXPOSURES["flat"],
-        exposure_reference=EXPOSURES["reference"], minutes=(STARTS + EXPOSURES["band"] / 2) / 60,
+        curves=over_field(scene, CAMERA),
+        flat_radiance=sphere,
+        reference_radiance=sphere,
+        flat=seen / seen.mean(axis=(1, 2), keepdims=True),
+        usable=everywhere,
+        good=everywhere,
+        flat_level=level,
+        reference_factor=unit.factor * EXPOSURES["reference"],
+        reference_weight=np.ones(len(BANDS)),
+        dark_scene=dark["band"],
+        dark_flat=dark["flat"],
+        dark_reference=dark["reference"],
+        exposure_scene=EXPOSURES["band"],
+        exposure_flat=EXPOSURES["flat"],
+        exposure_reference=EXPOSURES["reference"],
+        minutes=(STARTS + EXPOSURES["band"] / 2) / 60,
         full_scale=float(SETTINGS.full_scale_dn),
-    )  # fmt: skip
+    )
 
 
 def test_every_effect_behind_the_scene_has_a_case():
@@ -111,9 +116,7 @@ def test_every_effect_behind_the_scene_has_a_case():
     assert set(VALUES) == {name for name, effect in catalogue().items() if effect.stage in behind}
 
 
-@pytest.mark.parametrize(
-    "names", [[], *([name] for name in VALUES), ["filter-shift", "ghost", "smear"]], ids="+".join
-)
+@pytest.mark.parametrize("names", [[], *([name] for name in VALUES), ["filter-shift", "ghost", "smear"]], ids="+".join)
 def test_the_frames_are_those_expected(names):
     effects = [apply_checked(name, VALUES[name], "test") for name in names]
     flat = pixel_maps(CAMERA, SETTINGS, np.random.default_rng(1)).flat

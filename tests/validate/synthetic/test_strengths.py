@@ -36,9 +36,7 @@ def test_strength_grows_with_the_square_of_an_effect_and_holds_no_noise_of_its_p
     scale = scale_of(Model(), cornell_camera(32), CaptureSettings(), 5)
     one, two = (scale(apply_checked("dark-offset", {"dn": dn}, "test")) for dn in (0.3, 0.6))
     assert one > 0 and two / one == pytest.approx(4.0, rel=2e-3)
-    far, near = (
-        scale(apply_checked("block-pose", {"block": "tall", "dx_mm": dx}, "test")) for dx in (3.0, 0.3)
-    )
+    far, near = (scale(apply_checked("block-pose", {"block": "tall", "dx_mm": dx}, "test")) for dx in (3.0, 0.3))
     assert near / far == pytest.approx(1 / 100, rel=0.3)
 
 
@@ -54,9 +52,7 @@ def test_interreflection_is_drawn_only_where_it_is_named():
     drawn = {draw_effect(generator, cornell_box(), BANDS).id for _ in range(300)}
     assert "interreflection" not in drawn
     assert {"gloss", "haze", "fluorescence", "rough-diffuse", "ambient-light"} <= drawn
-    assert draw_effect(generator, cornell_box(), BANDS, ("interreflection",)).values == {
-        "max_bounces": np.inf
-    }
+    assert draw_effect(generator, cornell_box(), BANDS, ("interreflection",)).values == {"max_bounces": np.inf}
 
 
 def test_laboratories_vary_by_seed_and_repeat():

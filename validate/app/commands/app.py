@@ -85,9 +85,7 @@ def _require_letters(arguments: Sequence[str]) -> None:
         if any("\ud800" <= letter <= "\udfff" for letter in name):
             encoding = sys.getfilesystemencoding()
             found = f"bytes that are no letters in the locale's encoding, {encoding}"
-            raise InputError(
-                name, found, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file."
-            )
+            raise InputError(name, found, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file.")
 
 
 def _report_fault(error: Exception) -> None:
@@ -98,9 +96,7 @@ def _report_fault(error: Exception) -> None:
     with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as trace:
         trace.write(f"cbox {' '.join(sys.argv[1:])}\n\n")
         traceback.print_exception(error, file=trace)
-    message = (
-        f"{type(error).__name__}: {str(error)[:200]}. This is a fault of the program: please send {name}"
-    )
+    message = f"{type(error).__name__}: {str(error)[:200]}. This is a fault of the program: please send {name}"
     errors.print(Text.assemble(("fault: ", "bold red"), message), soft_wrap=True)
     sys.exit(3)
 

@@ -65,16 +65,22 @@ _RESULTS = {
 
 
 def batch(
-    folder: Annotated[Path, typer.Argument(help="A folder; every folder below it with a capture.toml is a capture.",
-                                           show_default=False)],
+    folder: Annotated[
+        Path,
+        typer.Argument(help="A folder; every folder below it with a capture.toml is a capture.", show_default=False),
+    ],
     *,
-    out: Annotated[Path, typer.Option(help="Folder for the results, one folder for each capture, and for summary.csv.",
-                                      show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for the results, one folder for each capture, and for summary.csv.", show_default=False
+        ),
+    ],
     what: Annotated[What, typer.Option(help="The command that each capture is given to.")] = What.DIAGNOSE,
     model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
     jobs: Annotated[int, typer.Option(help="Captures at the same time.", min=1, max=64)] = 1,
     json: JsonOption = None,
-) -> None:  # fmt: skip
+) -> None:
     """Calibrate, validate or diagnose many captures, each in a process of its own, with one summary.
 
     The same command again goes on: a capture whose inputs and results are those of its manifest is not computed again.

@@ -63,9 +63,7 @@ _DECLARED = (
     "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
     "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated."
 )
-DeclareOption = Annotated[
-    list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)
-]
+DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
 DeclarePairOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -88,9 +86,7 @@ def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()])
     """
     from cboxlab.rendering.files import DECLARABLE, DeclaredPair
 
-    keys = f"{', '.join(DECLARABLE)}" + (
-        f", and {' or '.join(f'{s}:' for s in sides)} before it" if sides else ""
-    )
+    keys = f"{', '.join(DECLARABLE)}" + (f", and {' or '.join(f'{s}:' for s in sides)} before it" if sides else "")
     values: dict[str, dict[str, str]] = {name: {} for name in ("", *sides)}
     for text in declare or ():
         start, equals, value = (part.strip() for part in text.partition("="))
@@ -185,9 +181,7 @@ def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
         if stated is not None and capture.scene is None:
             manifest = capture.folder / "capture.toml"
             errors.print(
-                Text(
-                    f'{manifest}: scene is "{stated}", the model "{found.scene}". Give the box with --model.'
-                ),
+                Text(f'{manifest}: scene is "{stated}", the model "{found.scene}". Give the box with --model.'),
                 soft_wrap=True,
             )
     return found
@@ -251,11 +245,6 @@ def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]
             values = np.array([float(part) for part in text.split(",")])
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(option, repr(text), expected) from None
-    if (
-        not np.all(np.isfinite(values))
-        or values[0] <= 0
-        or np.any(np.diff(values) <= 0)
-        or values.size > 2000
-    ):
+    if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0) or values.size > 2000:
         raise InputError(option, repr(text), expected)
     return np.asarray(values, np.float64)

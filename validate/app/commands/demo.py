@@ -76,11 +76,7 @@ def _raw_section(shot: RawFrame) -> ReportSection:
             "wavelengths: raw counts with the colour filter array, noise and rounding, and the picture developed from "
             "them.",
         ),
-        (
-            picture_row(
-                {"Raw counts, one colour per pixel": raw, "Demosaiced, white balanced": shot.preview()}
-            ),
-        ),
+        (picture_row({"Raw counts, one colour per pixel": raw, "Demosaiced, white balanced": shot.preview()}),),
     )
 
 
@@ -106,9 +102,7 @@ def _tell(result: Validation) -> None:
 def _other_camera(result: Validation) -> RawFrame:
     """A simulated raw frame of the rendered light by a Kodak DCS-200 at the same position."""
     image = result.image
-    coarse = replace(
-        image, spectra=image.spectra[:, ::CUBE_STEP_NM], wavelength_nm=image.wavelength_nm[::CUBE_STEP_NM]
-    )
+    coarse = replace(image, spectra=image.spectra[:, ::CUBE_STEP_NM], wavelength_nm=image.wavelength_nm[::CUBE_STEP_NM])
     cube = coarse.cube()
     # estimates below zero: the picture's mean over batches has no standard error by which they could be judged
     return simulate(cube.assign(radiance=cube.radiance.clip(min=0)), "dcs200", seed=result.model.render.seed)

@@ -77,8 +77,9 @@ def diagnose(
 def studio(
     capture: Annotated[
         Path | None,
-        typer.Argument(help="A folder of the capture format, or of a saved study; others open from the page.",
-                       show_default=False),
+        typer.Argument(
+            help="A folder of the capture format, or of a saved study; others open from the page.", show_default=False
+        ),
     ] = None,
     *,
     model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
@@ -90,7 +91,7 @@ def studio(
     no_token: Annotated[bool, typer.Option("--no-token", help="Answer anyone who can reach the address.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address, open no browser.")] = False,
     no_cache: NoCacheOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Compare, move effects and see the error follow, live in the browser."""
     from cboxlab.rendering.device import variant
 
@@ -106,14 +107,15 @@ def studio(
     if not folder.is_dir():
         raise InputError("--folder", f"'{folder}'", "a folder that is there")
     if capture is not None and not ((capture / "capture.toml").exists() or (capture / "study.json").exists()):
-        raise InputError(
-            capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's"
-        )
+        raise InputError(capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's")
     variant.require_compiled("cbox studio")
     bench = Workbench(folder.resolve(), None if no_cache else default_cache())
     serve(
         bench,
         None if capture is None else lambda progress: bench.open(capture, model, progress),
         lambda address: say(f"The workbench: {address}\nCtrl-C ends it."),
-        host=host, port=port, token=not no_token, browser=not no_browser,
-    )  # fmt: skip
+        host=host,
+        port=port,
+        token=not no_token,
+        browser=not no_browser,
+    )

@@ -65,9 +65,7 @@ def write_effect_picture(path: Path, effect: Effect, predictor: Predictor, dpi: 
     change = 100 * (altered / np.where(dark, 1.0, base) - 1)
     change[dark] = np.nan
     order = np.argsort(predictor.effective_nm)
-    told = ", ".join(
-        f"{k} = {v if isinstance(v, str) else format(v, 'g')}" for k, v in applied.values.items()
-    )
+    told = ", ".join(f"{k} = {v if isinstance(v, str) else format(v, 'g')}" for k, v in applied.values.items())
     reach = max(float(np.nanpercentile(np.abs(change), 98)), 1e-6)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(2.0 * len(bands), 2.9), layout="constrained")

@@ -63,14 +63,10 @@ def render(
     model: ModelArgument,
     out: Annotated[
         Path,
-        typer.Option(
-            help="The cube: .nc (with standard errors), .exr, .hdr (ENVI) or .png.", show_default=False
-        ),
+        typer.Option(help="The cube: .nc (with standard errors), .exr, .hdr (ENVI) or .png.", show_default=False),
     ],
     *,
-    at: Annotated[
-        str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")
-    ] = "400:700:10",
+    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = "400:700:10",
     size: Annotated[
         int, typer.Option(help="Pixels per side, for the published camera.", min=2, max=LARGEST_SIZE)
     ] = 256,
@@ -86,9 +82,7 @@ def render(
     percentile: Annotated[
         float, typer.Option(help="Percentile of the pixels' errors to which --noise applies.", min=1, max=100)
     ] = 50.0,
-    samples: Annotated[
-        int | None, typer.Option(help="Samples per pixel and batch, instead of --noise.", min=1)
-    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Samples per pixel and batch, instead of --noise.", min=1)] = None,
     seed: Annotated[
         int | None, typer.Option(help="Seed of the random numbers; default that of the model.", min=0)
     ] = None,
@@ -141,15 +135,25 @@ def render(
 def _print_photometry(light: Photometry) -> None:
     table = data_table(
         f"Luminance {light.range_text} (CIE 1931), on whole pixels",
-        "surface", "cd/m²", "x", "y", "± x, y", "px", "lx",
-    )  # fmt: skip
+        "surface",
+        "cd/m²",
+        "x",
+        "y",
+        "± x, y",
+        "px",
+        "lx",
+    )
     rows = [(name, part, light.illuminance(name)) for name, part in light.surfaces.items()]
     for name, part, lx in [*rows, ("lamp", light.lamp, math.nan), ("whole picture", light.picture, math.nan)]:
         sigma = float(part.chromaticity_sigma.max())
         table.add_row(
-            name, _with_error(part.luminance, part.luminance_sigma), *(_shown(v, ".4f") for v in part.chromaticity),
-            _shown(sigma, ".5f"), str(part.pixels), _shown(lx, ".4g"),
-        )  # fmt: skip
+            name,
+            _with_error(part.luminance, part.luminance_sigma),
+            *(_shown(v, ".4f") for v in part.chromaticity),
+            _shown(sigma, ".5f"),
+            str(part.pixels),
+            _shown(lx, ".4g"),
+        )
     print_table(table)
 
 
@@ -176,9 +180,7 @@ def capture(
     size: Annotated[int, typer.Option(help="Pixels per side.", min=16, max=1024)] = 128,
     camera: Annotated[
         Path | None,
-        typer.Option(
-            help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."
-        ),
+        typer.Option(help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of camera and noise; default random.", min=0)] = None,
     noise: Annotated[str, typer.Option(help="Relative standard error of the render, median.")] = "0.1%",
@@ -230,10 +232,15 @@ def capture(
         with bar("rendering") as report:
             inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
             excess = write_model_capture(
-                temporary, replace(chosen, effects=tuple(inside)), true_camera, settings, number,
-                relative_error=error, progress=report,
+                temporary,
+                replace(chosen, effects=tuple(inside)),
+                true_camera,
+                settings,
+                number,
+                relative_error=error,
+                progress=report,
                 box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
-            )  # fmt: skip
+            )
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, chosen.effects, generator) if hide else ""
@@ -260,9 +267,14 @@ def capture(
 
 
 def _drawn(
-    model: Model, names: tuple[str, ...], strength: str | None, generator: np.random.Generator, camera: Camera,
-    settings: CaptureSettings, seed: int,
-) -> AppliedEffect:  # fmt: skip
+    model: Model,
+    names: tuple[str, ...],
+    strength: str | None,
+    generator: np.random.Generator,
+    camera: Camera,
+    settings: CaptureSettings,
+    seed: int,
+) -> AppliedEffect:
     """A random effect of the requested strength. Raises InputError if the named effects cannot have it."""
     from ...synthetic import STRENGTHS, at_strength, draw_effect, photographed_scene, scale_of
 
@@ -279,16 +291,12 @@ def _drawn(
             if found is not None:
                 return found
             first = draw_effect(generator, scene, bands, names)
-    raise InputError(
-        "--strength", f"'{strength}', which {first.id} does not reach", "a weaker one, or another effect"
-    )
+    raise InputError("--strength", f"'{strength}', which {first.id} does not reach", "a weaker one, or another effect")
 
 
 def reveal(
     folder: Annotated[Path, typer.Argument(help="A capture made with --hide.", show_default=False)],
-    diagnosis: Annotated[
-        Path | None, typer.Option(help="File of `cbox diagnose --json`, to be scored.")
-    ] = None,
+    diagnosis: Annotated[Path | None, typer.Option(help="File of `cbox diagnose --json`, to be scored.")] = None,
     expected_hash: Annotated[
         str | None,
         typer.Option(
@@ -312,13 +320,17 @@ def reveal(
     if expected_hash is not None and expected_hash.strip().lower() != answer.sha256:
         errors.print(
             f"{folder}: the seal has the hash {answer.sha256}, not {expected_hash}: another answer was sealed since",
-            markup=False, highlight=False, soft_wrap=True,
-        )  # fmt: skip
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
         raise typer.Exit(1)
     say(f"The seal's hash: {answer.sha256}")
     if expected_hash is None:
-        say("Capture and answer are those of this seal. Whether it is the first one is not checked: give --hash, "
-            "the hash told when the capture was sealed.")  # fmt: skip
+        say(
+            "Capture and answer are those of this seal. Whether it is the first one is not checked: give --hash, "
+            "the hash told when the capture was sealed."
+        )
     else:
         say("It is the one told: capture and answer are unchanged since then.")
     if not answer.effects:
@@ -345,9 +357,7 @@ def _print_answer(answer: Answer, result: Score | None) -> None:
     for index, (name, parameters) in enumerate(answer.effects):
         cells = [
             name,
-            ", ".join(
-                f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in parameters.items()
-            ),
+            ", ".join(f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in parameters.items()),
         ]
         if result is not None:
             row = result.effects[index]

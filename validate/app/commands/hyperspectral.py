@@ -76,9 +76,17 @@ def hyperspectral(
     _print_bands(found)
     for note in dict.fromkeys((*noise.notes, *bands.notes, *found.notes)):
         say(f"• {note}")
-    give_json(json, {"cube": out, "bands": list(found.bands), "wavelength_nm": found.cube["wavelength"].values.tolist(),
-                     "scale": found.scale.tolist(), "scale_relative_sigma": found.scale_relative_sigma.tolist(),
-                     "notes": list(found.notes)})  # fmt: skip
+    give_json(
+        json,
+        {
+            "cube": out,
+            "bands": list(found.bands),
+            "wavelength_nm": found.cube["wavelength"].values.tolist(),
+            "scale": found.scale.tolist(),
+            "scale_relative_sigma": found.scale_relative_sigma.tolist(),
+            "notes": list(found.notes),
+        },
+    )
     say(f"Cube: {out} ({len(found.bands)} bands, {int(inside.sum())} pixels of the region)")
 
 
@@ -94,17 +102,34 @@ def _reading(reference: str) -> Spectrum:
 
 def _print_bands(found: HyperspectralCube) -> None:
     table = data_table(
-        f"Bands, registered to {found.cube.attrs['registered_to']}", "band", "nm", "L per DN", "± 1 σ, %",
-        "u, px", "v, px", "size", "correlation",
-    )  # fmt: skip
+        f"Bands, registered to {found.cube.attrs['registered_to']}",
+        "band",
+        "nm",
+        "L per DN",
+        "± 1 σ, %",
+        "u, px",
+        "v, px",
+        "size",
+        "correlation",
+    )
     rows = zip(
-        found.bands, found.cube["wavelength"].values, found.scale, found.scale_relative_sigma,
-        found.registrations, strict=True,
-    )  # fmt: skip
+        found.bands,
+        found.cube["wavelength"].values,
+        found.scale,
+        found.scale_relative_sigma,
+        found.registrations,
+        strict=True,
+    )
     for band, wavelength, scale, sigma, moved in rows:
         shift = np.round(moved.shift_px, 2) + 0.0
         table.add_row(
-            band, f"{wavelength:.1f}", f"{scale:.4g}", f"{100 * sigma:.2f}", f"{shift[0]:+.2f}", f"{shift[1]:+.2f}",
-            f"{moved.magnification:.4f}", f"{moved.correlation:.3f}",
-        )  # fmt: skip
+            band,
+            f"{wavelength:.1f}",
+            f"{scale:.4g}",
+            f"{100 * sigma:.2f}",
+            f"{shift[0]:+.2f}",
+            f"{shift[1]:+.2f}",
+            f"{moved.magnification:.4f}",
+            f"{moved.correlation:.3f}",
+        )
     print_table(table)

@@ -39,9 +39,7 @@ CaptureFolder = Annotated[
 
 RenderOption = Annotated[
     Path | None,
-    typer.Option(
-        help="Spectral cube of another renderer (.nc, .exr, .hdr), with the capture's calibrated camera."
-    ),
+    typer.Option(help="Spectral cube of another renderer (.nc, .exr, .hdr), with the capture's calibrated camera."),
 ]
 NoCacheOption = Annotated[
     bool, typer.Option("--no-cache", help="Do not use or write rendered pictures in the user's cache folder.")
@@ -66,9 +64,7 @@ def validate(
         Path | None,
         typer.Option(help="Model or scene file (TOML); default the capture's scene."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path(
-        "validation"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path("validation"),
     render: RenderOption = None,
     no_cache: NoCacheOption = False,
     declare: DeclareOption = None,
@@ -108,9 +104,7 @@ def calibrate(
     ] = False,
     reference_uncertainty: Annotated[
         float,
-        typer.Option(
-            help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0
-        ),
+        typer.Option(help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0),
     ] = 0.0,
     json: JsonOption = None,
 ) -> None:
@@ -144,24 +138,26 @@ def _refine_geometry(calibration: Calibration, out: Path) -> Path:
     camera, errors = refine_geometry(calibration)
     write_geometry(camera, errors, out)
     table = data_table(
-        "Geometry from edges: photograph minus model", "object", "x, mm", "y, mm", "z, mm", "samples",
-        "rms, px", "rms after fit, px",
-    )  # fmt: skip
+        "Geometry from edges: photograph minus model",
+        "object",
+        "x, mm",
+        "y, mm",
+        "z, mm",
+        "samples",
+        "rms, px",
+        "rms after fit, px",
+    )
     for error in errors:
         sigma = error.covariance.diagonal() ** 0.5
         pairs = zip(error.shift_mm, sigma, strict=True)
         shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "fixed" for shift, one in pairs]
         rms = [f"{value:.3f}" for value in (error.rms_before_px, error.rms_after_px)]
-        cells = (
-            [*shifts, str(error.samples), *rms] if error.known else ["–"] * 3 + [str(error.samples), "–", "–"]
-        )
+        cells = [*shifts, str(error.samples), *rms] if error.known else ["–"] * 3 + [str(error.samples), "–", "–"]
         table.add_row(error.name, *cells)
     print_table(table)
     for error in errors:
         if not error.known:
-            say(
-                f"• {error.name}: {error.samples} samples along its edges are too few to tell where it stands"
-            )
+            say(f"• {error.name}: {error.samples} samples along its edges are too few to tell where it stands")
     say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
     return out / "geometry.json"
 
@@ -174,9 +170,7 @@ def _write_first_manifest(folder: Path, json: Path | None) -> None:
     say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
     _print_missing("Missing. Every command refuses the capture until these are there:", first, required=True)
     _print_missing("Can be added, and is then used:", first, required=False)
-    give_json(
-        json, {"manifest": first.path, "tables": first.tables, "missing": [asdict(k) for k in first.missing]}
-    )
+    give_json(json, {"manifest": first.path, "tables": first.tables, "missing": [asdict(k) for k in first.missing]})
 
 
 def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:
@@ -202,9 +196,14 @@ def _print_calibration(calibration: Calibration) -> None:
     print_table(table)
     if calibration.colour is not None:
         errors = data_table(
-            "Filter weights: rms error, mean and largest colour difference", "weights", "X, %", "Y, %", "Z, %",
-            "ΔE*ab", "CIEDE2000",
-        )  # fmt: skip
+            "Filter weights: rms error, mean and largest colour difference",
+            "weights",
+            "X, %",
+            "Y, %",
+            "Z, %",
+            "ΔE*ab",
+            "CIEDE2000",
+        )
         for method in colour_rows(calibration.colour):
             errors.add_row(*method)
         print_table(errors)
@@ -219,9 +218,7 @@ def _print_calibration(calibration: Calibration) -> None:
 def compare(
     a: Annotated[
         Path,
-        typer.Argument(
-            help="Cube or picture (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False
-        ),
+        typer.Argument(help="Cube or picture (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False),
     ],
     b: Annotated[Path, typer.Argument(help="The reference, of the same kind.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
@@ -262,8 +259,14 @@ def _shown_percent(difference: float) -> str:
 def _print_comparison(comparison: StackComparison) -> None:
     table = data_table(
         f"{comparison.first.source.name} against {comparison.second.source.name}, in {comparison.first.unit}",
-        "plane", "mean A", "mean B", "mean difference, %", "rms, %", "pixels", "χ²/pixel",
-    )  # fmt: skip
+        "plane",
+        "mean A",
+        "mean B",
+        "mean difference, %",
+        "rms, %",
+        "pixels",
+        "χ²/pixel",
+    )
     for row in comparison.rows:
         table.add_row(
             row.name,
@@ -279,9 +282,7 @@ def _print_comparison(comparison: StackComparison) -> None:
     if comparison.means:
         means = data_table(f"Means over {summed}, (A - B) / B", "part", "difference, %", "± %", "pixels")
         for mean in comparison.means:
-            means.add_row(
-                mean.name, _shown_percent(mean.difference), f"{100 * mean.sigma:.3f}", str(mean.pixels)
-            )
+            means.add_row(mean.name, _shown_percent(mean.difference), f"{100 * mean.sigma:.3f}", str(mean.pixels))
         print_table(means)
     worst = data_table("Worst pixels", "plane", "x", "y", "A", "B", comparison.worst_measure)
     for pixel in comparison.worst:

@@ -35,9 +35,7 @@ def complete_effect(incomplete: str) -> list[str]:
 
 
 def add(
-    model: Annotated[
-        Path, typer.Argument(help="Model file (TOML); created if it does not exist.", show_default=False)
-    ],
+    model: Annotated[Path, typer.Argument(help="Model file (TOML); created if it does not exist.", show_default=False)],
     effect: Annotated[
         str,
         typer.Argument(
@@ -53,9 +51,7 @@ def add(
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(
-            help="Scene file or packaged scene of a model that is created; with --fit default the capture's."
-        ),
+        typer.Option(help="Scene file or packaged scene of a model that is created; with --fit default the capture's."),
     ] = None,
     json: JsonOption = None,
 ) -> None:
@@ -91,9 +87,11 @@ def add(
     with _alone(model.parent):
         if _content(model) != found:
             raise InputError(
-                model, "another content than when the command began", "a model that nothing else changes",
+                model,
+                "another content than when the command began",
+                "a model that nothing else changes",
                 "Run it again.",
-            )  # fmt: skip
+            )
         write_model(model, grown)
     shown = ", ".join(
         f"{key} = {value if isinstance(value, str) else format(value, '.5g')}"
@@ -156,9 +154,7 @@ def _print_list(known: Mapping[str, Effect]) -> None:
     width = max(len(name) for name in known)
     for stage in STAGES:
         for index, effect in enumerate(e for e in known.values() if e.stage == stage):
-            say(
-                f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.in_few_words}"
-            )
+            say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.in_few_words}")
     say("One effect with its parameters: cbox effects ID")
 
 
@@ -196,15 +192,11 @@ def effects(
 
     if new is not None or diagnosis is not None:
         if new is None or diagnosis is None or identifier is not None:
-            raise InputError(
-                "cbox effects", "one of --new and --from", "cbox effects --new NAME --from diagnosis.json"
-            )
+            raise InputError("cbox effects", "one of --new and --from", "cbox effects --new NAME --from diagnosis.json")
         _write_new(Path(f"{new.removesuffix('.toml')}.toml"), diagnosis, json)
         return
     if picture is not None and (identifier is None or picture.suffix.lower() != ".png"):
-        raise InputError(
-            "--picture", f"{picture} of {identifier or 'no effect'}", "one effect and a file '.png'"
-        )
+        raise InputError("--picture", f"{picture} of {identifier or 'no effect'}", "one effect and a file '.png'")
 
     known = catalogue()
     if identifier is None:

@@ -47,9 +47,7 @@ def regress(
     junit: Annotated[Path | None, typer.Option(help="Write the verdict as JUnit XML.")] = None,
     model: Annotated[
         str | None,
-        typer.Option(
-            help="Model file or packaged scene that the cubes show, for surfaces and for naming a change."
-        ),
+        typer.Option(help="Model file or packaged scene that the cubes show, for surfaces and for naming a change."),
     ] = None,
     camera: Annotated[
         Path | None,
@@ -57,9 +55,7 @@ def regress(
             help="A camera file (.json), or a capture folder (its camera and lamp); default the published camera."
         ),
     ] = None,
-    false_alarms: Annotated[
-        float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)
-    ] = 1e-3,
+    false_alarms: Annotated[float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)] = 1e-3,
     declare: DeclarePairOption = None,
 ) -> None:
     """Test whether a rendering algorithm changed its result. Exit code 0 same, 1 different, 2 bad input."""
@@ -104,9 +100,7 @@ def _print(outcome: Outcome) -> None:
     if not outcome.same:
         table = data_table("What decided", "pool", "difference, %", "± %", "sigmas", "detectable, %")
         for row in outcome.deciding[:_MOST_ROWS]:
-            table.add_row(
-                f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row)
-            )
+            table.add_row(f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
         print_table(table)
         for index, named in enumerate(outcome.named[:3]):
             start = "Named" if index == 0 else "or   "

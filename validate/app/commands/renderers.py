@@ -38,23 +38,15 @@ def export(
     *,
     camera: Annotated[
         Path | None,
-        typer.Option(
-            help="In place of --size: a camera file (.json), or a capture folder (its camera and lamp)."
-        ),
+        typer.Option(help="In place of --size: a camera file (.json), or a capture folder (its camera and lamp)."),
     ] = None,
     size: Annotated[
         int, typer.Option(help="Pixels per side, for the published camera.", min=2, max=LARGEST_SIZE)
     ] = 128,
-    at: Annotated[
-        str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")
-    ] = _WAVELENGTHS,
+    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = _WAVELENGTHS,
     samples: Annotated[int, typer.Option(help="Samples per pixel and batch.", min=1)] = 64,
-    batches: Annotated[
-        int, typer.Option(help="Independent runs, whose scatter gives the error.", min=2, max=64)
-    ] = 4,
-    subpixels: Annotated[
-        int, typer.Option(help="Rays of the ray file per pixel and axis.", min=1, max=16)
-    ] = 4,
+    batches: Annotated[int, typer.Option(help="Independent runs, whose scatter gives the error.", min=2, max=64)] = 4,
+    subpixels: Annotated[int, typer.Option(help="Rays of the ray file per pixel and axis.", min=1, max=16)] = 4,
 ) -> None:
     """Write a box for other renderers: neutral files, and files ready to run for each known renderer.
 
@@ -81,9 +73,7 @@ def renderers(
     *,
     chosen: Annotated[
         str,
-        typer.Option(
-            "--with", help="Renderers, joined by commas; those not installed are named and left out."
-        ),
+        typer.Option("--with", help="Renderers, joined by commas; those not installed are named and left out."),
     ] = "mitsuba,radiance,raysect",
     out: Annotated[
         Path | None, typer.Option(help="A new folder for the export, cubes, bias maps and renderers.json.")
@@ -91,12 +81,8 @@ def renderers(
     camera: Annotated[
         Path | None, typer.Option(help="In place of --size: a camera file (.json), or a capture folder.")
     ] = None,
-    size: Annotated[
-        int, typer.Option(help="Pixels per side, for the published camera.", min=16, max=1024)
-    ] = 64,
-    at: Annotated[
-        str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")
-    ] = "400:700:50",
+    size: Annotated[int, typer.Option(help="Pixels per side, for the published camera.", min=16, max=1024)] = 64,
+    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = "400:700:50",
     samples: Annotated[int, typer.Option(help="Samples per pixel and batch.", min=1)] = 256,
     collect: Annotated[
         Path | None,
@@ -115,9 +101,7 @@ def renderers(
         _references(json)
         return
     if model is None:
-        raise InputError(
-            "MODEL", "no model", "a model file or cornell-box; or --collect FOLDER, or --references"
-        )
+        raise InputError("MODEL", "no model", "a model file or cornell-box; or --collect FOLDER, or --references")
     from cboxlab.rendering.export import ExportSettings
     from cboxlab.rendering.model import load_model
 
@@ -152,9 +136,7 @@ def _names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     for name in names:
         if name not in FORMATS:
-            raise InputError(
-                "--with", f"'{name}'", f"some of {', '.join(FORMATS)}", suggestion(name, FORMATS)
-            )
+            raise InputError("--with", f"'{name}'", f"some of {', '.join(FORMATS)}", suggestion(name, FORMATS))
     return names
 
 
@@ -205,10 +187,7 @@ def _print(compared: ComparedRenderers) -> None:
     names = [judged.renderer for judged in compared.judged]
     table = data_table("Difference to our reference, % ± standard deviation", "surface", *names)
     for surface in compared.judged[0].surfaces:
-        cells = [
-            f"{100 * j.surfaces[surface][0]:+.2f} ± {100 * j.surfaces[surface][1]:.2f}"
-            for j in compared.judged
-        ]
+        cells = [f"{100 * j.surfaces[surface][0]:+.2f} ± {100 * j.surfaces[surface][1]:.2f}" for j in compared.judged]
         table.add_row(surface, *cells)
     print_table(table)
     table = data_table("By wavelength, %", "nm", *names)
@@ -217,9 +196,7 @@ def _print(compared: ComparedRenderers) -> None:
     print_table(table)
     table = data_table("Noise and time", "renderer", "error, %", "CPU s", "elapsed s", "variance × CPU s")
     for name, variance, cpu, wall in compared.costs:
-        table.add_row(
-            name, f"{100 * variance**0.5:.3g}", f"{cpu:.1f}", f"{wall:.1f}", f"{variance * cpu:.3g}"
-        )
+        table.add_row(name, f"{100 * variance**0.5:.3g}", f"{cpu:.1f}", f"{wall:.1f}", f"{variance * cpu:.3g}")
     print_table(table)
     for judged in compared.judged:
         say(f"{judged.renderer}: {judged.sentence}")

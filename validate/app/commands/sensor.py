@@ -73,9 +73,7 @@ def simulate(
     if preview is not None:
         pictures = _targets(cubes, preview, (".png",))  # type: ignore[assignment]
     if channel is not None and not out.suffix:
-        raise InputError(
-            "--channel", f"'{channel}' with a capture folder", "none: a capture takes every channel"
-        )
+        raise InputError("--channel", f"'{channel}' with a capture folder", "none: a capture takes every channel")
     if preview is not None and not out.suffix:
         raise InputError("--preview", "a picture of a capture folder", "one frame, --out .tif or .dng")
     sensor = load_camera(camera)
@@ -90,9 +88,16 @@ def simulate(
                 require_used(declared, declared_for(cube), stated_in(cube))
                 try:
                     told, record = _one(
-                        cube, path.stem, target, picture, sensor, seconds, channel, seed=seed + index,
+                        cube,
+                        path.stem,
+                        target,
+                        picture,
+                        sensor,
+                        seconds,
+                        channel,
+                        seed=seed + index,
                         inputs=[*files_of(path), Path(camera)],
-                    )  # fmt: skip
+                    )
                 except InputError as fault:
                     where = str(fault.where).replace("cube:", f"{path}:", 1)
                     raise InputError(where, fault.found, fault.expected, fault.hint) from None

@@ -29,8 +29,11 @@ def print_validation(result: Validation) -> None:
     table = data_table(
         f"{result.prepared.calibration.capture.folder.name}: (measured − rendered) / rendered, interiors, %; "
         "bands in nm",
-        "surface", *(name.removesuffix(" nm") for _, name in bands), "ΔE*ab", "χ²/dof",
-    )  # fmt: skip
+        "surface",
+        *(name.removesuffix(" nm") for _, name in bands),
+        "ΔE*ab",
+        "χ²/dof",
+    )
     for name, row in c.by_surface.items():
         table.add_row(
             name,
@@ -74,9 +77,7 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
         "Above, χ²/dof counts what the render itself may be wrong by as noise, and camera and lamp are refitted with "
         "each effect; below it counts the noise alone."
     )
-    path = data_table(
-        "Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ"
-    )
+    path = data_table("Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ")
     for step in diagnosis.path:
         c = step.comparison
         path.add_row(

@@ -33,10 +33,12 @@ _LARGEST_BODY = 1 << 16
 _IDLE_S = 1.5
 
 _HEADERS = {
-    "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
-}  # fmt: skip
+}
 
 
 def _own(name: str) -> Callable[[], str]:
@@ -201,9 +203,13 @@ class _Handlers:
 
 
 def build_app(
-    bench: Workbench, token: str, hosts: frozenset[str] | None, *, idle_s: float = _IDLE_S,
+    bench: Workbench,
+    token: str,
+    hosts: frozenset[str] | None,
+    *,
+    idle_s: float = _IDLE_S,
     begin: Callable[[Progress], None] | None = None,
-) -> Starlette:  # fmt: skip
+) -> Starlette:
     """The application under the path /token/ ("" for /).
 
     hosts : names of this machine that a request may be for, None for any. idle_s : seconds without a step of the user

@@ -72,9 +72,7 @@ class Jobs:
         Raises InputError while a long one runs that the user asked for.
         """
         if self.busy:
-            raise InputError(
-                "the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it"
-            )
+            raise InputError("the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it")
         await self.cancel()
         return await asyncio.get_running_loop().run_in_executor(self._pool, function)
 
@@ -86,14 +84,16 @@ class Jobs:
             await asyncio.wait([task])
 
     async def start(
-        self, name: str, function: Callable[[Progress], Any], done: Callable[[], Awaitable[None]], *,
+        self,
+        name: str,
+        function: Callable[[Progress], Any],
+        done: Callable[[], Awaitable[None]],
+        *,
         background: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin a long computation. done : awaited when it has succeeded. Raises InputError as ``quick`` does."""
         if self.busy:
-            raise InputError(
-                "the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it"
-            )
+            raise InputError("the workbench", "a computation that is not finished", "none", "Wait for it, or cancel it")
         await self.cancel()
         loop = asyncio.get_running_loop()
 
@@ -111,8 +111,12 @@ class Jobs:
         if self._running is not None:
             stages.tell(stage, part)
             self.told = {
-                "job": name, "stage": stage, "done": stages.done, "times": stages.times(), "background": background,
-            }  # fmt: skip
+                "job": name,
+                "stage": stage,
+                "done": stages.done,
+                "times": stages.times(),
+                "background": background,
+            }
             self.tell({"event": "progress", **self.told})
 
     async def _tick(self, stages: Stages) -> None:
@@ -124,9 +128,13 @@ class Jobs:
                 self.tell({"event": "progress", **self.told})
 
     async def _run(
-        self, name: str, function: Callable[[Progress], Any], teller: Teller, done: Callable[[], Awaitable[None]],
+        self,
+        name: str,
+        function: Callable[[Progress], Any],
+        teller: Teller,
+        done: Callable[[], Awaitable[None]],
         stages: Stages,
-    ) -> None:  # fmt: skip
+    ) -> None:
         loop, error, ticking = asyncio.get_running_loop(), "", asyncio.create_task(self._tick(stages))
         try:
             await loop.run_in_executor(self._pool, function, teller)

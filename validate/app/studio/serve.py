@@ -23,9 +23,15 @@ _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def serve(
-    bench: Workbench, begin: Callable[[Progress], None] | None, told: Callable[[str], object], *,
-    host: str = "127.0.0.1", port: int = 0, token: bool = True, browser: bool = True,
-) -> None:  # fmt: skip
+    bench: Workbench,
+    begin: Callable[[Progress], None] | None,
+    told: Callable[[str], object],
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    token: bool = True,
+    browser: bool = True,
+) -> None:
     """Serve the workbench until it is interrupted.
 
     begin : a computation to begin with. told : called with the page's address. host : 127.0.0.1, so that no other

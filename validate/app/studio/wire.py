@@ -38,17 +38,23 @@ def study_record(bench: Workbench) -> dict[str, Any]:
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
     moved = prepared.expected_camera(shown.effects).motion_px(fit.camera, prepared.scene.corners_mm)
     return {
-        "open": True, "root": str(bench.root),
+        "open": True,
+        "root": str(bench.root),
         "captures": [capture.manifest.name or capture.folder.name for capture in study.captures],
-        "capture": bench.capture, "refit": bench.refit, "model": study.model.name,
-        "rendered": prediction.exact, "improvable": bench.improvable,
-        "can_undo": study.history.can_undo, "can_redo": study.history.can_redo,
+        "capture": bench.capture,
+        "refit": bench.refit,
+        "model": study.model.name,
+        "rendered": prediction.exact,
+        "improvable": bench.improvable,
+        "can_undo": study.history.can_undo,
+        "can_redo": study.history.can_redo,
         "effects": [_applied_record(effect, bench) for effect in shown.effects],
         "chi2_per_dof": _number(prediction.chi2.per_dof),
         "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
-        "lamp_scale": fit.lamp_scale, "camera_moved_px": _number(moved),
+        "lamp_scale": fit.lamp_scale,
+        "camera_moved_px": _number(moved),
         "diagnosis": None if bench.found is None else _diagnosis_record(bench.found),
-    }  # fmt: skip
+    }
 
 
 def view(bench: Workbench) -> bytes:
@@ -74,9 +80,12 @@ def _applied_record(applied: AppliedEffect, bench: Workbench) -> dict[str, Any]:
 
 def _effect_record(effect: Effect, bench: Workbench) -> dict[str, Any]:
     return {
-        "id": effect.id, "stage": effect.stage, "summary": effect.summary, "confirm": effect.confirm,
+        "id": effect.id,
+        "stage": effect.stage,
+        "summary": effect.summary,
+        "confirm": effect.confirm,
         "parameters": [_parameter_record(p, bench) for p in effect.parameters],
-    }  # fmt: skip
+    }
 
 
 def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
@@ -94,23 +103,34 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
         reach = _REACH * p.step
         low, high = max(low, p.null_coordinate - reach), min(high, p.null_coordinate + reach)
     return {
-        "name": p.name, "choices": [], "unit": "" if p.unit == "1" else p.unit, "scale": p.scale,
-        "low": _number(p.low), "high": _number(p.high), "null": None if p.null is None else _number(p.null),
+        "name": p.name,
+        "choices": [],
+        "unit": "" if p.unit == "1" else p.unit,
+        "scale": p.scale,
+        "low": _number(p.low),
+        "high": _number(p.high),
+        "null": None if p.null is None else _number(p.null),
         "coordinate": [low, None if p.null is None else p.null_coordinate, high],
-    }  # fmt: skip
+    }
 
 
 def _diagnosis_record(found: DiagnosisResult) -> dict[str, Any]:
     diagnosis = found.diagnosis
     return {
-        "sentences": finding_sentences(diagnosis), "adequate": diagnosis.adequate,
+        "sentences": finding_sentences(diagnosis),
+        "adequate": diagnosis.adequate,
         "selected": list(diagnosis.selected),
         "ranking": [
-            {"id": entry.effect, "values": dict(entry.values), "text": ranked_values(entry),
-             "chi2_per_dof": _number(entry.chi2_per_dof), "probability": entry.probability}
+            {
+                "id": entry.effect,
+                "values": dict(entry.values),
+                "text": ranked_values(entry),
+                "chi2_per_dof": _number(entry.chi2_per_dof),
+                "probability": entry.probability,
+            }
             for entry in diagnosis.ranking[:_MOST_RANKED]
         ],
-    }  # fmt: skip
+    }
 
 
 def _number(value: float | None) -> float | str | None:

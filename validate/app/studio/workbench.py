@@ -89,9 +89,7 @@ class Workbench:
             self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
             return
         chosen = as_model(self._model(model), [folder], noise=self._noise, seed=self._seed)
-        if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [
-            folder.resolve()
-        ]:
+        if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [folder.resolve()]:
             self._begin(self._study.with_model(chosen, progress))
         else:
             self._begin(Study.open(folder, model=chosen, cache=self.cache, progress=progress))

@@ -32,10 +32,11 @@ def _keep_standard_output_clear(path: Path | None) -> Path | None:
 JsonOption = Annotated[
     Path | None,
     typer.Option(
-        "--json", help="Write what was found as JSON to this file; - for standard output.",
+        "--json",
+        help="Write what was found as JSON to this file; - for standard output.",
         callback=_keep_standard_output_clear,
     ),
-]  # fmt: skip
+]
 
 
 def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> typer.Typer:
@@ -44,8 +45,11 @@ def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> type
     Help is printed as plain text: rich markup would swallow what stands in square brackets, such as tables of a file.
     """
     app = typer.Typer(
-        help=help_text, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-    )  # fmt: skip
+        help=help_text,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
     app.callback()(_root)
     for command in commands:
         summary = inspect.cleandoc(command.__doc__ or "").partition("\n")[0]  # else it is cut to one line

@@ -51,9 +51,26 @@ errors = Console(stderr=True, markup=False, emoji=False)
 
 #: For terminals and pipes that cannot hold these signs (an ASCII or Latin-1 locale).
 _SPELLED = {
-    "²": "^2", "³": "^3", "⁻": "^-", "±": "+-", "−": "-", "–": "-", "×": "x", "≥": ">=", "≤": "<=", "•": "*",
-    "°": " deg", "χ": "chi", "σ": "sigma", "Δ": "Delta", "ρ": "rho", "μ": "u", "µ": "u", "Σ": "sum", "·": "*",
-}  # fmt: skip
+    "²": "^2",
+    "³": "^3",
+    "⁻": "^-",
+    "±": "+-",
+    "−": "-",
+    "–": "-",
+    "×": "x",
+    "≥": ">=",
+    "≤": "<=",
+    "•": "*",
+    "°": " deg",
+    "χ": "chi",
+    "σ": "sigma",
+    "Δ": "Delta",
+    "ρ": "rho",
+    "μ": "u",
+    "µ": "u",
+    "Σ": "sum",
+    "·": "*",
+}
 
 
 def _spelled(error: UnicodeError) -> tuple[str, int]:
@@ -61,10 +78,7 @@ def _spelled(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]
-    plain = (
-        _SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode()
-        for c in lacking
-    )
+    plain = (_SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking)
     return "".join(text or "?" for text in plain), error.end
 
 
@@ -115,9 +129,7 @@ def say(text: str) -> None:
 
 def data_table(title: str, *header: str) -> Table:
     """A table whose first column is text, which may be wrapped, and whose others are numbers. See ``print_table``."""
-    table = Table(
-        title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
-    )
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for index, name in enumerate(header):
         table.add_column(name, justify="right" if index else "left", no_wrap=index > 0, overflow="fold")
     return table

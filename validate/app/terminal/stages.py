@@ -42,9 +42,7 @@ class Stages:
     line : takes a line about a stage that is over, or that has lasted long. clock : seconds.
     """
 
-    def __init__(
-        self, title: str, line: Callable[[str], object], clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, title: str, line: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
         self._line, self._clock = line, clock
         self._begun = self._stage_begun = self._reminded = clock()
         self.stage, self.done = title, 0.0
@@ -89,9 +87,7 @@ def watch_stages(title: str) -> Iterator[Callable[[str, float], None]]:
     """
     terminal = errors.is_terminal and not this_run.quiet
     plain = not this_run.quiet and (not terminal or this_run.verbose)
-    stages = Stages(
-        title, lambda text: errors.print(text, highlight=False, soft_wrap=True) if plain else None
-    )
+    stages = Stages(title, lambda text: errors.print(text, highlight=False, soft_wrap=True) if plain else None)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

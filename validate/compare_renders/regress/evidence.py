@@ -86,9 +86,7 @@ class Evidence:
             left = np.abs(goal - columns @ amplitudes)
             weight = np.ones(left.size) if step == 0 else np.minimum(1.0, _HUBER / np.maximum(left, 1e-12))
             root = np.sqrt(weight)
-            amplitudes = np.asarray(
-                np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float
-            )
+            amplitudes = np.asarray(np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float)
         return Fit(amplitudes, self._left(goal - columns @ amplitudes))
 
     def _left(self, residual: NDArray[np.float64]) -> float:
@@ -115,9 +113,7 @@ def build_evidence(found: Comparison) -> Evidence:
     variances = np.stack([noise.over(row) for row in rows], axis=-1)
     inflation = noise.clustering * max(1.0, min(noise.ratio, 9.0) if np.isfinite(noise.ratio) else 1.0)
     inside = cell >= 0
-    variance = np.stack(
-        [np.bincount(cell[inside], variances[..., g][inside], cells) for g in range(groups)], axis=-1
-    )
+    variance = np.stack([np.bincount(cell[inside], variances[..., g][inside], cells) for g in range(groups)], axis=-1)
     safe = np.maximum(sums, 1e-6 * max(float(sums.max(initial=0.0)), 1e-300))
     shared = found.pooling.shared
     common = 0.0 if shared is None else _sums(shared, cell, group, cells)

@@ -30,7 +30,7 @@ _FACTORS = (
     (179.0, "179", "Radiance's photometric units taken for radiometric ones (179 lm/W)"),
     (106.857, "106.857", "division by the integral of the CIE's y in one of them"),
     (1000.0, "1000", "a unit's prefix, such as W and mW, or nm and um"),
-)  # fmt: skip
+)
 #: A factor is taken for a known one within this part of it.
 _NEAR = 3e-3
 #: A factor further from 1 is a ratio of sums.
@@ -82,9 +82,7 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     if evidence.groups > 1:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
-        factors = {
-            group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)
-        }
+        factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
         if min(factors.values()) >= 0:
             yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit.chi2, len(masks))
 
@@ -118,9 +116,7 @@ def _values(evidence: Evidence) -> Iterator[Explanation]:
         def cut(level: float) -> float:
             return exact(evidence, np.minimum(base, level)).chi2
 
-        found = minimize_scalar(
-            cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12}
-        )
+        found = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
         yield Explanation("clipped", {"largest": float(found.x)}, float(found.fun), 1)
     yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
 

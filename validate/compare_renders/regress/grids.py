@@ -49,9 +49,7 @@ def common_wavelengths(candidate: Side, baseline: Side) -> Common:
     here, there = np.nonzero(equal)
     if here.size >= _ENOUGH * min(a.size, b.size):
         left = a.size + b.size - 2 * here.size
-        notes = (
-            () if left == 0 else (f"{here.size} wavelengths in common are compared, {left} are in one only",)
-        )
+        notes = () if left == 0 else (f"{here.size} wavelengths in common are compared, {left} are in one only",)
         return Common(candidate.at(here), baseline.at(there), np.zeros(here.size), notes)
     inside = (b >= a.min()) & (b <= a.max())
     if inside.sum() < 2 or a.size < 2:

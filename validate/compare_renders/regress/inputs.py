@@ -74,8 +74,7 @@ def regress_inputs(
     """
     pair = declared if isinstance(declared, DeclaredPair) else DeclaredPair(SIDES, declared)
     sides = [
-        None if _is_model(text) else _read(text, pair.of(index))
-        for index, text in enumerate((baseline, candidate))
+        None if _is_model(text) else _read(text, pair.of(index)) for index, text in enumerate((baseline, candidate))
     ]
     used = [() if side is None else side.declared for side in sides]
     instead = [{} if side is None else side.stated for side in sides]
@@ -116,13 +115,9 @@ def regress_pictures(
     named: tuple[NamedChange, ...] = ()
     if not outcome.same:
         variants = variants or _variants(view, baseline, candidate, notes)
-        named = _mislabelled(baseline, candidate, surfaces, false_alarms) or named_changes(
-            found, variants, progress
-        )
+        named = _mislabelled(baseline, candidate, surfaces, false_alarms) or named_changes(found, variants, progress)
         if variants is None:
-            notes.append(
-                "the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named"
-            )
+            notes.append("the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named")
     return replace(outcome, named=named, notes=(*outcome.notes, *notes))
 
 
@@ -145,9 +140,7 @@ def assert_same_light(
     whole = outcome.whole
     size = as_percent(whole.difference, "the baseline", unit="%")
     lines = [f"{candidate} differs from {baseline}: mean light {size} ± {whole.sigma:.3%}"]
-    lines += [
-        f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}" for row in outcome.deciding[:5]
-    ]
+    lines += [f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}" for row in outcome.deciding[:5]]
     lines += [f"  named: {told_change(n)} ({n.probability:.2f})" for n in outcome.named[:3]]
     raise AssertionError("\n".join(lines))
 
@@ -170,9 +163,7 @@ def _read(text: str, declared: Declared) -> Side:
         done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
         if done.returncode:
             words = (done.stderr.strip() or done.stdout.strip())[-_MOST_WORDS:]
-            raise InputError(
-                text, f"it ended with {done.returncode}: {words}", "a command that writes a picture"
-            )
+            raise InputError(text, f"it ended with {done.returncode}: {words}", "a command that writes a picture")
         return replace(read_side(cube_paths(str(folder)), declared), source=text)
 
 
@@ -185,9 +176,7 @@ def _seen(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Came
     rows, columns = (size, size) if isinstance(size, int) else size
     if camera is None:
         if rows != columns:
-            raise InputError(
-                "camera", f"pictures of {columns} x {rows} px", "a camera file or a capture folder"
-            )
+            raise InputError("camera", f"pictures of {columns} x {rows} px", "a camera file or a capture folder")
         return cornell_camera(rows), None
     found, lamp = view_of(camera)
     if not isinstance(size, int) and (found.height_px, found.width_px) != (rows, columns):
@@ -202,9 +191,7 @@ def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) ->
     return View(scene, view, True)
 
 
-def _rendered(
-    text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int
-) -> Side:
+def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     chosen = load_model(text)
     scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
     own = chosen.render.seed + 7 * seed
@@ -227,22 +214,16 @@ def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[st
         return None
     off = mismatch(variants, baseline)
     if view.stated and off > _RECOGNISED:
-        notes.append(
-            f"the baseline deviates from the stated model by {off:.0%}: is it the right model and camera?"
-        )
+        notes.append(f"the baseline deviates from the stated model by {off:.0%}: is it the right model and camera?")
     if view.stated:
         return variants
     if off > _RECOGNISED:
         return None
-    notes.append(
-        f"the baseline shows the published box (within {off:.1%}), whose surfaces and light are used"
-    )
+    notes.append(f"the baseline shows the published box (within {off:.1%}), whose surfaces and light are used")
     return variants
 
 
-def _mislabelled(
-    baseline: Side, candidate: Side, surfaces: object, false_alarms: float
-) -> tuple[NamedChange, ...]:
+def _mislabelled(baseline: Side, candidate: Side, surfaces: object, false_alarms: float) -> tuple[NamedChange, ...]:
     """Wavelengths that differ between the files though the pictures, plane by plane, do not."""
     a, b = candidate.wavelength_nm, baseline.wavelength_nm
     if baseline.in_colour or a.size != b.size or np.allclose(a, b, atol=1e-3):

@@ -28,9 +28,7 @@ _FEW = 2
 _LEAST = 1e-4
 
 
-def named_changes(
-    found: Comparison, variants: Variants | None, progress: Progress = QUIET
-) -> tuple[NamedChange, ...]:
+def named_changes(found: Comparison, variants: Variants | None, progress: Progress = QUIET) -> tuple[NamedChange, ...]:
     """Best first; at least one, `unknown` where nothing fits. variants : of the scene, None where it is not known."""
     evidence = build_evidence(found)
     tried = [*from_pictures(evidence, found.common.baseline), *from_view(evidence)]

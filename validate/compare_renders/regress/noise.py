@@ -57,9 +57,7 @@ def local_range(picture: NDArray[np.float64]) -> NDArray[np.float64]:
     return maximum_filter(quiet, 3) - minimum_filter(quiet, 3)
 
 
-def smooth_variance(
-    level: NDArray[np.float64], variance: NDArray[np.float64], degrees: float
-) -> NDArray[np.float64]:
+def smooth_variance(level: NDArray[np.float64], variance: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
     """(y, x) variances as the median of their relative values in 5 x 5 pixels says; outliers do not count."""
     squared = np.maximum(level, max(1e-3 * float(level.mean()), 1e-150)) ** 2
     scale = _MEDIAN_OF_3 if degrees <= 6 else 1.0
@@ -95,9 +93,7 @@ def noise_of(
     return Noise(variance, freedom, correlation, total, clustering, ratio, estimated)
 
 
-def _correlation(
-    difference: NDArray, variance: NDArray, level: NDArray, smooth: NDArray
-) -> NDArray[np.float64] | None:
+def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth: NDArray) -> NDArray[np.float64] | None:
     """(w, w) between wavelengths, from second differences of what is left over its standard deviation."""
     count = difference.shape[-1]
     inner = minimum_filter(smooth, 3)

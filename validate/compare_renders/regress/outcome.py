@@ -97,8 +97,7 @@ class Outcome(OwnMappings):
             "equivalence_95": self.equivalence_95,
             "would_have_seen": self.would_have_seen,
             "named": [
-                {"change": n.change, "parameters": n.parameters, "probability": n.probability}
-                for n in self.named
+                {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.named
             ],
             "surfaces": {row.name: _record(row) for row in self.of_kind("surface")},
             "bands": {row.name: _record(row) for row in self.of_kind("band")},
@@ -119,10 +118,14 @@ class Outcome(OwnMappings):
 
 def _record(row: PooledMean) -> dict[str, Any]:
     return {
-        "relative_difference": row.difference, "sigma": row.sigma, "probability": row.probability,
-        "critical_probability": row.critical, "would_have_seen": row.detectable, "pixels": row.pixels,
+        "relative_difference": row.difference,
+        "sigma": row.sigma,
+        "probability": row.probability,
+        "critical_probability": row.critical,
+        "would_have_seen": row.detectable,
+        "pixels": row.pixels,
         "different": row.different,
-    }  # fmt: skip
+    }
 
 
 def _finite(value: Any) -> Any:
@@ -163,9 +166,7 @@ def write_junit(path: Path, outcome: Outcome) -> None:
     rows = [row for row in outcome.pools if row.kind != "block"]
     blocks = [row for row in outcome.of_kind("block") if row.different]
     failures = sum(row.different for row in rows) + bool(blocks)
-    suite = ET.Element(
-        "testsuite", name="cbox regress", tests=str(len(rows) + 1), failures=str(failures), errors="0"
-    )
+    suite = ET.Element("testsuite", name="cbox regress", tests=str(len(rows) + 1), failures=str(failures), errors="0")
     for row in rows:
         _case(suite, f"{row.kind}: {row.name}", [row] if row.different else [])
     _case(suite, "blocks", blocks)

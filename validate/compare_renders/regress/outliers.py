@@ -68,9 +68,7 @@ def _far(total: NDArray, ground: NDArray, widest: NDArray, degrees: float) -> ND
     left = total - ratio * ground
     sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
     spread = 1.4826 * median_filter(np.abs(left), 7, mode="nearest")
-    allowed = _SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
-        1 + np.abs(ratio)
-    )
+    allowed = _SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (1 + np.abs(ratio))
     return np.asarray((np.abs(left) > allowed) | (np.abs(ground - quiet) > allowed + quiet))
 
 
@@ -80,9 +78,7 @@ def _alone(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.bincount(groups.ravel())[groups] <= _LARGEST_GROUP
 
 
-def _around(
-    picture: NDArray, outlier: NDArray[np.bool_], rows: NDArray, columns: NDArray
-) -> NDArray[np.float64]:
+def _around(picture: NDArray, outlier: NDArray[np.bool_], rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
     """(n, w) medians of the 5 x 5 pixels around each place that are no outliers themselves; 0 where all are."""
     height, width = outlier.shape
     away = np.arange(-2, 3)

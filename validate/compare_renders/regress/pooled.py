@@ -32,8 +32,14 @@ __all__ = [
 
 #: Parts of the false-alarm rate.
 SHARES = {
-    "whole": 0.10, "even": 0.35, "surface": 0.20, "band": 0.10, "stratum": 0.05, "pattern": 0.08, "block": 0.12,
-}  # fmt: skip
+    "whole": 0.10,
+    "even": 0.35,
+    "surface": 0.20,
+    "band": 0.10,
+    "stratum": 0.05,
+    "pattern": 0.08,
+    "block": 0.12,
+}
 
 #: Relative standard deviation of any pooled mean that no noise explains: the estimators' own accuracy.
 SYSTEMATIC = 1.0e-4
@@ -139,10 +145,16 @@ def pooled_means(pooling: Pooling, names_of_bands: Sequence[str]) -> tuple[Poole
     parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
     found += [pool_of(pooling, "stratum", n, mask, ones, len(parts)) for n, mask in parts.items()]
     found += [
-        pool_of(pooling, "block", f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}",
-                strata.smooth & (strata.block == i), ones, BLOCKS**2)
+        pool_of(
+            pooling,
+            "block",
+            f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}",
+            strata.smooth & (strata.block == i),
+            ones,
+            BLOCKS**2,
+        )
         for i in range(BLOCKS**2)
-    ]  # fmt: skip
+    ]
     return (*(row for row in found if row is not None), *_even(pooling), *_patterns(pooling))
 
 
@@ -165,9 +177,7 @@ def pool_of(
     share = float(weights.sum() / weights.size)
     bound = trimmed.level[mask].sum(axis=-1)
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * share
-    allowed = (
-        float(np.mean(pooling.interpolation)) if weights.all() else float(pooling.interpolation @ weights)
-    )
+    allowed = float(np.mean(pooling.interpolation)) if weights.all() else float(pooling.interpolation @ weights)
     variance += aside**2 + (SYSTEMATIC * level) ** 2 + (allowed * level) ** 2
     if pooling.shared is not None:
         variance += float((pooling.shared[mask] @ weights).sum()) ** 2
@@ -197,9 +207,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     for number, mask in enumerate((strata.edges, strata.border, *strata.surfaces.values()), start=1):
         part[mask] = number
     body = strata.body
-    _, cell, pixels = np.unique(
-        (part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True
-    )
+    _, cell, pixels = np.unique((part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True)
     outlier, each = trimmed.outlier[body], noise.total[body]
     quiet = np.where(outlier, np.median(each), each)
     bound = trimmed.level[body].sum(axis=-1)
@@ -211,34 +219,32 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     shared = 0 * own if pooling.shared is None else pooling.shared[body].sum(axis=-1)
     sums = (bound, own, quiet, about, aside, rough, shared)
     told = (pixels >= _FEWEST) & (np.bincount(cell, bound) > 0)
-    level, difference, stated, seen, excess, unrest, common = (
-        np.bincount(cell, values)[told] for values in sums
-    )
+    level, difference, stated, seen, excess, unrest, common = (np.bincount(cell, values)[told] for values in sums)
     if level.size < _FEWEST:
         return []
     more = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
     floor = (_CELL_FLOOR * level) ** 2
     variance = np.maximum(more * stated, noise.clustering * seen) + floor
-    weight = level**2 / (
-        unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor
-    )  # of relative differences
+    weight = level**2 / (unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor)  # of relative differences
     weight = np.minimum(weight, _HEAVIEST * np.median(weight)) / level
     total = float(weight @ level)
     allowed = float(np.hypot(SYSTEMATIC, np.mean(pooling.interpolation)))
-    sigma = (
-        np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2)
-        / total
-    )
+    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / total
     return [
-        _row(pooling, "even", "weighted by precision", int(pixels[told].sum()),
-             difference=float(weight @ difference) / total, sigma=float(np.hypot(sigma, allowed)),
-             degrees=level.size - 1.0, count=1)
-    ]  # fmt: skip
+        _row(
+            pooling,
+            "even",
+            "weighted by precision",
+            int(pixels[told].sum()),
+            difference=float(weight @ difference) / total,
+            sigma=float(np.hypot(sigma, allowed)),
+            degrees=level.size - 1.0,
+            count=1,
+        )
+    ]
 
 
-def _scatter(
-    pooling: Pooling, kind: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], mean: float
-) -> float:
+def _scatter(pooling: Pooling, kind: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], mean: float) -> float:
     """Variance of the sum as the pool's own pixels tell.
 
     Their squares about the mean bound what a single pixel can do: a firefly that is not set aside makes no alarm.
@@ -254,16 +260,33 @@ def _scatter(
 
 
 def _row(
-    pooling: Pooling, kind: str, name: str, pixels: int, *, difference: float, sigma: float, degrees: float,
-    count: int, unit: str = "1",
-) -> PooledMean:  # fmt: skip
+    pooling: Pooling,
+    kind: str,
+    name: str,
+    pixels: int,
+    *,
+    difference: float,
+    sigma: float,
+    degrees: float,
+    count: int,
+    unit: str = "1",
+) -> PooledMean:
     critical = pooling.false_alarms * SHARES[kind] / count
     statistic = difference / sigma
     threshold = float(t.isf(critical / 2, degrees))
     return PooledMean(
-        kind, name, pixels, difference, sigma, degrees, statistic, float(2 * t.sf(abs(statistic), degrees)), critical,
-        (threshold + float(norm.ppf(_POWER))) * sigma, unit,
-    )  # fmt: skip
+        kind,
+        name,
+        pixels,
+        difference,
+        sigma,
+        degrees,
+        statistic,
+        float(2 * t.sf(abs(statistic), degrees)),
+        critical,
+        (threshold + float(norm.ppf(_POWER))) * sigma,
+        unit,
+    )
 
 
 def _patterns(pooling: Pooling) -> list[PooledMean]:
@@ -291,10 +314,12 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
     patterns = (
-        ("shift x", -right, "px", 0.0), ("shift y", -down, "px", 0.0),
-        ("magnification", -(right * x + down * y), "px", 0.0), ("turn", right * y - down * x, "px", 0.0),
+        ("shift x", -right, "px", 0.0),
+        ("shift y", -down, "px", 0.0),
+        ("magnification", -(right * x + down * y), "px", 0.0),
+        ("turn", right * y - down * x, "px", 0.0),
         ("blur", -curved / 2, "px^2", _SHARP),
-    )  # fmt: skip
+    )
     found = []
     for name, slope, unit, clear in patterns:
         where = places & (np.abs(slope) > clear * span)

@@ -123,10 +123,13 @@ def _in_colour(side: Side) -> Side:
     error = None if side.variance is None else np.sqrt(side.variance) @ np.abs(weights)
     low, high = np.clip(side.wavelength_nm[[0, -1]], *OBSERVER_RANGE_NM)
     return replace(
-        side, wavelength_nm=np.full(3, np.nan), radiance=side.radiance @ weights, in_colour=True,
+        side,
+        wavelength_nm=np.full(3, np.nan),
+        radiance=side.radiance @ weights,
+        in_colour=True,
         variance=None if error is None else error**2,
         notes=(*side.notes, f"{side.source}: compared in X, Y, Z over {low:g} to {high:g} nm; Y is luminance"),
-    )  # fmt: skip
+    )
 
 
 def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
@@ -154,10 +157,14 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
     notes = [note for side in sides for note in side.notes if "standard error" not in note]
     coarse = [side.rounding for side in sides if side.rounding is not None]
     return replace(
-        first, source=", ".join(side.source for side in sides), radiance=stack.mean(axis=0), variance=variance,
-        degrees=degrees, notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
+        first,
+        source=", ".join(side.source for side in sides),
+        radiance=stack.mean(axis=0),
+        variance=variance,
+        degrees=degrees,
+        notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
         rounding=np.sum(coarse, axis=0) / count if coarse else None,
-    )  # fmt: skip
+    )
 
 
 def _one(cube: xr.Dataset, source: str) -> Side:
@@ -167,9 +174,7 @@ def _one(cube: xr.Dataset, source: str) -> Side:
     bad = ~np.isfinite(radiance)
     if bad.any():
         row, column, _ = (int(i[0]) for i in np.nonzero(bad))
-        found = (
-            f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
-        )
+        found = f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
         raise InputError(f"{source}: radiance", found, "a finite radiance in every pixel and wavelength")
     notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]
     variance, degrees = None, 0.0
@@ -187,10 +192,19 @@ def _one(cube: xr.Dataset, source: str) -> Side:
         notes.append(f"{source}: no standard error; noise is estimated inside smooth parts of the picture")
     wavelength = np.full(3, np.nan) if in_colour else ordered["wavelength"].values.astype(np.float64)
     return Side(
-        source, wavelength, radiance, variance, degrees, _surfaces(ordered), tuple(notes), in_colour,
-        declared_for(cube), _camera(cube, *radiance.shape[:2]), _rounding(ordered),
+        source,
+        wavelength,
+        radiance,
+        variance,
+        degrees,
+        _surfaces(ordered),
+        tuple(notes),
+        in_colour,
+        declared_for(cube),
+        _camera(cube, *radiance.shape[:2]),
+        _rounding(ordered),
         stated_in(cube),
-    )  # fmt: skip
+    )
 
 
 def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:

@@ -63,13 +63,12 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
     border[[0, -1], :] = border[:, [0, -1]] = True
     smooth = used & ~lamp & ~edges & ~border
     if surfaces is not None:
-        names = {
-            n: (index == i) & smooth for i, n in enumerate(surfaces.names) if ((index == i) & smooth).any()
-        }
+        names = {n: (index == i) & smooth for i, n in enumerate(surfaces.names) if ((index == i) & smooth).any()}
     rows, columns = (np.arange(size) * BLOCKS // size for size in level.shape)
     block = rows[:, None] * BLOCKS + columns
-    return Strata(used, lamp, used & ~lamp & edges & ~border, border & used & ~lamp, smooth, names, block,
-                  surfaces is not None)  # fmt: skip
+    return Strata(
+        used, lamp, used & ~lamp & edges & ~border, border & used & ~lamp, smooth, names, block, surfaces is not None
+    )
 
 
 def _sharp(quiet: NDArray, span: NDArray, level: NDArray) -> NDArray[np.bool_]:

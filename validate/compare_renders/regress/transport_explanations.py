@@ -59,9 +59,7 @@ def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Ite
                 kept = kept + light * survival ** max(reflections - spared, 0)
             picture = np.where(variants.light.seen_lamps > 0, variants.picture, kept)
             chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
-            yield Explanation(
-                "path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, chi2, 2
-            )
+            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, chi2, 2)
 
 
 def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
@@ -69,8 +67,7 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
     light, transport = variants.light, variants.light.transport
     materials, surfaces = list(variants.scene.materials), [s.name for s in variants.scene.surfaces]
     choices = [
-        ("material", n, i, transport.light.patches.material, transport.material)
-        for i, n in enumerate(materials)
+        ("material", n, i, transport.light.patches.material, transport.material) for i, n in enumerate(materials)
     ]
     choices += [("surface", n, i, variants.patch_surface, transport.surface) for i, n in enumerate(surfaces)]
     walls = {name: [s.name for s in variants.scene.surfaces if s.material == name] for name in materials}
@@ -78,13 +75,9 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
         if kind == "surface" and len(walls[variants.scene.surfaces[number].material]) == 1:
             continue
 
-        def picture(
-            factor: float, n: int = number, p: NDArray = of_patch, f: NDArray = of_fragment
-        ) -> NDArray:
+        def picture(factor: float, n: int = number, p: NDArray = of_patch, f: NDArray = of_fragment) -> NDArray:
             by_patch, by_fragment = (np.where(own == n, factor, 1.0)[:, None] for own in (p, f))
-            return variants.with_paints(
-                light.patch_reflectance * by_patch, light.fragment_reflectance * by_fragment
-            )
+            return variants.with_paints(light.patch_reflectance * by_patch, light.fragment_reflectance * by_fragment)
 
         most = _BRIGHTEST / float(light.patch_reflectance[of_patch == number].max())
         if most <= 1 + _PAINT_STEP:
@@ -103,9 +96,7 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
         if kind == "material" and evidence.groups > 1:
             masks = [evidence.group == g for g in range(evidence.groups)]
             fit = evidence.fit([step * mask for mask in masks])
-            factors = {
-                group_name(variants.side, m): 1 + float(a) for m, a in zip(masks, fit.amplitudes, strict=True)
-            }
+            factors = {group_name(variants.side, m): 1 + float(a) for m, a in zip(masks, fit.amplitudes, strict=True)}
             yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit.chi2, len(masks))
 
 
@@ -194,9 +185,7 @@ def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation
         for sign in (1.0, -1.0):
             there = at + sign * off
             slope = np.interp(there, (at[1:] + at[:-1]) / 2, np.diff(lamp) / np.diff(at))
-            light = np.maximum(
-                np.interp(there, at, lamp) + slope * (there - np.clip(there, at[0], at[-1])), 0
-            )
+            light = np.maximum(np.interp(there, at, lamp) + slope * (there - np.clip(there, at[0], at[-1])), 0)
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.where(here * lamp > 0, variants.at(there) * light / (here * lamp), 1.0)
             fit = evidence.fit([], evidence.baseline * (ratio - 1))
@@ -215,9 +204,7 @@ def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             np.where(own == number, fewer, 1.0)[:, None]
             for own in (light.transport.light.patches.material, light.transport.material)
         )
-        darker = variants.with_paints(
-            light.patch_reflectance * patches, light.fragment_reflectance * fragments
-        )
+        darker = variants.with_paints(light.patch_reflectance * patches, light.fragment_reflectance * fragments)
         diffuse = -_change(evidence, variants, darker) / _PAINT_STEP
         for roughness in _ROUGHNESSES:
             values: dict[str, str | float] = {"material": material, "specular": 1.0, "roughness": roughness}

@@ -83,9 +83,7 @@ class Variants:
         shape = height, width
         return SurfaceMap(most.reshape(shape), names, lamp.reshape(shape))
 
-    def with_paints(
-        self, patches: NDArray[np.float64], fragments: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def with_paints(self, patches: NDArray[np.float64], fragments: NDArray[np.float64]) -> NDArray[np.float64]:
         """(c, y, x) picture with other reflectances."""
         return self.light.change(patch_reflectance=patches, fragment_reflectance=fragments).picture()
 
@@ -107,9 +105,7 @@ def build_variants(scene: Scene, camera: Camera, side: Side) -> Variants:
     coarse = wavelength_nm[index]
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
     transport = build_patch_transport(build_patched_scene(scene, edge, _PATCH_SAMPLES), camera, _SAMPLES)
-    light = patch_light(
-        transport, scene, coarse, coarse, np.eye(coarse.size), np.ones(coarse.size), samples=32
-    )
+    light = patch_light(transport, scene, coarse, coarse, np.eye(coarse.size), np.ones(coarse.size), samples=32)
     return Variants(scene, camera, side, coarse, light, light.picture())
 
 
@@ -134,9 +130,11 @@ def mismatch(variants: Variants, side: Side) -> float:
     seen, model = seen[..., lit], model[..., lit] * factor
     by_surface = _ratios(seen, model, surfaces.index, inside)
     by_part = _ratios(
-        seen.sum(axis=-1, keepdims=True), model.sum(axis=-1, keepdims=True),
-        surfaces.index * 16 + block, inside,
-    )  # fmt: skip
+        seen.sum(axis=-1, keepdims=True),
+        model.sum(axis=-1, keepdims=True),
+        surfaces.index * 16 + block,
+        inside,
+    )
     return max(float(np.percentile(np.abs(ratio - 1), 90)) for ratio in (by_surface, by_part))
 
 
@@ -162,9 +160,7 @@ def _with_larger_lamp(scene: Scene, index: int, factor: float) -> Scene:
     def grown(surface: Surface) -> Surface:
         distance = np.linalg.norm(surface.vertices_mm[:, None] - lamp.vertices_mm, axis=-1).min(axis=1)
         touching = distance < _TOUCHING_MM
-        moved = np.where(
-            touching[:, None], centre + factor * (surface.vertices_mm - centre), surface.vertices_mm
-        )
+        moved = np.where(touching[:, None], centre + factor * (surface.vertices_mm - centre), surface.vertices_mm)
         return replace(surface, vertices_mm=moved) if touching.any() else surface
 
     surfaces = tuple(grown(surface) for surface in scene.surfaces)

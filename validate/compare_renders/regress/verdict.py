@@ -56,23 +56,20 @@ def compared_sides(
     if cut.outlier.any():
         noise = noise_of(cut.difference, cut.level, strata.smooth, *stated)
         quiet = np.stack(
-            [smooth_variance(cut.level[..., w], noise.variance[..., w], noise.degrees)[cut.outlier]
-             for w in range(cut.level.shape[-1])], axis=-1,
-        )  # fmt: skip
+            [
+                smooth_variance(cut.level[..., w], noise.variance[..., w], noise.degrees)[cut.outlier]
+                for w in range(cut.level.shape[-1])
+            ],
+            axis=-1,
+        )
         variance = noise.variance.copy()
         variance[cut.outlier] = quiet
         noise = replace(noise, variance=variance)
         noise = replace(noise, total=noise.over(np.ones(variance.shape[-1])))
     before = cut.level.sum(axis=-1)
     quieter = quieter_part(before, before + cut.difference.sum(axis=-1), strata.smooth)
-    roughness = (
-        None
-        if a.variance is None or b.variance is None
-        else roughness_of(b.variance, a.variance, strata.body)
-    )
-    pooling = Pooling(
-        cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, np.sqrt(shared)
-    )
+    roughness = None if a.variance is None or b.variance is None else roughness_of(b.variance, a.variance, strata.body)
+    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, np.sqrt(shared))
     return Comparison(common, strata, noise, cut, pooling)
 
 
@@ -83,9 +80,7 @@ def regress_sides(
     found = compared_sides(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(found.pooling, found.common.baseline.bands)
     if not pools or pools[0].kind != "whole":
-        raise InputError(
-            baseline.source, "a picture without light, or of a few pixels", "a picture of a lit scene"
-        )
+        raise InputError(baseline.source, "a picture without light, or of a few pixels", "a picture of a lit scene")
     body = found.strata.body
     level = float(found.trimmed.level[body].sum())
     notes = [
@@ -119,9 +114,7 @@ def _remarks(found: Comparison) -> list[str]:
         )
     ratio = found.noise.ratio
     if np.isfinite(ratio) and ratio > _TELLING and not found.noise.estimated:
-        notes.append(
-            f"neighbouring pixels scatter {np.sqrt(ratio):.2g} times as much as the standard errors say"
-        )
+        notes.append(f"neighbouring pixels scatter {np.sqrt(ratio):.2g} times as much as the standard errors say")
     if found.noise.clustering > 1:
         notes.append(
             f"neighbouring pixels are correlated: variances of means are {found.noise.clustering:.2g} times larger"

@@ -39,8 +39,10 @@ def from_view(evidence: Evidence) -> Iterator[Explanation]:
 def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
     base = evidence.baseline
     for axis, picture in {
-        "horizontal": base[:, ::-1], "vertical": base[::-1], "both": base[::-1, ::-1],
-    }.items():  # fmt: skip
+        "horizontal": base[:, ::-1],
+        "vertical": base[::-1],
+        "both": base[::-1, ::-1],
+    }.items():
         yield Explanation("mirrored", {"axis": axis}, exact(evidence, picture).chi2, 1)
 
 

@@ -33,10 +33,15 @@ def parallel_squares(ratio: float) -> float:
     """Between equal, opposed squares, ratio = side / distance (Howell's catalogue, C-11)."""
     x = ratio
     root = np.sqrt(1 + x * x)
-    return float(2 / (np.pi * x * x) * (
-        np.log(np.sqrt((1 + x * x) ** 2 / (1 + 2 * x * x))) + 2 * x * root * np.arctan(x / root)
-        - 2 * x * np.arctan(x)
-    ))  # fmt: skip
+    return float(
+        2
+        / (np.pi * x * x)
+        * (
+            np.log(np.sqrt((1 + x * x) ** 2 / (1 + 2 * x * x)))
+            + 2 * x * root * np.arctan(x / root)
+            - 2 * x * np.arctan(x)
+        )
+    )
 
 
 def perpendicular_rectangles(h: float, w: float) -> float:
@@ -54,10 +59,13 @@ def perpendicular_rectangles(h: float, w: float) -> float:
 def corner_to_rectangle(a: float, b: float, c: float) -> float:
     """From a point to a parallel rectangle a x b at distance c, one corner straight above (Howell, B-3)."""
     x, y = a / c, b / c
-    return float((
-        x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x))
-        + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
-    ) / (2 * np.pi))  # fmt: skip
+    return float(
+        (
+            x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x))
+            + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
+        )
+        / (2 * np.pi)
+    )
 
 
 def disk_above(radius: float, distance: float) -> float:

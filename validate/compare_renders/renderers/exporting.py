@@ -20,10 +20,11 @@ def exported_model(model: Model, camera: Path | None, size_px: int, settings: Ex
     for effect in model.effects:
         if effect.stage == "transport":
             raise InputError(
-                f"effect {effect.id}", "an effect on how light is reflected or scattered",
+                f"effect {effect.id}",
+                "an effect on how light is reflected or scattered",
                 "effects on scene, camera or settings, which other renderers have too",
                 "Leave it out of the model; a spectral cube of ours can hold it.",
-            )  # fmt: skip
+            )
     view, lamp = view_of(cornell_camera(size_px) if camera is None else camera)
     scene, view, bounces = model_cube_inputs(model, view, lamp)
     return exported_scene(scene, view, settings, bounces)

@@ -76,9 +76,7 @@ class Judged(OwnMappings):
         named = self.outcome.named[0] if self.outcome.named else None
         if named is None:
             return f"different: {size}"
-        values = ", ".join(
-            f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in named.parameters.items()
-        )
+        values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in named.parameters.items())
         told = f"{named.change}{f' ({values})' if values else ''}"
         return f"different: {size}; cause: {told}, probability {named.probability:.2f}"
 
@@ -91,8 +89,7 @@ class Judged(OwnMappings):
             "surfaces": {n: {"relative_difference": d, "sigma": s} for n, (d, s) in self.surfaces.items()},
             "wavelength_nm": self.wavelength_nm.tolist(),
             "bands": {
-                n: {"relative_difference": v[:, 0].tolist(), "sigma": v[:, 1].tolist()}
-                for n, v in self.bands.items()
+                n: {"relative_difference": v[:, 0].tolist(), "sigma": v[:, 1].tolist()} for n, v in self.bands.items()
             },
             "variance": self.variance,
             "cpu_s": _finite(self.cpu_s),
@@ -106,21 +103,28 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def reference_cube(
-    exported: Exported, progress: Progress = QUIET, samples: int = REFERENCE_SAMPLES
-) -> xr.Dataset:
+def reference_cube(exported: Exported, progress: Progress = QUIET, samples: int = REFERENCE_SAMPLES) -> xr.Dataset:
     """Our own picture of the export's scene, in BATCHES batches of so many samples per pixel."""
     image = render(
-        exported.scene, exported.camera, exported.settings.wavelength_nm, samples, BATCHES,
-        max_bounces=exported.max_bounces, progress=progress,
-    )  # fmt: skip
+        exported.scene,
+        exported.camera,
+        exported.settings.wavelength_nm,
+        samples,
+        BATCHES,
+        max_bounces=exported.max_bounces,
+        progress=progress,
+    )
     return labelled_cube(image)
 
 
 def judge(
-    renderer: str, cube: xr.Dataset, reference: xr.Dataset, exported: Exported, run: Run | None = None,
+    renderer: str,
+    cube: xr.Dataset,
+    reference: xr.Dataset,
+    exported: Exported,
+    run: Run | None = None,
     progress: Progress = QUIET,
-) -> Judged:  # fmt: skip
+) -> Judged:
     """cube : what the renderer made. exported : the scene it shows (``as_rendered``). reference : our picture of that.
 
     run : its times, None where it ran elsewhere.
@@ -146,10 +150,17 @@ def judge(
         with np.errstate(divide="ignore", invalid="ignore"):
             bands[name] = np.stack([values / level, sigma / level], axis=1)
     return Judged(
-        renderer, outcome, reference["wavelength"].values, surfaces, bands, noise_of(cube, reference),
-        math.nan if run is None else run.cpu_s, math.nan if run is None else run.wall_s, outcome.relative,
+        renderer,
+        outcome,
+        reference["wavelength"].values,
+        surfaces,
+        bands,
+        noise_of(cube, reference),
+        math.nan if run is None else run.cpu_s,
+        math.nan if run is None else run.wall_s,
+        outcome.relative,
         str(cube.attrs.get(NOTES, "")),
-    )  # fmt: skip
+    )
 
 
 def noise_of(cube: xr.Dataset, reference: xr.Dataset) -> float:

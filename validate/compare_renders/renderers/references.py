@@ -85,17 +85,29 @@ def measure_references(
             means = []
             for batch in range(_BATCHES):  # each with a light field of its own
                 image = render(
-                    reference.scene, reference.camera, _NM, samples, 1, seed=seed + 101 * batch,
-                    max_bounces=reference.max_bounces, integrator=integrator,  # type: ignore[arg-type]
-                )  # fmt: skip
+                    reference.scene,
+                    reference.camera,
+                    _NM,
+                    samples,
+                    1,
+                    seed=seed + 101 * batch,
+                    max_bounces=reference.max_bounces,
+                    integrator=integrator,  # type: ignore[arg-type]
+                )
                 picture = (image.coefficients @ image.spectra)[0, ..., 0].astype(float)
                 means.append(float((picture * reference.weights).sum()))
                 progress.part((done + (index + (batch + 1) / _BATCHES) / 2) / len(chosen))
             mean, error = float(np.mean(means)), float(np.std(means, ddof=1) / np.sqrt(_BATCHES))
             found.append(
-                Measured(name, reference.aspect, "final gather" if index == 0 else "path tracer", reference.expected,
-                         mean / reference.expected - 1, error / reference.expected)
-            )  # fmt: skip
+                Measured(
+                    name,
+                    reference.aspect,
+                    "final gather" if index == 0 else "path tracer",
+                    reference.expected,
+                    mean / reference.expected - 1,
+                    error / reference.expected,
+                )
+            )
     return tuple(found)
 
 
@@ -111,9 +123,7 @@ def _scene(surfaces: list[Surface], lamp: Surface, materials: Mapping[str, Mater
     return Scene("reference", tuple(surfaces), materials or {"grey": _grey(_GREY)}, Lamp(lamp, _FLAT))
 
 
-def _facing(
-    position: ArrayLike, forward: ArrayLike, half_mm: float, distance_mm: float, size: int = _SIZE
-) -> Camera:
+def _facing(position: ArrayLike, forward: ArrayLike, half_mm: float, distance_mm: float, size: int = _SIZE) -> Camera:
     """Its image is exactly a square of 2 ``half_mm`` a side, frontal, at ``distance_mm`` in front of it."""
     z = np.asarray(forward, float)
     x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[1]) > 0.5 else [0.0, 1.0, 0.0])
@@ -143,8 +153,16 @@ def _furnace() -> Reference:
     faces.append(Surface("ceiling", "grey", *ring_mesh(ceiling, hole)))
     camera = _facing([500.0, 500.0, 50.0], [0.0, 0.0, 1.0], 500.0, 500.0)
     # where the lamp itself is seen its own radiance, also 1, counts
-    return Reference("furnace", "no light is lost or made", _scene(faces, _quad("light", hole), {"grey": _grey(1.0)}),
-                     camera, 1.0, None, (256, 8192), _even(camera))  # fmt: skip
+    return Reference(
+        "furnace",
+        "no light is lost or made",
+        _scene(faces, _quad("light", hole), {"grey": _grey(1.0)}),
+        camera,
+        1.0,
+        None,
+        (256, 8192),
+        _even(camera),
+    )
 
 
 def _polygon() -> Reference:
@@ -152,17 +170,23 @@ def _polygon() -> Reference:
     lamp = lamp - np.outer((lamp - lamp[0]) @ (n := _normal(lamp[:3])), n)  # flat
     if _normal(lamp[:3])[1] > 0:
         lamp = lamp[::-1]
-    floor = _quad(
-        "floor", np.array([[2000.0, 0, -2000], [-2000, 0, -2000], [-2000, 0, 2000], [2000, 0, 2000]])
-    )
+    floor = _quad("floor", np.array([[2000.0, 0, -2000], [-2000, 0, -2000], [-2000, 0, 2000], [2000, 0, 2000]]))
     camera = _facing([150.0, 600.0, 100.0], [0.0, -1.0, 0.0], 500.0, 600.0)
     nodes, shares = np.polynomial.legendre.leggauss(4)
     u, v = (np.arange(_SIZE)[:, None] + nodes / 2).ravel(), np.tile(shares / 2, _SIZE) / _SIZE
     rays = camera.directions(u[None, :], u[:, None])
     points = camera.position_mm - rays * (camera.position_mm[1] / rays[..., 1:2])
     expected = float(v @ point_to_polygon(points, [0.0, 1.0, 0.0], lamp) @ v)
-    return Reference("polygon lamp", "Lambert's formula, camera and reflection", _scene([floor], _quad("light", lamp)),
-                     camera, _GREY * expected, 1, (16, 16), _even(camera))  # fmt: skip
+    return Reference(
+        "polygon lamp",
+        "Lambert's formula, camera and reflection",
+        _scene([floor], _quad("light", lamp)),
+        camera,
+        _GREY * expected,
+        1,
+        (16, 16),
+        _even(camera),
+    )
 
 
 def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,15 +197,31 @@ def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def _opposed() -> Reference:
     camera = _facing([500.0, 990.0, 500.0], [0.0, -1.0, 0.0], 500.0, 990.0)
     scene = _scene([_quad("floor", _face(1, 0))], _quad("light", _face(1, 1)))
-    return Reference("parallel squares", "form factor of facing squares", scene, camera,
-                     _GREY * parallel_squares(1.0), 1, (16, 16), _even(camera))  # fmt: skip
+    return Reference(
+        "parallel squares",
+        "form factor of facing squares",
+        scene,
+        camera,
+        _GREY * parallel_squares(1.0),
+        1,
+        (16, 16),
+        _even(camera),
+    )
 
 
 def _touching() -> Reference:
     camera = _facing([990.0, 500.0, 500.0], [-1.0, 0.0, 0.0], 500.0, 990.0)
     scene = _scene([_quad("wall", _face(0, 0))], _quad("light", _face(1, 1)))
-    return Reference("perpendicular squares", "a wall that the lamp touches", scene, camera,
-                     _GREY * perpendicular_rectangles(1.0, 1.0), 1, (1024, 1024), _even(camera))  # fmt: skip
+    return Reference(
+        "perpendicular squares",
+        "a wall that the lamp touches",
+        scene,
+        camera,
+        _GREY * perpendicular_rectangles(1.0, 1.0),
+        1,
+        (1024, 1024),
+        _even(camera),
+    )
 
 
 def _disk_lamp(centre: NDArray[np.float64], towards: NDArray[np.float64], radius: float) -> Surface:
@@ -214,9 +254,7 @@ def _sphere() -> Reference:
     share = radius / distance
     centre = towards * distance * (1 - share**2)
     lamp = _disk_lamp(centre, -towards, radius * np.sqrt(1 - share**2))
-    return _spot_below(
-        lamp, "sphere", "its outline as a tilted disk", sphere_over(radius, distance, np.cos(angle))
-    )
+    return _spot_below(lamp, "sphere", "its outline as a tilted disk", sphere_over(radius, distance, np.cos(angle)))
 
 
 def _enclosure() -> Reference:
@@ -224,34 +262,47 @@ def _enclosure() -> Reference:
     faces = [_quad(name, _face(*FACES[name]), name) for name in values]
     camera = _facing([500.0, 500.0, 10.0], [0.0, 0.0, 1.0], 500.0, 990.0)
     scene = _scene(faces, _quad("light", _face(1, 1)), {name: _grey(v, name) for name, v in values.items()})
-    return Reference("enclosure", "all reflections, against a refined radiosity solution", scene, camera,
-                     cube_radiosity(values, "ceiling")["back"], None, (256, 2048), _even(camera))  # fmt: skip
+    return Reference(
+        "enclosure",
+        "all reflections, against a refined radiosity solution",
+        scene,
+        camera,
+        cube_radiosity(values, "ceiling")["back"],
+        None,
+        (256, 2048),
+        _even(camera),
+    )
 
 
 def _geometry() -> Reference:
     """The lamp alone through a lens that distorts: its picture's area is that of its projected outline."""
     corners = np.array([[400.0, 300, 900], [250, 100, 900], [-200, 150, 700], [-250, 400, 640]])
     corners = corners - np.outer((corners - corners[0]) @ (n := _normal(corners[:3])), n)
-    camera = Camera(
-        96, 80, 90.0, np.array([50.3, 36.1]), -0.12, np.diag([-1.0, -1.0, 1.0]), np.array([20.0, 250, -50])
-    )
+    camera = Camera(96, 80, 90.0, np.array([50.3, 36.1]), -0.12, np.diag([-1.0, -1.0, 1.0]), np.array([20.0, 250, -50]))
     if _normal(corners[:3]) @ (corners[0] - camera.position_mm) > 0:
         corners = corners[::-1]
-    edges = [
-        np.linspace(a, b, 400, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
-    ]
+    edges = [np.linspace(a, b, 400, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
     outline = camera.project(np.concatenate(edges))
     after = np.roll(outline, -1, axis=0)
     area = abs(float((outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]).sum())) / 2
     floor = _quad("floor", np.array([[1.0, -9999, 0], [0, -9999, 0], [0, -9999, 1], [1, -9999, 1]]))
     scene = _scene([floor], _quad("light", corners))
-    reference = Reference("camera", "area of a projected outline, with distortion", scene, camera, area, 0,
-                          (1024, 1024), _even(camera))  # fmt: skip
+    reference = Reference(
+        "camera", "area of a projected outline, with distortion", scene, camera, area, 0, (1024, 1024), _even(camera)
+    )
     return replace(reference, weights=np.ones((camera.height_px, camera.width_px)))
 
 
 #: By name, in the order of the page.
-REFERENCES: Mapping[str, Callable[[], Reference]] = MappingProxyType({
-    "furnace": _furnace, "polygon lamp": _polygon, "parallel squares": _opposed, "perpendicular squares": _touching,
-    "disk": _disk, "sphere": _sphere, "enclosure": _enclosure, "camera": _geometry,
-})  # fmt: skip
+REFERENCES: Mapping[str, Callable[[], Reference]] = MappingProxyType(
+    {
+        "furnace": _furnace,
+        "polygon lamp": _polygon,
+        "parallel squares": _opposed,
+        "perpendicular squares": _touching,
+        "disk": _disk,
+        "sphere": _sphere,
+        "enclosure": _enclosure,
+        "camera": _geometry,
+    }
+)

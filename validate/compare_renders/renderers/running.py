@@ -89,8 +89,6 @@ def run_renderer(export: Path, renderer: str) -> Run:
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         words = (done.stderr.strip() or done.stdout.strip())[-_MOST_WORDS:]
-        raise InputError(
-            export / renderer, f"{' '.join(command)} ended with {done.returncode}: {words}", "a picture"
-        )
+        raise InputError(export / renderer, f"{' '.join(command)} ended with {done.returncode}: {words}", "a picture")
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Run(renderer, math.nan if begun else cpu, wall)

@@ -56,9 +56,11 @@ def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[st
     """
     if side.variance is None:
         raise InputError(
-            side.source, "no standard error", "a cube with standard_error, or several cubes of other seeds",
+            side.source,
+            "no standard error",
+            "a cube with standard_error, or several cubes of other seeds",
             "Without them nothing says how well its means are known.",
-        )  # fmt: skip
+        )
     body, surfaces = _places(side)
     ones = np.ones(len(side.bands))
     pools = {"whole picture": (body, ones)}
@@ -95,13 +97,13 @@ def write_reference(path: Path, reference: Reference) -> None:
     worst = max(reference.sigma, key=lambda name: reference.sigma[name])
     if reference.sigma[worst] > LARGEST_SIGMA:
         raise InputError(
-            path, f"{worst} known to {reference.sigma[worst]:.3%}", f"{LARGEST_SIGMA:.2%} or better",
+            path,
+            f"{worst} known to {reference.sigma[worst]:.3%}",
+            f"{LARGEST_SIGMA:.2%} or better",
             f"Take about {np.ceil((reference.sigma[worst] / LARGEST_SIGMA) ** 2):.0f} times the samples.",
-        )  # fmt: skip
-    with replacing(path) as temporary:
-        temporary.write_text(
-            json.dumps({"format": FORMAT, **asdict(reference)}, indent=1) + "\n", encoding="utf-8"
         )
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps({"format": FORMAT, **asdict(reference)}, indent=1) + "\n", encoding="utf-8")
 
 
 def read_reference(path: Path) -> Reference:
@@ -110,9 +112,7 @@ def read_reference(path: Path) -> Reference:
     try:
         return _checked(record)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(
-            path, f"no reference ({type(error).__name__}: {error})", f"format {FORMAT}"
-        ) from None
+        raise InputError(path, f"no reference ({type(error).__name__}: {error})", f"format {FORMAT}") from None
 
 
 def _checked(record: dict[str, Any]) -> Reference:
@@ -123,9 +123,7 @@ def _checked(record: dict[str, Any]) -> Reference:
     if not means or set(means) != set(sigma) or not np.isfinite(values).all() or (values < 0).any():
         raise ValueError("means and sigma of the same pools, 0 or more")
     versions = {str(k): str(v) for k, v in record["versions"].items()}
-    return Reference(
-        means, sigma, float(record["degrees"]), int(record["seed"]), int(record["samples"]), versions
-    )
+    return Reference(means, sigma, float(record["degrees"]), int(record["seed"]), int(record["samples"]), versions)
 
 
 def require_same_light(reference: Reference, measured: Reference, false_alarms: float = FALSE_ALARMS) -> None:

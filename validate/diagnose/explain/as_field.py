@@ -25,8 +25,11 @@ def fitted_field(excess: Excess, form: Form) -> FittedField:
     Maps over the picture that stand for something in the scene become values at the points that the pixels see.
     """
     common: dict[str, Any] = {
-        "acts": form.acts, "bands": excess.bands, "nm": excess.nm, "size": excess.shape,
-    }  # fmt: skip
+        "acts": form.acts,
+        "bands": excess.bands,
+        "nm": excess.nm,
+        "size": excess.shape,
+    }
     coefficients = form.fit.coefficients
     if form.acts == "lamp":
         return FittedField(**common, spectrum=coefficients[:, 0])
@@ -82,9 +85,7 @@ def _waves(waves: tuple[WaveMap, ...], values: NDArray[np.float64]) -> tuple[Sur
         own = [i for i, wave in enumerate(waves) if wave.surface == name]
         numbers = np.concatenate([waves[i].waves for i in own])
         found.append(
-            replace(
-                waves[own[0]], waves=numbers, values=np.array([each[i] * waves[i].values[0] for i in own])
-            )
+            replace(waves[own[0]], waves=numbers, values=np.array([each[i] * waves[i].values[0] for i in own]))
         )
     return tuple(found)
 

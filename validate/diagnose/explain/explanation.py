@@ -30,9 +30,19 @@ __all__ = ["FAMILIES", "NONE", "Explanation", "Rival", "explain", "hidden"]
 NONE = "none"
 
 FAMILIES = (
-    "sensor-offset", "sensor-gain", "displacement", "blur", "time-order", "reflectance-map", "paint-spectrum",
-    "lamp-spectrum", "extra-light", "object", "reflection-lobe", NONE,
-)  # fmt: skip
+    "sensor-offset",
+    "sensor-gain",
+    "displacement",
+    "blur",
+    "time-order",
+    "reflectance-map",
+    "paint-spectrum",
+    "lamp-spectrum",
+    "extra-light",
+    "object",
+    "reflection-lobe",
+    NONE,
+)
 
 #: Families of which a band has one number, whatever the place, unless a frame's picture is seen in the next one.
 _LEVELS = ("time-order", "lamp-spectrum")
@@ -133,9 +143,7 @@ class Explanation:
 def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
     """Fit all families to the excess and judge them."""
     spot, forms = hot_spot(excess), []
-    of_camera = chain(
-        sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess)
-    )
+    of_camera = chain(sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess))
     stopped = Event()
     with ThreadPoolExecutor(1) as beside:  # half of the work is on surfaces
         others = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), of_camera)))
@@ -165,9 +173,7 @@ def _judged(excess: Excess, forms: Sequence[Form], least_share: float = _LEAST_S
     each = ((_share(excess, form, total), score, form) for score, form in best.values())
     # families that explain too little of the excess come behind all others
     ranked = sorted(each, key=lambda one: (one[0] < least_share, -one[1]))
-    rivals = tuple(
-        Rival(form.family, form.words, form.surface, share, score) for share, score, form in ranked
-    )
+    rivals = tuple(Rival(form.family, form.words, form.surface, share, score) for share, score, form in ranked)
     _, score, winner = ranked[0]
     margin = max(_TOLD_APART, _TOLD_APART_PART * winner.fit.gain)
     if winner.evidence < _LEAST_EVIDENCE or rivals[0].share < least_share:
@@ -216,11 +222,27 @@ _EVERYWHERE = ("paint-spectrum", "lamp-spectrum", "time-order")
 def _nothing(excess: Excess, rivals: Sequence[Rival], forms: int) -> Explanation:
     zero = np.zeros(excess.used.shape)
     return Explanation(
-        NONE, "no family explains it", None, None, (), excess.bands, 0.0, True,
-        (Rival(NONE, "no family explains it", None, 0.0, 0.0), *rivals), zero,
-        np.where(excess.used, excess.sigma, np.nan), np.where(excess.used, excess.residual, np.nan),
-        np.zeros(len(excess.bands)), 0.0, 0.0, 0.0, forms, False, 0.0, None,
-    )  # fmt: skip
+        NONE,
+        "no family explains it",
+        None,
+        None,
+        (),
+        excess.bands,
+        0.0,
+        True,
+        (Rival(NONE, "no family explains it", None, 0.0, 0.0), *rivals),
+        zero,
+        np.where(excess.used, excess.sigma, np.nan),
+        np.where(excess.used, excess.residual, np.nan),
+        np.zeros(len(excess.bands)),
+        0.0,
+        0.0,
+        0.0,
+        forms,
+        False,
+        0.0,
+        None,
+    )
 
 
 def _scores(excess: Excess, forms: Sequence[Form]) -> list[float]:
@@ -272,7 +294,5 @@ def _spectrum(excess: Excess, change: NDArray[Any], weight: NDArray[Any]) -> NDA
     found = []
     for band in range(len(excess.bands)):
         own = where & excess.used[band]
-        found.append(
-            float(change[band][own].sum() / max(excess.signal[band][own].sum(), 1e-9)) if own.any() else 0.0
-        )
+        found.append(float(change[band][own].sum() / max(excess.signal[band][own].sum(), 1e-9)) if own.any() else 0.0)
     return np.array(found)

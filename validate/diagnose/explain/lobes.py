@@ -48,9 +48,16 @@ def sheens(excess: Excess, maps: Maps, own: Sequence[int], name: str, several: i
 
         fit = fixed_spectrum(equations(excess, of_all), ones)
         yield Form(
-            "reflection-lobe", f"a coat, {words}", fit, of_all, "radiance", maps_of_coat, name,
-            choices=several * kinds, mirrored=mirrored,
-        )  # fmt: skip
+            "reflection-lobe",
+            f"a coat, {words}",
+            fit,
+            of_all,
+            "radiance",
+            maps_of_coat,
+            name,
+            choices=several * kinds,
+            mirrored=mirrored,
+        )
 
 
 def matte_lobe(excess: Excess, maps: Maps, material: int, own: Sequence[int]) -> Form:
@@ -66,9 +73,15 @@ def matte_lobe(excess: Excess, maps: Maps, material: int, own: Sequence[int]) ->
 
     fit = fixed_spectrum(equations(excess, lobe), np.ones(len(excess.bands)))
     return Form(
-        "reflection-lobe", f"the paint {excess.materials[material]}, not Lambertian", fit, lobe, "radiance",
-        tuple(maps.waves[i] for i in own), choices=len(excess.materials), mirrored=excess.signal,
-    )  # fmt: skip
+        "reflection-lobe",
+        f"the paint {excess.materials[material]}, not Lambertian",
+        fit,
+        lobe,
+        "radiance",
+        tuple(maps.waves[i] for i in own),
+        choices=len(excess.materials),
+        mirrored=excess.signal,
+    )
 
 
 def glossy_places(excess: Excess, inside: csr_matrix, bells: ImageMaps, name: str) -> Iterator[Form]:
@@ -84,9 +97,7 @@ def glossy_places(excess: Excess, inside: csr_matrix, bells: ImageMaps, name: st
     fit = fixed_spectrum(equations(excess, of_lamp), ones)
     spot = Form("reflection-lobe", "a glossy spot", fit, of_lamp, "radiance", bells, name, local=True)
     yield spot
-    coats = [
-        (mirrored - part * excess.signal, words) for mirrored, words in _coats(excess) for part in _HELD_BACK
-    ]
+    coats = [(mirrored - part * excess.signal, words) for mirrored, words in _coats(excess) for part in _HELD_BACK]
     for change, words in coats:
 
         def of_all(band: int, change: NDArray[np.floating] = change) -> csr_matrix:

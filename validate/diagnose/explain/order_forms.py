@@ -49,9 +49,7 @@ def order_forms(excess: Excess) -> Iterator[Form]:
     for first, last in combinations(range(bands + 1), 2):
         if (first, last) == (0, bands):
             continue
-        words = (
-            "a step of the lamp" if first == 0 or last == bands else "another level of the lamp for a while"
-        )
+        words = "a step of the lamp" if first == 0 or last == bands else "another level of the lamp for a while"
         inside = ((rank >= first) & (rank < last)).astype(float)
         yield in_time(words, _shaped(n, inside[:, None], repeats), bands * (bands + 1) // 2)
     for k in range(1, bands - 1):

@@ -38,9 +38,10 @@ def sensor_forms(
     spot, of_one_band : (y, x) where the excess of all bands, and where that of one band, is densest.
     """
     bases = {
-        "rows": ImageMaps("rows"), "columns": ImageMaps("columns"),
+        "rows": ImageMaps("rows"),
+        "columns": ImageMaps("columns"),
         "a smooth pattern": ImageMaps("cosines", order=_ORDER),
-    }  # fmt: skip
+    }
     for words, maps in bases.items():
         yield from _both(excess, words, maps, sharp=words != "a smooth pattern")
     for family, operator in _operators(excess).items():
@@ -53,9 +54,7 @@ def sensor_forms(
             count *= 1 if band is None else len(excess.bands)
             yield Form(family, alone, fixed_spectrum(n, only), made, acts, maps, sharp=True, choices=count)
             if family == "sensor-gain" and band is not None:
-                yield _interference(
-                    excess, replace(maps, order=_ENVELOPE_ORDER, nm=float(excess.nm[band])), count
-                )
+                yield _interference(excess, replace(maps, order=_ENVELOPE_ORDER, nm=float(excess.nm[band])), count)
             else:
                 each = each_band(n)
                 yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=True, choices=count)
@@ -102,7 +101,7 @@ def _columns(operator: NDArray[Any], basis: NDArray[Any] | csr_matrix) -> Column
 
 def _both(
     excess: Excess, words: str, maps: ImageMaps, *, local: bool = False, sharp: bool = False, together: bool = True
-) -> Iterator[Form]:  # fmt: skip
+) -> Iterator[Form]:
     """Offsets, then gains, by the same maps. together : in all bands alike, too."""
     bands, basis = len(excess.bands), maps.matrix(excess.shape)
     opened = 1 / excess.exposure_s - 1 / excess.flat_exposure_s
@@ -117,9 +116,7 @@ def _both(
         each = each_band(n)
         strongest = int(np.argmax(each.size))
         one = fixed_spectrum(n, np.eye(bands)[strongest])
-        yield Form(
-            family, f"{words} in one band", one, made, acts, maps, local=local, sharp=True, choices=bands
-        )
+        yield Form(family, f"{words} in one band", one, made, acts, maps, local=local, sharp=True, choices=bands)
         if not local:
             yield Form(family, f"{words} in each band", each, made, acts, maps, sharp=sharp)
             timed = fixed_spectrum(n, by_time[family])

@@ -121,9 +121,7 @@ def fits_the_place(excess: Excess, form: Form, soft: bool) -> float:
         return 0.0 if (deep or line) and not lit else -_UNLIKELY
     if deep and not (lit and form.family in _SHINING):
         found -= _TOO_DEEP
-    if form.family in _SHINING and (
-        darker_part(excess, change) > _DARKER or _a_band_is_darker(excess, change)
-    ):
+    if form.family in _SHINING and (darker_part(excess, change) > _DARKER or _a_band_is_darker(excess, change)):
         found -= _TOO_DEEP
     if form.family in ("reflectance-map", "extra-light") and strongest > 0:
         found -= _ODD if (form.family == "extra-light") == _alike(relative) else 0.0
@@ -203,8 +201,7 @@ def _at_the_border(weight: NDArray[Any]) -> bool:
     """Whether a glow is brightest at the border of the picture, where amplifiers sit."""
     peak = np.unravel_index(np.argmax(weight), weight.shape)
     return any(
-        place < _AT_SIDE * size or place > (1 - _AT_SIDE) * size
-        for place, size in zip(peak, weight.shape, strict=True)
+        place < _AT_SIDE * size or place > (1 - _AT_SIDE) * size for place, size in zip(peak, weight.shape, strict=True)
     )
 
 

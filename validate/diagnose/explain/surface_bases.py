@@ -77,9 +77,7 @@ class Maps(OwnMappings):
             row[:] = self._picture(self._spread(k))
         return found
 
-    def _changed(
-        self, what: str, band: int, some: Sequence[int], here: NDArray[np.float64]
-    ) -> NDArray[np.float32]:
+    def _changed(self, what: str, band: int, some: Sequence[int], here: NDArray[np.float64]) -> NDArray[np.float32]:
         rho = self._transport.reflectance[self._transport.material, band]
         reflected = self._coarse @ self._onward[what][band][:, some]
         found = np.empty((len(some), self._pixels), np.float32)
@@ -101,9 +99,7 @@ class Maps(OwnMappings):
 def surface_maps(excess: Excess) -> Maps:
     """All maps of all surfaces that the picture shows."""
     t = excess.transport
-    fragments = {
-        i: np.flatnonzero(t.surface == i) for i in range(len(excess.names)) if (t.surface == i).any()
-    }
+    fragments = {i: np.flatnonzero(t.surface == i) for i in range(len(excess.names)) if (t.surface == i).any()}
     surfaces, waves, values, on_patches = [], [], [], []
     for index, own in fragments.items():
         on_surface = t.patch_surface == index
@@ -123,9 +119,17 @@ def surface_maps(excess: Excess) -> Maps:
     incidence = np.concatenate([paint * _at_angles(t.patch_incidence) for paint in paints]).T
     onward = _reflected_on(t, np.array(on_patches).T, incidence, len(bands))
     return Maps(
-        np.array(surfaces), tuple(waves), np.array([lamp_dn(excess, band) for band in bands]), t, height * width,
-        fragments, tuple(values), onward, t.gather[some], nearest,
-    )  # fmt: skip
+        np.array(surfaces),
+        tuple(waves),
+        np.array([lamp_dn(excess, band) for band in bands]),
+        t,
+        height * width,
+        fragments,
+        tuple(values),
+        onward,
+        t.gather[some],
+        nearest,
+    )
 
 
 def _reflected_on(
@@ -137,9 +141,7 @@ def _reflected_on(
     found = {name: np.empty((bands, *each.shape), np.float32) for name, each in maps.items()}
     for band in range(bands):
         rho = t.reflectance[t.patch_material, band]
-        factors = lu_factor(
-            np.eye(len(rho), dtype=np.float32) - rho.astype(np.float32)[:, None] * t.form_factors
-        )
+        factors = lu_factor(np.eye(len(rho), dtype=np.float32) - rho.astype(np.float32)[:, None] * t.form_factors)
         light = {
             "reflectance": t.patch_arriving[:, band],
             "light": np.ones(len(rho)),

@@ -44,9 +44,7 @@ def surface_forms(excess: Excess, spot: NDArray[np.bool_] | None) -> Iterator[Fo
         n = equations(excess, changed)
         several, waves = len(first), maps.waves[start : start + count]
         fit = free_spectrum(n)
-        yield Form(
-            "reflectance-map", "a smooth map", fit, changed, "reflectance", waves, name, choices=several
-        )
+        yield Form("reflectance-map", "a smooth map", fit, changed, "reflectance", waves, name, choices=several)
         yield from sheens(excess, maps, own, name, several)
     lit: Columns = partial(maps.light, some=range(len(maps.waves)))
     fit = free_spectrum(equations(excess, lit))
@@ -86,9 +84,7 @@ def _paints(excess: Excess, surfaces: NDArray[Any], maps: Maps, first: NDArray[n
         surface = name if len(own) == 1 else None
         some = tuple(every[i] for i in own)
         words = f"the paint of {name}"
-        yield Form(
-            "paint-spectrum", words, each_band(n), made, "reflectance", some, surface, choices=len(groups)
-        )
+        yield Form("paint-spectrum", words, each_band(n), made, "reflectance", some, surface, choices=len(groups))
 
 
 def _spots(excess: Excess, spot: NDArray[np.bool_]) -> Iterator[Form]:
@@ -139,27 +135,21 @@ def _other_paints(excess: Excess, inside: csr_matrix, stain: Form, owner: int) -
 
         fit = fixed_spectrum(equations(excess, painted), np.ones(len(covered)))
         fit = replace(fit, coefficients=covered[:, None] * fit.coefficients)
-        yield replace(
-            stain, words=f"the paint {name} shows", fit=fit, choices=len(excess.materials), covered=covered
-        )
+        yield replace(stain, words=f"the paint {name} shows", fit=fit, choices=len(excess.materials), covered=covered)
 
 
 def _object(excess: Excess, basis: csr_matrix, bells: ImageMaps) -> Form:
     """A thing of one radiance in each band in front of the rest, a (o - s): its outline a and radiance o in turn, from
     what is seen in its core, which it may cover, and from none, as of a thread that covers little of a pixel."""
     measured = excess.signal + excess.residual * np.where(excess.used, excess.sigma, 0.0)
-    over = np.sum(excess.residual.astype(float) ** 2, axis=0).ravel() * (
-        np.asarray(basis.sum(axis=0)).ravel() > 0
-    )
+    over = np.sum(excess.residual.astype(float) ** 2, axis=0).ravel() * (np.asarray(basis.sum(axis=0)).ravel() > 0)
     core = over > 0.3 * over.max()
     seen = np.array([np.median(one.ravel()[core]) for one in measured])
     found = (_thing(excess, basis, bells, measured, start) for start in (seen, np.zeros(len(seen))))
     return max(found, key=lambda form: form.fit.evidence)
 
 
-def _thing(
-    excess: Excess, basis: csr_matrix, bells: ImageMaps, measured: NDArray[Any], radiance: NDArray[Any]
-) -> Form:
+def _thing(excess: Excess, basis: csr_matrix, bells: ImageMaps, measured: NDArray[Any], radiance: NDArray[Any]) -> Form:
     """The same from one radiance (band,) in DN. measured : (band, y, x) DN."""
     ones = np.ones(len(excess.bands))
     for _ in range(_ROUNDS):

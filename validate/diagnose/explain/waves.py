@@ -76,9 +76,7 @@ def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, fl
     return best[0], (per_row / step, per_column / step, c / step**2), len(curvatures) * rows * columns // 2
 
 
-def _refined(
-    image: NDArray[Any], start: tuple[float, float, float], rings: bool
-) -> tuple[tuple[float, float], float]:
+def _refined(image: NDArray[Any], start: tuple[float, float, float], rings: bool) -> tuple[tuple[float, float], float]:
     """The frequency and curvature between those tried, by power."""
     y, x = (np.arange(n) for n in image.shape)
     side = max(image.shape)
@@ -90,10 +88,7 @@ def _refined(
     best, step = start, 0.5 / side
     for _ in range(6):
         moves = product((-1, 0, 1), (-1, 0, 1), (-1, 0, 1) if rings else (0,))
-        trials = [
-            (best[0] + (i - k) * step, best[1] + (j - k) * step, best[2] + k * step / side)
-            for i, j, k in moves
-        ]
+        trials = [(best[0] + (i - k) * step, best[1] + (j - k) * step, best[2] + k * step / side) for i, j, k in moves]
         best = max(trials, key=power)
         step /= 2
     return (best[0], best[1]), best[2]

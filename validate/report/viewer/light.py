@@ -47,13 +47,12 @@ def light_parts(validation: Validation) -> dict[str, NDArray[np.float32]] | None
         return None
     responses = np.stack([r.response for r in prepared.responses], axis=-1)
     luminance = responses @ prepared.weights.weights[1]
-    shares = light_shares(
-        validation.image, validation.rendered.predictor.light.tracer.scene, luminance[:, None]
-    )
+    shares = light_shares(validation.image, validation.rendered.predictor.light.tracer.scene, luminance[:, None])
     parts = {
-        "reflected once": shares.direct[0], "reflected twice": shares.via_material.sum(axis=0)[0],
+        "reflected once": shares.direct[0],
+        "reflected twice": shares.via_material.sum(axis=0)[0],
         "three times or more": shares.many[0],
-    }  # fmt: skip
+    }
     return {name: part.astype(np.float32) for name, part in parts.items()}
 
 

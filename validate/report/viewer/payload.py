@@ -60,9 +60,11 @@ def _stored(array: NDArray, kind: str) -> dict[str, Any]:
     # bytes of the same significance side by side deflate better
     planes = little.view(np.uint8).reshape(-1, size).T.tobytes()
     return {
-        "type": kind, "shape": list(array.shape), "deflated": True,
+        "type": kind,
+        "shape": list(array.shape),
+        "deflated": True,
         "data": base64.b64encode(zlib.compress(planes, 9)).decode("ascii"),
-    }  # fmt: skip
+    }
 
 
 def _block(c: Comparison) -> int:
@@ -117,9 +119,7 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
     million numbers is reduced by means of square blocks, which the viewer says.
     """
     order = _order(c, centres_nm)
-    nm: list[float | None] = (
-        [None] * len(order) if centres_nm is None else [float(centres_nm[i]) for i in order]
-    )
+    nm: list[float | None] = [None] * len(order) if centres_nm is None else [float(centres_nm[i]) for i in order]
     maps, block = c.maps, _block(c)
     mask = _any(maps["mask"].values[order].astype(np.uint8), block)
     reasons = [r for r in Mask if r.name]
@@ -128,19 +128,25 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
         return [matplotlib.colors.to_hex(v) for v in matplotlib.colormaps[name](np.linspace(0, 1, _STOPS))]
 
     return {
-        "width": maps.sizes["x"] // block, "height": maps.sizes["y"] // block, "block": block,
+        "width": maps.sizes["x"] // block,
+        "height": maps.sizes["y"] // block,
+        "block": block,
         "bands": [{"id": c.bands[i], "nm": centre} for i, centre in zip(order, nm, strict=True)],
         **_signals(c, order, ("measured", "rendered", "sigma")),
         "mask": encoded(mask),
         "reasons": [{"bit": r.value, "name": (r.name or "").lower()} for r in reasons],
         "surface": encoded(_every(maps["surface"].values, block)),
         "surfaces": list(c.by_surface),
-        "xyz_per_dn": c.xyz_per_dn[:, order].tolist(), "xyz_unit": "cd m⁻²",
+        "xyz_per_dn": c.xyz_per_dn[:, order].tolist(),
+        "xyz_unit": "cd m⁻²",
         "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
         "srgb": srgb_matrix(c.white).tolist(),
         "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
-        "light": None, "spectrum": None, "filters": None, "maps": [],
-    }  # fmt: skip
+        "light": None,
+        "spectrum": None,
+        "filters": None,
+        "maps": [],
+    }
 
 
 def changed_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
@@ -165,9 +171,12 @@ def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) 
     coefficients = _means(each, block)
     step = float(np.abs(coefficients).max()) * _LIGHT_STEP
     data["spectrum"] = {
-        "wavelength_nm": wavelength.tolist(), "rank": len(basis), "basis": encoded(basis),
-        "coefficients": encoded(coefficients, step), "unit": "W m⁻² sr⁻¹ nm⁻¹",
-    }  # fmt: skip
+        "wavelength_nm": wavelength.tolist(),
+        "rank": len(basis),
+        "basis": encoded(basis),
+        "coefficients": encoded(coefficients, step),
+        "unit": "W m⁻² sr⁻¹ nm⁻¹",
+    }
     wavelength, curves = filter_curves(validation.prepared.responses)
     data["filters"] = {"wavelength_nm": wavelength.tolist(), "curves": encoded(curves[order])}
     if (parts := light_parts(validation)) is not None:

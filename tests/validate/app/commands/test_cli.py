@@ -124,13 +124,9 @@ def test_a_missing_folder(command, tmp_path, cbox):
 def test_the_program_itself_ends_without_a_traceback(tmp_path):
     """In a process of its own, as a user runs it."""
     program = [sys.executable, "-c", "from cboxlab.validation.commands.cli import main; main()"]
-    done = subprocess.run(
-        [*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path
-    )
+    done = subprocess.run([*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2
-    assert (
-        "Traceback" not in done.stderr and done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
-    )
+    assert "Traceback" not in done.stderr and done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
     assert not list(tmp_path.iterdir())
 
 
@@ -275,9 +271,7 @@ def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     """A small rough capture; the diagnosis is made up, the score is not."""
     folder = tmp_path / "blind"
     rough = ("--size", 32, "--seed", 9, "--noise", "5%")
-    code, out, err = cbox(
-        "capture", "cornell-box", "--out", folder, *rough, "--hide", "--effects", "ghost,smear"
-    )
+    code, out, err = cbox("capture", "cornell-box", "--out", folder, *rough, "--hide", "--effects", "ghost,smear")
     assert code == 0 and "ghost" not in err and "smear" not in err
     assert "ghost" not in out and "smear" not in out
     assert load_capture(folder).shape == (32, 32)
@@ -303,8 +297,7 @@ def test_a_capture_is_photographed_by_the_camera_given(tmp_path, cbox):
     assert load_capture(tmp_path / "own").shape == (24, 32)
     points = np.genfromtxt(tmp_path / "own" / "points.csv", delimiter=",", names=True)
     place, seen = (
-        np.stack([points[n] for n in names], axis=-1)
-        for names in (("x_mm", "y_mm", "z_mm"), ("u_px", "v_px"))
+        np.stack([points[n] for n in names], axis=-1) for names in (("x_mm", "y_mm", "z_mm"), ("u_px", "v_px"))
     )
     off = np.linalg.norm(camera.project(place) - seen, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.5
@@ -346,7 +339,5 @@ def test_what_needs_a_compiler_says_so_before_it_computes(cbox, monkeypatch, com
     monkeypatch.setattr("cboxlab.rendering.device.variant.compiled", lambda: False)
     code, out, told = cbox(command, DEMO_CAPTURE)
     assert code == 2 and not out
-    expected = (
-        "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
-    )
+    expected = "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
     assert " ".join(told.split()) == f"error: cbox {command}: found {expected}"

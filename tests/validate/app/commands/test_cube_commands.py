@@ -25,8 +25,22 @@ def cubes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cubes")
     for seed in (1, 2):
         with pytest.raises(SystemExit) as caught:
-            main(["render", "cornell-box", "--size", "32", "--wavelengths", "400:700:50", "--samples", "64",
-                  "--seed", str(seed), "--out", str(folder / f"{seed}.nc")])  # fmt: skip
+            main(
+                [
+                    "render",
+                    "cornell-box",
+                    "--size",
+                    "32",
+                    "--wavelengths",
+                    "400:700:50",
+                    "--samples",
+                    "64",
+                    "--seed",
+                    str(seed),
+                    "--out",
+                    str(folder / f"{seed}.nc"),
+                ]
+            )
         assert not caught.value.code
     return folder
 
@@ -75,12 +89,7 @@ def test_cubes_frames_and_verdicts_are_verified(cubes, tmp_path, cbox):
     """Each has a manifest beside it, or, being a folder, in it; a result or an input that changed is named."""
     one, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
     one.write_bytes((cubes / "1.nc").read_bytes())
-    assert (
-        cbox("render", "cornell-box", "--size", 8, "--wavelengths", "500,600", "--samples", 4, "--out", envi)[
-            0
-        ]
-        == 0
-    )
+    assert cbox("render", "cornell-box", "--size", 8, "--wavelengths", "500,600", "--samples", 4, "--out", envi)[0] == 0
     assert cbox("simulate", one, "--out", frame, "--seed", 3)[0] == 0
     assert cbox("simulate", one, "--out", folder)[0] == 0
     verdict, table = tmp_path / "verdict.json", tmp_path / "verdict.xml"
@@ -153,13 +162,23 @@ def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
     radiance = read_cube(cubes / "1.nc")["radiance"].values
     for ending in (".exr", ".hdr"):
         path = tmp_path / f"again{ending}"
-        code, *_ = cbox("render", "cornell-box", "--size", 32, "--wavelengths", "400:700:50", "--samples", 64,
-                        "--seed", 1, "--out", path)  # fmt: skip
+        code, *_ = cbox(
+            "render",
+            "cornell-box",
+            "--size",
+            32,
+            "--wavelengths",
+            "400:700:50",
+            "--samples",
+            64,
+            "--seed",
+            1,
+            "--out",
+            path,
+        )
         assert code == 0
         assert np.array_equal(read_cube(path)["radiance"].values, radiance)
-    code, out, _ = cbox(
-        "simulate", cubes / "1.nc", "--out", tmp_path / "raw.tif", "--preview", tmp_path / "raw.png"
-    )
+    code, out, _ = cbox("simulate", cubes / "1.nc", "--out", tmp_path / "raw.tif", "--preview", tmp_path / "raw.png")
     assert code == 0 and "Kodak DCS-200" in out
     counts, notes = read_raw(tmp_path / "raw.tif")
     assert counts.shape == (32, 32) and 0 < counts.min() < counts.max() <= 255
@@ -170,8 +189,22 @@ def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
 def test_luminances_are_told_with_the_cube(tmp_path, cbox):
     """Against the cube's own radiance summed by colour-science, on pixels away from edges; keys as in the manual."""
     out, told = tmp_path / "a.nc", tmp_path / "a.json"
-    code, said, _ = cbox("render", "cornell-box", "--size", 24, "--wavelengths", "400:700:20", "--samples", 8,
-                         "--seed", 1, "--out", out, "--json", told)  # fmt: skip
+    code, said, _ = cbox(
+        "render",
+        "cornell-box",
+        "--size",
+        24,
+        "--wavelengths",
+        "400:700:20",
+        "--samples",
+        8,
+        "--seed",
+        1,
+        "--out",
+        out,
+        "--json",
+        told,
+    )
     record = json.loads(told.read_text())
     light = record["photometry"]
     assert code == 0 and "16 wavelengths from 400 to 700 nm" in said and "whole picture" in said
@@ -190,10 +223,16 @@ def test_luminances_are_told_with_the_cube(tmp_path, cbox):
         return sd_to_XYZ(SpectralDistribution(between, fine), k=683.0, method="Integration")
 
     radiance = cube["radiance"].values
-    for row, mean in [(light["picture"], radiance.mean(axis=(0, 1))), *(
-        (light["surfaces"][name], radiance[binary_erosion(cube["surface"].values == names.index(name))].mean(axis=0))
-        for name in ("back", "left")
-    )]:  # fmt: skip
+    for row, mean in [
+        (light["picture"], radiance.mean(axis=(0, 1))),
+        *(
+            (
+                light["surfaces"][name],
+                radiance[binary_erosion(cube["surface"].values == names.index(name))].mean(axis=0),
+            )
+            for name in ("back", "left")
+        ),
+    ]:
         expected = xyz(mean)
         whole = row is light["picture"]
         assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if whole else 0.1)
@@ -201,20 +240,24 @@ def test_luminances_are_told_with_the_cube(tmp_path, cbox):
     ceiling = names.index("ceiling")
     naive = xyz(radiance[cube["surface"].values == ceiling].mean(axis=0))[1]
     assert naive > 1.2 * light["surfaces"]["ceiling"]["luminance_cd_m2"]
-    assert (
-        0
-        < light["surfaces"]["back"]["luminance_sigma_cd_m2"]
-        < 0.02 * light["surfaces"]["back"]["luminance_cd_m2"]
-    )
+    assert 0 < light["surfaces"]["back"]["luminance_sigma_cd_m2"] < 0.02 * light["surfaces"]["back"]["luminance_cd_m2"]
     assert light["surfaces"]["floor"]["illuminance_lx"] > 0
 
 
 def test_too_few_wavelengths_have_no_luminances(tmp_path, cbox):
-    code, said, _ = cbox("render", "cornell-box", "--size", 8, "--wavelengths", "400:700:50", "--samples", 4,
-                         "--out", tmp_path / "a.nc", "--json", tmp_path / "a.json")  # fmt: skip
-    assert (
-        code == 0
-        and "no luminances: 7 wavelengths from 400 to 700 nm" in said
-        and "whole picture" not in said
+    code, said, _ = cbox(
+        "render",
+        "cornell-box",
+        "--size",
+        8,
+        "--wavelengths",
+        "400:700:50",
+        "--samples",
+        4,
+        "--out",
+        tmp_path / "a.nc",
+        "--json",
+        tmp_path / "a.json",
     )
+    assert code == 0 and "no luminances: 7 wavelengths from 400 to 700 nm" in said and "whole picture" not in said
     assert json.loads((tmp_path / "a.json").read_text())["photometry"] is None

@@ -11,9 +11,16 @@ from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
 
 #: An ASCII terminal, with nowhere to keep anything and a display that is not there.
 BARE = {
-    "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "HOME": "/dev/null/home", "TMPDIR": "/dev/null/tmp",
-    "XDG_CACHE_HOME": "/dev/null/cache", "MPLBACKEND": "TkAgg", "PATH": os.environ["PATH"], "OPENBLAS_NUM_THREADS": "1",
-}  # fmt: skip
+    "LC_ALL": "C",
+    "PYTHONUTF8": "0",
+    "PYTHONCOERCECLOCALE": "0",
+    "HOME": "/dev/null/home",
+    "TMPDIR": "/dev/null/tmp",
+    "XDG_CACHE_HOME": "/dev/null/cache",
+    "MPLBACKEND": "TkAgg",
+    "PATH": os.environ["PATH"],
+    "OPENBLAS_NUM_THREADS": "1",
+}
 
 
 def cbox(folder: Path, *arguments: str, **more: str) -> subprocess.CompletedProcess:

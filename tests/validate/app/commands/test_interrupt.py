@@ -83,9 +83,7 @@ def test_a_command_goes_on_when_the_reader_of_its_output_has_gone(tmp_path):
     arguments = ["effects", "--json", str(tmp_path / "effects.json")]
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run(
-        [*program, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
-    )
+    done = subprocess.run([*program, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "effects.json").stat().st_size > 100

@@ -39,8 +39,15 @@ quads_mm = [
 
 
 def camera_file(path, **entries):
-    entry = {"format": "camera/1", "width_px": 20, "height_px": 12, "position_mm": [300, 300, 60],
-             "look_at_mm": [300, 250, 600], "focal_length_px": 10, **entries}  # fmt: skip
+    entry = {
+        "format": "camera/1",
+        "width_px": 20,
+        "height_px": 12,
+        "position_mm": [300, 300, 60],
+        "look_at_mm": [300, 250, 600],
+        "focal_length_px": 10,
+        **entries,
+    }
     path.write_text(json.dumps(entry))
     return path
 
@@ -55,8 +62,9 @@ def test_a_camera_inside_a_closed_box_sees_light_everywhere(tmp_path, cbox):
     (tmp_path / "model.toml").write_text('format = "model/1"\nscene = "box.toml"\n')
     camera = camera_file(tmp_path / "camera.json")
     out = tmp_path / "cube.nc"
-    code, _, err = cbox("render", tmp_path / "model.toml", "--camera", camera, "--out", out, "--samples", 32,
-                        "--wavelengths", "550")  # fmt: skip
+    code, _, err = cbox(
+        "render", tmp_path / "model.toml", "--camera", camera, "--out", out, "--samples", 32, "--wavelengths", "550"
+    )
     assert code == 0, err
     radiance = read_cube(out)["radiance"].values[..., 0]
     assert radiance.shape == (12, 20) and radiance.min() > 0.005
@@ -65,8 +73,22 @@ def test_a_camera_inside_a_closed_box_sees_light_everywhere(tmp_path, cbox):
 
 def test_renderers_are_run_and_what_they_wrote_is_collected(tmp_path, cbox, monkeypatch):
     out = tmp_path / "box"
-    code, said, err = cbox("renderers", "cornell-box", "--with", "mitsuba", "--size", 24, "--samples", 16,
-                           "--wavelengths", "550,600", "--out", out, "--json", tmp_path / "found.json")  # fmt: skip
+    code, said, err = cbox(
+        "renderers",
+        "cornell-box",
+        "--with",
+        "mitsuba",
+        "--size",
+        24,
+        "--samples",
+        16,
+        "--wavelengths",
+        "550,600",
+        "--out",
+        out,
+        "--json",
+        tmp_path / "found.json",
+    )
     assert code == 0, err
     assert "tall-block" in said and "mitsuba: " in said
     record = json.loads((tmp_path / "found.json").read_text())
@@ -79,29 +101,19 @@ def test_renderers_are_run_and_what_they_wrote_is_collected(tmp_path, cbox, monk
     (out / "mitsuba.nc").unlink()
     code, said, err = cbox("renderers", "--collect", out, "--json", tmp_path / "collected.json")
     assert code == 0 and "mitsuba.nc" in said
-    assert json.loads((tmp_path / "collected.json").read_text())["cubes"]["mitsuba"] == str(
-        out / "mitsuba.nc"
-    )
+    assert json.loads((tmp_path / "collected.json").read_text())["cubes"]["mitsuba"] == str(out / "mitsuba.nc")
     assert np.array_equal(read_cube(out / "mitsuba.nc")["radiance"], first["radiance"])
 
 
 def test_mistakes_end_in_one_line(tmp_path, cbox):
-    assert_one_line_of_help(
-        cbox("renderers", "cornell-box", "--with", "mitsubba"), ["did you mean 'mitsuba'"]
-    )
+    assert_one_line_of_help(cbox("renderers", "cornell-box", "--with", "mitsubba"), ["did you mean 'mitsuba'"])
     assert_one_line_of_help(cbox("renderers"), ["MODEL"])
     assert_one_line_of_help(cbox("renderers", "--collect", tmp_path), ["pictures"])
     camera = camera_file(tmp_path / "camera.json", focal_length_px=0)
-    assert_one_line_of_help(
-        cbox("export", "cornell-box", "--to", tmp_path / "x", "--camera", camera), ["focal"]
-    )
+    assert_one_line_of_help(cbox("export", "cornell-box", "--to", tmp_path / "x", "--camera", camera), ["focal"])
     write_model(tmp_path / "hazy.toml", Model().with_effect(apply_checked("haze", {}, "test")))
-    assert_one_line_of_help(
-        cbox("export", tmp_path / "hazy.toml", "--to", tmp_path / "x"), ["haze", "Leave it out"]
-    )
+    assert_one_line_of_help(cbox("export", tmp_path / "hazy.toml", "--to", tmp_path / "x"), ["haze", "Leave it out"])
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
-    assert_one_line_of_help(
-        cbox("export", "cornell-box", "--to", tmp_path / "full", "--size", 8), ["exists already"]
-    )
+    assert_one_line_of_help(cbox("export", "cornell-box", "--to", tmp_path / "full", "--size", 8), ["exists already"])
     assert not (tmp_path / "x").exists()

@@ -12,9 +12,11 @@ def test_a_surface_that_is_not_seen_has_dashes(capsys, monkeypatch):
     comparison = FakeBox(size=48).compare(seed=7, surface_names=(*SURFACES, "hidden"))
     calibration = SimpleNamespace(suspicions=(), capture=SimpleNamespace(folder=Path("a-capture")))
     result = SimpleNamespace(
-        comparison=comparison, fit=SimpleNamespace(lamp_scale=1.0), seconds=1.0,
+        comparison=comparison,
+        fit=SimpleNamespace(lamp_scale=1.0),
+        seconds=1.0,
         prepared=SimpleNamespace(calibration=calibration, responses=fake_weights()[1]),
-    )  # fmt: skip
+    )
     monkeypatch.setattr(summary, "failures", lambda result: (None, []))
     summary.print_validation(result)
     printed = capsys.readouterr().out

@@ -166,9 +166,7 @@ def served(bench):
     """The workbench's address, on a server in a thread."""
     listening = socket.create_server(("127.0.0.1", 0))
     server = uvicorn.Server(
-        uvicorn.Config(
-            build_app(bench, "secret", HERE, idle_s=1e9), log_level="warning", timeout_graceful_shutdown=1
-        )
+        uvicorn.Config(build_app(bench, "secret", HERE, idle_s=1e9), log_level="warning", timeout_graceful_shutdown=1)
     )
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
     thread.start()

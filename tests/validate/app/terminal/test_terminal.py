@@ -111,8 +111,10 @@ def test_quiet_prints_nothing_but_errors(tmp_path, cbox):
 def test_json_on_standard_output_stands_alone(tmp_path, cbox):
     code, out, err = cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.1", "--json", "-")
     assert code == 0 and json.loads(out)["added"] == {
-        "effect": "ghost", "parameters": {"fraction": 0.1}, "sigma": {},
-    }  # fmt: skip
+        "effect": "ghost",
+        "parameters": {"fraction": 0.1},
+        "sigma": {},
+    }
     assert "added ghost" in err
     assert "{" not in cbox("effects", "ghost")[1]
 
@@ -148,8 +150,10 @@ def test_numbers_of_a_table_are_never_cut(width, count, monkeypatch):
 def test_numbers_that_are_not_finite_become_null(tmp_path):
     give_json(tmp_path / "a.json", {"a": [float("nan"), 1.0], "b": {"c": float("inf")}, "d": tmp_path})
     assert json.loads((tmp_path / "a.json").read_text()) == {
-        "a": [None, 1.0], "b": {"c": None}, "d": str(tmp_path),
-    }  # fmt: skip
+        "a": [None, 1.0],
+        "b": {"c": None},
+        "d": str(tmp_path),
+    }
 
 
 @pytest.mark.parametrize(

@@ -137,12 +137,7 @@ def shown(capsys):
 def pictures(tmp_path):
     """The same light as X, Y, Z in cd m^-2 (OpenEXR), and as Radiance's, over 179, with and without primaries."""
     rng = np.random.default_rng(6)
-    rgb = (
-        0.5
-        * rendered()[0][..., [6, 3, 1]]
-        / rendered()[0].mean()
-        * (1 + 0.01 * rng.standard_normal((SIZE, SIZE, 1)))
-    )
+    rgb = 0.5 * rendered()[0][..., [6, 3, 1]] / rendered()[0].mean() * (1 + 0.01 * rng.standard_normal((SIZE, SIZE, 1)))
     xyz = 179 * rgb @ primaries_matrix(COLOUR_SPACES["radiance"]).T
     planes = {name: np.ascontiguousarray(xyz[..., i], np.float32) for i, name in enumerate("XYZ")}
     write_channels(tmp_path / "xyz.exr", {}, planes)
@@ -170,10 +165,7 @@ def test_the_documented_declarations_for_radiance_hold_with_stated_primaries(pic
     )
     if name == "stated":
         error = " ".join(capsys.readouterr().err.split())
-        assert (
-            "--declare colour-space: found rec709; expected radiance, or none: the file states it itself"
-            in error
-        )
+        assert "--declare colour-space: found rec709; expected radiance, or none: the file states it itself" in error
 
 
 def test_one_of_two_files_has_a_declaration_of_its_own(pictures, capsys):
@@ -210,7 +202,5 @@ def test_a_dark_picture_is_told_as_a_part(pictures, capsys):
 
 
 def test_parameters_are_told_with_five_digits():
-    change = NamedChange(
-        "lamp-spectrum", {"factor_by_nm": {"X": 1.0031623456789012, "Y": 1.0}, "order": ["a", 2]}, 1.0
-    )
+    change = NamedChange("lamp-spectrum", {"factor_by_nm": {"X": 1.0031623456789012, "Y": 1.0}, "order": ["a", 2]}, 1.0)
     assert told_change(change) == "lamp-spectrum (factor_by_nm {X: 1.0032, Y: 1}, order [a, 2])"

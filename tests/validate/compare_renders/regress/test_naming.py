@@ -151,9 +151,7 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(stated):
     """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
     hardly larger than noise, and what noise leaves is no evidence of anything else."""
     first, second = (
-        side_of(
-            [labelled_cube(render(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed))], ["it"]
-        )
+        side_of([labelled_cube(render(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed))], ["it"])
         for seed in (5, 6)
     )
     if not stated:
@@ -190,9 +188,7 @@ def test_half_a_pixel_is_named_shift():
 
 def through(camera, seed):
     """One side, rendered through a camera of 96 x 96 pixels."""
-    return side_of(
-        [labelled_cube(render(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed))], [f"seed {seed}"]
-    )
+    return side_of([labelled_cube(render(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed))], [f"seed {seed}"])
 
 
 @pytest.mark.parametrize(
@@ -225,9 +221,7 @@ def test_another_camera_is_named(altered, pattern, change, expected):
     assert camera.focal_length_px == pytest.approx(134.4)
     if "rotation" in altered:
         cosine, sine = np.cos(altered["rotation"]), np.sin(altered["rotation"])
-        turn = np.array(
-            [[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]
-        )  # of what it sees: x to y is clockwise
+        turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])  # of what it sees: x to y is clockwise
         altered = {"rotation": turn @ camera.rotation}
     outcome, found = regress_sides(through(camera, 1), through(replace(camera, **altered), 2))
     clearest = max(outcome.of_kind("pattern"), key=lambda row: abs(row.statistic))
@@ -259,9 +253,7 @@ def test_what_no_explanation_fits_is_unknown():
     clean, _ = rendered()
     rows, columns = np.indices(clean.shape[:2])
     stain = np.exp(-((rows - 18) ** 2 + (columns - 24) ** 2) / 18.0) * np.sin(WAVELENGTHS[:, None, None] / 30)
-    _, found = regress_sides(
-        noisy(1, noise=0.02), noisy(2, clean * (1 + 0.4 * np.moveaxis(stain, 0, -1)), noise=0.02)
-    )
+    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, clean * (1 + 0.4 * np.moveaxis(stain, 0, -1)), noise=0.02))
     assert named_changes(found, variants())[0].change == "unknown"
 
 

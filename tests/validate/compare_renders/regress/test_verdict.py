@@ -79,10 +79,7 @@ def test_the_mean_difference_is_a_ratio_of_means_within_its_sigma():
 def test_weights_do_not_bias_the_even_change(noises):
     """The mean of 20 statistics lies within four standard deviations of 0; with weights from the sum of both
     variances it is off by 1.3 to 1.5 where one picture is noisier."""
-    rows = [
-        verdict(noisy(s, noise=noises[0]), noisy(99 + s, noise=noises[1])).of_kind("even")[0]
-        for s in range(20)
-    ]
+    rows = [verdict(noisy(s, noise=noises[0]), noisy(99 + s, noise=noises[1])).of_kind("even")[0] for s in range(20)]
     assert abs(np.mean([row.statistic for row in rows])) < 4 / np.sqrt(20)
 
 
@@ -94,10 +91,13 @@ def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
         first, second = noisy(2 * s, noise=0.02), noisy(2 * s + 1, 1.003 * clean, noise=0.02)
         loud = [noisy(2 * s + 50 + i, p, noise=0.3) for i, p in enumerate((clean, 1.003 * clean))]
         sides = [
-            replace(quiet, radiance=np.concatenate([quiet.radiance[:24], noise.radiance[24:]]),
-                    variance=np.concatenate([quiet.variance[:24], noise.variance[24:]]))
+            replace(
+                quiet,
+                radiance=np.concatenate([quiet.radiance[:24], noise.radiance[24:]]),
+                variance=np.concatenate([quiet.variance[:24], noise.variance[24:]]),
+            )
             for quiet, noise in zip((first, second), loud, strict=True)
-        ]  # fmt: skip
+        ]
         outcome = verdict(*sides)
         rows.append((outcome.whole, outcome.of_kind("even")[0]))
     assert all(even.sigma < 0.5 * whole.sigma for whole, even in rows)
@@ -239,9 +239,7 @@ def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
 
     other = noisy(1)
     inside = (WAVELENGTH_NM >= 420) & (WAVELENGTH_NM <= 700)
-    between = np.array(
-        [np.interp(WAVELENGTH_NM[inside], WAVELENGTHS, row) for row in np.eye(WAVELENGTHS.size)]
-    )
+    between = np.array([np.interp(WAVELENGTH_NM[inside], WAVELENGTHS, row) for row in np.eye(WAVELENGTHS.size)])
     weights = 683.0 * np.trapezoid(between[:, None] * colour_matching_functions()[:, inside], dx=1.0, axis=-1)
     xyz = other.radiance @ weights
     outcome = verdict(noisy(0), side_of([as_xyz_picture(xyz)], ["colour"]))
@@ -259,8 +257,7 @@ def test_patterns_of_equal_pictures_scatter_as_stated():
     light, which all edges share, is in none of them."""
     found = [regress_sides(noisy(2 * k), noisy(2 * k + 1))[0].of_kind("pattern") for k in range(80)]
     statistics = {
-        name: [p.statistic for row in found for p in row if p.name == name]
-        for name in ("magnification", "turn")
+        name: [p.statistic for row in found for p in row if p.name == name] for name in ("magnification", "turn")
     }
     for values in statistics.values():
         assert len(values) > 40

@@ -18,9 +18,7 @@ def test_lamberts_polygon_is_the_catalogues_rectangle_and_disk():
     """From a point to a rectangle with one corner straight above, and to a disk as a polygon of 4000 corners."""
     rectangle = [[0.0, 2.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.0, 0.7], [0.0, 2.0, 0.7]]
     up = [0.0, 1.0, 0.0]
-    assert point_to_polygon(np.zeros(3), up, rectangle) == pytest.approx(
-        corner_to_rectangle(1.5, 0.7, 2.0), rel=1e-9
-    )
+    assert point_to_polygon(np.zeros(3), up, rectangle) == pytest.approx(corner_to_rectangle(1.5, 0.7, 2.0), rel=1e-9)
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
     ring = np.stack([3 * np.cos(angle), np.full(4000, 2.0), 3 * np.sin(angle)], axis=1)
     assert point_to_polygon(np.zeros(3), up, ring) == pytest.approx(disk_above(3.0, 2.0), rel=1e-5)
@@ -32,9 +30,7 @@ def test_the_walls_of_a_cube_take_all_light_of_one():
 
 
 def test_radiosity_of_a_white_cube_is_its_lamps():
-    assert cube_radiosity(dict.fromkeys(FACES, 1.0), "ceiling", 8) == pytest.approx(
-        dict.fromkeys(FACES, 1.0), abs=1e-9
-    )
+    assert cube_radiosity(dict.fromkeys(FACES, 1.0), "ceiling", 8) == pytest.approx(dict.fromkeys(FACES, 1.0), abs=1e-9)
 
 
 def test_radiosity_of_a_nearly_black_cube_is_direct_light():

@@ -34,8 +34,7 @@ def distorted_box():
     settings = ExportSettings(np.array([450.0, 550.0, 600.0, 650.0]), samples=32, batches=4)
     exported = exported_scene(cornell_box(), distorted(), settings)
     return {
-        lamp: (own, reference_cube(own))
-        for lamp, own in {True: exported, False: exported.with_black_lamps}.items()
+        lamp: (own, reference_cube(own)) for lamp, own in {True: exported, False: exported.with_black_lamps}.items()
     }
 
 
@@ -163,9 +162,7 @@ def test_few_wavelengths_are_no_colours_to_radiance(channels, tmp_path):
     exported = exported_scene(cornell_box(), cornell_camera(16), settings).with_black_lamps
     write_export(tmp_path / "box", exported)
     run_renderer(tmp_path / "box", "radiance")
-    judged = judge(
-        "radiance", read_rendered(tmp_path / "box", "radiance"), reference_cube(exported), exported
-    )
+    judged = judge("radiance", read_rendered(tmp_path / "box", "radiance"), reference_cube(exported), exported)
     assert all(abs(row.difference) < max(4 * row.sigma, 0.02) for row in judged.outcome.of_kind("band"))
 
 

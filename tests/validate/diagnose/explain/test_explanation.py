@@ -123,9 +123,7 @@ def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
     field = found.field
     assert field.surfaces[0].surface == "floor"
     mean = found.change[:, where].mean(axis=1)
-    np.testing.assert_allclose(
-        field.spectrum, mean / mean[np.argmax(np.abs(field.spectrum))], rtol=0.05, atol=0.02
-    )
+    np.testing.assert_allclose(field.spectrum, mean / mean[np.argmax(np.abs(field.spectrum))], rtol=0.05, atol=0.02)
 
 
 @pytest.mark.parametrize("factor", [-0.6, 5.0])

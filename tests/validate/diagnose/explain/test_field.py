@@ -35,9 +35,7 @@ def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
     other number, 1.5 in both bands together, allows for. That number is 3 in the first band and 0 in the second."""
     a = np.broadcast_to(np.diag([1e6, 100.0]), (2, 2, 2))
     imitated = np.sqrt(2e6) * (1 + 1e-6) / 2
-    n = Normal(
-        a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2))
-    )
+    n = Normal(a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2)))
     found = fixed_spectrum(beside_common(n), np.eye(2)[0])
     assert_allclose(found.coefficients, [[0, 3], [0, 0]], atol=0.1)
 

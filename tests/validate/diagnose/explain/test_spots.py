@@ -28,8 +28,7 @@ def test_where_one_band_is_off_nothing_is_fitted_to_all_bands():
     excess = small_excess(70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None])
     spot = spot_of_one_band(excess)
     alone, both = (
-        [form for form in sensor_forms(excess, *spots) if form.local]
-        for spots in ((None, spot), (spot, spot))
+        [form for form in sensor_forms(excess, *spots) if form.local] for spots in ((None, spot), (spot, spot))
     )
     assert {form.words for form in alone} == {"a spot in one band"}
     assert {form.words for form in both} == {"a spot", "a spot in one band"}

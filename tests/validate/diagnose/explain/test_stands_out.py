@@ -20,11 +20,16 @@ def _model(excess):
     count = excess.used.sum()
     basis = np.append(excess.nuisances.reshape(count, 1), np.zeros((11, 1)), axis=0)
     return LinearModel(
-        used=excess.used, interior=np.ones(count, bool), patch=np.zeros(count, int), sigma=SIGMA.ravel(),
-        priors=np.zeros((11, 11)), by_lamp=np.ones(count), basis=basis,
+        used=excess.used,
+        interior=np.ones(count, bool),
+        patch=np.zeros(count, int),
+        sigma=SIGMA.ravel(),
+        priors=np.zeros((11, 11)),
+        by_lamp=np.ones(count),
+        basis=basis,
         shared_errors=np.zeros((count + 11, 1), np.float32),
         residual=np.append(excess.residual.ravel().astype(float), np.zeros(11)),
-    )  # fmt: skip
+    )
 
 
 def _seen(change, seed=3):
@@ -131,9 +136,7 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step,
 
 def _blurred_by(share):
     """The picture with a share (y, x) or a number of each pixel's light spread over its four neighbours."""
-    around = sum(
-        shift(SIGNAL, (0, *step), order=0, mode="nearest") for step in ((0, 1), (0, -1), (1, 0), (-1, 0))
-    )
+    around = sum(shift(SIGNAL, (0, *step), order=0, mode="nearest") for step in ((0, 1), (0, -1), (1, 0), (-1, 0)))
     return share * (around / 4 - SIGNAL)
 
 
@@ -151,9 +154,7 @@ def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_no
 def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_informs_of_one():
     own, draw = (SIGMA * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
     excess = replace(small_excess(-own), signal=np.mean(SIGNAL, axis=(1, 2), keepdims=True) + own)
-    plain, known = (
-        _blurred(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw)
-    )
+    plain, known = (_blurred(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw))
     for with_noise, without in ((plain.a, known.a), (plain.b, known.b), (plain.own_b, known.own_b)):
         assert np.all(np.abs(without.sum(axis=0)) < 0.1 * np.abs(with_noise.sum(axis=0)).max())
 

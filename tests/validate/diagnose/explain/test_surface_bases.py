@@ -44,13 +44,10 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
         np.testing.assert_allclose(seen[row], on_fragments, rtol=1e-6)
         both = {
             "reflectance": [
-                picture(t, band, 1 + sign * STEP * on_fragments, 1 + sign * STEP * on_patches)[0]
-                for sign in (1, -1)
+                picture(t, band, 1 + sign * STEP * on_fragments, 1 + sign * STEP * on_patches)[0] for sign in (1, -1)
             ],
             "light": [
-                picture(
-                    t, band, fragment_light=sign * STEP * on_fragments, patch_light=sign * STEP * on_patches
-                )[0]
+                picture(t, band, fragment_light=sign * STEP * on_fragments, patch_light=sign * STEP * on_patches)[0]
                 for sign in (1, -1)
             ],
         }

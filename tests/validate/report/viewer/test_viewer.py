@@ -43,11 +43,16 @@ CURVES = np.exp(-0.5 * ((SPECTRA_NM - np.array(NM)[ORDER][:, None]) / 20) ** 2)
 def data(comparison):
     return {
         **picture_data(comparison, NM),
-        "spectrum": {"wavelength_nm": SPECTRA_NM.tolist(), "rank": 2, "basis": encoded(BASIS),
-                     "coefficients": encoded(AMOUNTS), "unit": "W m⁻² sr⁻¹ nm⁻¹"},
+        "spectrum": {
+            "wavelength_nm": SPECTRA_NM.tolist(),
+            "rank": 2,
+            "basis": encoded(BASIS),
+            "coefficients": encoded(AMOUNTS),
+            "unit": "W m⁻² sr⁻¹ nm⁻¹",
+        },
         "light": {"names": ["reflected once", "twice", "more often"], "share": encoded(SHARES)},
         "filters": {"wavelength_nm": SPECTRA_NM.tolist(), "curves": encoded(CURVES)},
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture
@@ -126,9 +131,13 @@ def test_spectra_of_pixels_are_those_of_the_render():
     generator = np.random.default_rng(5)
     spectra = np.exp(-0.5 * ((SPECTRA_NM - np.linspace(420, 680, 6)[:, None]) / 60) ** 2)
     image = RenderedImage(
-        generator.random((3, 8, 9, 6)).astype(np.float32), spectra, SPECTRA_NM, np.ones((8, 9, 1)),
-        np.zeros(1, int), ("wall",),
-    )  # fmt: skip
+        generator.random((3, 8, 9, 6)).astype(np.float32),
+        spectra,
+        SPECTRA_NM,
+        np.ones((8, 9, 1)),
+        np.zeros(1, int),
+        ("wall",),
+    )
     _, basis, amounts = pixel_spectra(image, 0.9)
     expected = 0.9 * image.project(np.eye(31))[0]
     np.testing.assert_allclose(np.einsum("kyx,kw->yxw", amounts, basis), expected, rtol=2e-3)
@@ -137,10 +146,11 @@ def test_spectra_of_pixels_are_those_of_the_render():
 @pytest.mark.parametrize(
     ("layer", "name", "scale"),
     [
-        ("delta_e_ab", "delta_e_ab", 1), ("delta_e_2000", "delta_e_2000", 1),
+        ("delta_e_ab", "delta_e_ab", 1),
+        ("delta_e_2000", "delta_e_2000", 1),
         ("luminance", "luminance_relative_difference", 100),
     ],
-)  # fmt: skip
+)
 def test_layers_are_the_maps_of_the_comparison(page, comparison, layer, name, scale):
     expected = scale * comparison.maps[name].values
     np.testing.assert_allclose(_layer(page, layer), expected, rtol=2e-3, atol=2e-4)
@@ -313,11 +323,15 @@ def test_a_large_picture_stays_small(comparison):
     generator = np.random.default_rng(0)
     shape = (5, 640, 640)
     stack = ("band", "y", "x")
-    maps = xr.Dataset({
-        "measured": (stack, generator.normal(1000, 30, shape)), "rendered": (stack, generator.normal(1000, 9, shape)),
-        "sigma": (stack, np.full(shape, 30.0)), "mask": (stack, np.zeros(shape, np.uint8)),
-        "surface": (stack[1:], np.zeros(shape[1:], np.int16)),
-    })  # fmt: skip
+    maps = xr.Dataset(
+        {
+            "measured": (stack, generator.normal(1000, 30, shape)),
+            "rendered": (stack, generator.normal(1000, 9, shape)),
+            "sigma": (stack, np.full(shape, 30.0)),
+            "mask": (stack, np.zeros(shape, np.uint8)),
+            "surface": (stack[1:], np.zeros(shape[1:], np.int16)),
+        }
+    )
     data = picture_data(replace(comparison, maps=maps))
     assert data["block"] == 1
     assert sum(len(data[name]["data"]) for name in ("measured", "rendered", "sigma")) < 9e6
@@ -335,9 +349,9 @@ def test_numbers_that_are_many_are_stored_in_sixteen_bits(page):
     stored = encoded(values)
     assert stored["type"] == "u2"
     page.run(f"v.update({{maps: [{{id: 'm', name: 'm', values: {json.dumps(stored)}}}]}})")
-    back = np.array(
-        page.run("Array.from(v.picture.maps[0].values, (n) => Number.isNaN(n) ? null : n)"), float
-    ).reshape(values.shape)
+    back = np.array(page.run("Array.from(v.picture.maps[0].values, (n) => Number.isNaN(n) ? null : n)"), float).reshape(
+        values.shape
+    )
     span = np.nanmax(values, axis=(1, 2)) - np.nanmin(values, axis=(1, 2))
     assert np.isnan(back[0, 3, 4]) and np.isnan(back).sum() == 1
     for plane in (0, 1):

@@ -36,9 +36,7 @@ DECENTRED_LENS = Effect(
 
 def _warmed(curves, shift_nm):
     grid = curves.wavelength_nm
-    shifted = [
-        [np.interp(grid - shift_nm, grid, t, left=0.0, right=0.0) for t in at] for at in curves.transmittance
-    ]
+    shifted = [[np.interp(grid - shift_nm, grid, t, left=0.0, right=0.0) for t in at] for at in curves.transmittance]
     return replace(curves, transmittance=np.array(shifted))
 
 
@@ -69,9 +67,7 @@ HOOD_SHADE = Effect(
 
 def _ramped(counts, dn):
     ramp = dn * np.linspace(0.0, 1.0, counts.scene.shape[1])[:, None]
-    return replace(
-        counts, scene=counts.scene + ramp, flat=counts.flat + ramp, reference=counts.reference + ramp
-    )
+    return replace(counts, scene=counts.scene + ramp, flat=counts.flat + ramp, reference=counts.reference + ramp)
 
 
 ROW_RAMP = Effect(

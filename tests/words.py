@@ -1,0 +1,219 @@
+"""Measures of the language of the code: ``python tests/words.py [PATH ...]`` prints faults, ``--update`` the limits.
+
+Counts by package, held by ``tests/test_words.py`` to the limits in ``tests/words_limits.json``, which only decrease.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import re
+import sys
+import tokenize
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from architecture import MODULES, package_of
+from helpers.places import ROOT
+
+LIMITS = ROOT / "tests" / "words_limits.json"
+
+#: Names that point at a value instead of saying what it is.
+NAMELESS = frozenset(
+    """
+    found own one ones known told seen made kept place places words here there thing things given taken asked lit
+    shown stated wanted whole held looked tried drawn solved named chosen left
+    """.split()  # noqa: SIM905
+)
+#: Words and phrases for which the language of the field has a plainer one.
+BANNED = re.compile(
+    r"\b(so many|tells?|told|lest|whereof|of which|likewise|in (?:its|their|each other's) stead|anew|thereof|"
+    r"of (?:its|their) own|beside|astray|hereof)\b",
+    re.IGNORECASE,
+)
+#: A docstring's first word that begins a clause.
+CLAUSE = re.compile(r"(What|Of|How|Which|Where|When|That|Why|Who|Lest|As|So)\b")
+MAX_FIRST_LINE, MAX_WORDS = 90, 30
+
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+_SENTENCE_END = re.compile(r"(?<=[.!?;:])\s+")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault of language: where it is, and which measure counts it."""
+
+    path: Path
+    line: int
+    measure: str
+    text: str
+
+
+def findings(path: Path) -> list[Finding]:
+    """All faults of one module."""
+    source = path.read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    faults = [*_names(tree), *_docstrings(tree, source), *_constants(tree), *_texts(tree, source)]
+    return [Finding(path, *fault) for fault in faults]
+
+
+def assigned_names(tree: ast.AST) -> list[tuple[int, str]]:
+    """(line, name) of everything that is bound: variables, parameters, loop and exception names."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.append((node.lineno, node.id))
+        elif isinstance(node, ast.arg):
+            names.append((node.lineno, node.arg))
+        elif isinstance(node, ast.ExceptHandler) and node.name:
+            names.append((node.lineno, node.name))
+    return names
+
+
+def _names(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+    names = assigned_names(tree)
+    directions = "right" in {name for _, name in names}
+    for line, name in names:
+        if name.strip("_") in NAMELESS and not (name == "left" and directions):
+            yield line, "nameless", name
+
+
+def _is_public(name: str) -> bool:
+    return not name.startswith("_")
+
+
+def _decorators(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> set[str]:
+    return set(re.findall(r"\w+", " ".join(ast.unparse(item) for item in node.decorator_list)))
+
+
+def _sections(node: ast.FunctionDef | ast.AsyncFunctionDef, text: str) -> Iterator[str]:
+    """Sections that a public function's docstring lacks."""
+    arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+    arguments = [argument for argument in arguments if argument.arg not in ("self", "cls")]
+    returns = node.returns is not None and ast.unparse(node.returns) not in ("None", "NoReturn", "Self")
+    if arguments and not re.search(r"^Parameters\n-+$", text, re.MULTILINE):
+        yield "Parameters"
+    if returns and not re.search(r"^(Returns|Yields)\n-+$", text, re.MULTILINE):
+        yield "Returns"
+    if re.search(r"\bRaises\b", text) and not re.search(r"^Raises\n-+$", text, re.MULTILINE):
+        yield "Raises"
+
+
+def _docstrings(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]:
+    lines = source.splitlines()
+    nested = {
+        child
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        for child in ast.walk(node)
+        if child is not node
+    }
+    private = {
+        child
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) and not _is_public(node.name)
+        for child in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if not isinstance(node, _DOCUMENTED):
+            continue
+        name, line = getattr(node, "name", "module"), getattr(node, "lineno", 1)
+        text = ast.get_docstring(node)
+        public = _is_public(name) and node not in nested and node not in private
+        if text is None:
+            short = isinstance(node, ast.FunctionDef) and len(node.body) <= 1
+            if public and not short and not isinstance(node, ast.Module):
+                yield line, "docstring", f"{name}: none"
+            continue
+        first = text.splitlines()[0]
+        if len(first) > MAX_FIRST_LINE or CLAUSE.match(first) or not first.endswith((".", ":")):
+            yield line, "first-line", f"{name}: {first}"
+        if public and isinstance(node, ast.FunctionDef) and not _decorators(node) & {"property", "cached_property"}:
+            for section in _sections(node, text):
+                yield line, "section", f"{name}: no {section}"
+        if public and isinstance(node, ast.ClassDef) and "dataclass" in _decorators(node):
+            for field in node.body:
+                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                    above, same = lines[field.lineno - 2].strip(), lines[field.end_lineno - 1]
+                    if _is_public(field.target.id) and not above.startswith("#:") and "#:" not in same:
+                        yield field.lineno, "field", f"{name}.{field.target.id}"
+
+
+def _constants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple):
+            names = [ast.unparse(item) for item in node.targets[0].elts]
+            if all(name.isupper() for name in names):
+                yield node.lineno, "tuple-constant", ", ".join(names)
+
+
+def _texts(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]:
+    """Banned words in docstrings, comments and messages; sentences that are too long in docstrings and comments."""
+    prose = []
+    for node in ast.walk(tree):
+        if isinstance(node, _DOCUMENTED) and (text := ast.get_docstring(node)) is not None:
+            prose.append((getattr(node, "lineno", 1), text))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            for match in BANNED.finditer(node.value):
+                yield node.lineno, "banned", f"{match.group()}: {node.value[:70]!r}"
+    block: list[str] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            if "fmt: skip" in token.string:
+                yield token.start[0], "fmt-skip", ""
+            for match in BANNED.finditer(token.string):
+                yield token.start[0], "banned", f"{match.group()}: {token.string[:70]}"
+            block.append(token.string.lstrip("#: "))
+        elif token.type not in (tokenize.NL, tokenize.NEWLINE) and block:
+            prose.append((token.start[0] - len(block), " ".join(block)))
+            block = []
+    for line, text in prose:
+        for paragraph in re.split(r"\n\s*\n|\n(?=\s*[-*] )|\n-+\n|(?<=\n)\w[\w, ]* : .*\n", text):
+            for sentence in _SENTENCE_END.split(" ".join(paragraph.split())):
+                count = len(re.findall(r"[^\W\d_][\w'-]*", sentence))
+                if count > MAX_WORDS:
+                    yield line, "long-sentence", f"{count} words: {sentence[:80]}"
+
+
+def documentation_lines(path: Path) -> tuple[int, int]:
+    """Lines of docstrings and attribute documentation, and all lines, of a module."""
+    source = path.read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    count = len(re.findall(r"^\s*#:", source, re.MULTILINE))
+    for node in ast.walk(tree):
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            count += node.body[0].end_lineno - node.body[0].lineno + 1
+    return count, len(source.splitlines())
+
+
+def counts() -> dict[str, dict[str, int]]:
+    """By package, the number of faults of each measure."""
+    table: dict[str, Counter[str]] = {}
+    for path in MODULES:
+        package = table.setdefault(package_of(path), Counter())
+        package.update(finding.measure for finding in findings(path))
+    return {package: dict(sorted(table[package].items())) for package in sorted(table)}
+
+
+def main(arguments: list[str]) -> None:
+    if arguments == ["--update"]:
+        LIMITS.write_text(json.dumps(counts(), indent=1) + "\n", encoding="utf-8")
+        return
+    folders = [Path(name).resolve() for name in arguments] or [ROOT]
+    paths = [path for path in MODULES if any(path.is_relative_to(folder) for folder in folders)]
+    total: Counter[str] = Counter()
+    for finding in (finding for path in paths for finding in findings(path)):
+        total[finding.measure] += 1
+        if arguments:
+            print(f"{finding.path.relative_to(ROOT)}:{finding.line}: {finding.measure}: {finding.text}")
+    names = sum(len(assigned_names(ast.parse(path.read_text(encoding="utf-8")))) for path in paths)
+    documented, lines = (sum(column) for column in zip(*map(documentation_lines, paths), strict=True))
+    print(dict(sorted(total.items())))
+    print(f"nameless {total['nameless'] / names:.2%} of {names} names, documentation {documented / lines:.1%} of lines")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
