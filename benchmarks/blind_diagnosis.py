@@ -70,17 +70,7 @@ _PICTURE_ERROR = 0.002
 _AFTER_THE_PICTURE = stages_between("filter", "counts")
 
 #: Rooms of ``validate`` that no diagnosis imports: they show what it found.
-SHOWING = (
-    "commands",
-    "references",
-    "renderers",
-    "report",
-    "results",
-    "studio",
-    "study",
-    "terminal",
-    "viewer",
-)
+SHOWING = ("api", "app", "compare_renders/renderers", "compare_renders/stored_references", "report", "study")
 
 #: What may begin with a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)

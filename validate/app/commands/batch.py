@@ -29,7 +29,7 @@ _LOG = "log.txt"
 
 
 #: The program, as a process of its own; its arguments follow.
-_CBOX = "import sys; from cboxlab.validation.commands.cli import main; sys.argv[0] = 'cbox'; main()"
+_CBOX = "import sys; from cboxlab.validation.app.commands.cli import main; sys.argv[0] = 'cbox'; main()"
 
 
 class What(StrEnum):

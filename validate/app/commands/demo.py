@@ -19,7 +19,7 @@ from .summary import print_diagnosis, print_validation
 __all__ = ["DEMO_CAPTURE", "run_demo"]
 
 #: The bundled capture (how it was made: validate/data/README.md).
-DEMO_CAPTURE = Path(__file__).parents[1] / "data" / "demo-capture"
+DEMO_CAPTURE = Path(__file__).parents[2] / "data" / "demo-capture"
 
 #: Wavelength step of the cube for the other camera, from the render at 400 to 700 nm by 1 nm.
 CUBE_STEP_NM = 10

@@ -79,7 +79,7 @@ def test_ctrl_c_while_the_renderer_is_imported_interrupts_afterwards():
 
 def test_a_command_goes_on_when_the_reader_of_its_output_has_gone(tmp_path):
     """As before ``| head``: its result is written, and its exit code is its own."""
-    program = [sys.executable, "-c", "from cboxlab.validation.commands.cli import main; main()"]
+    program = [sys.executable, "-c", "from cboxlab.validation.app.commands.cli import main; main()"]
     arguments = ["effects", "--json", str(tmp_path / "effects.json")]
     reading, writing = os.pipe()
     os.close(reading)
@@ -113,7 +113,7 @@ class Pressing(importlib.abc.MetaPathFinder):
             signal.raise_signal(signal.SIGINT)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.meta_path.insert(0, Pressing())
-from cboxlab.validation.commands.cli import main
+from cboxlab.validation.app.commands.cli import main
 main(["effects"])
 """
 
