@@ -32,6 +32,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from blind_places import BOXES, INSTRUMENTS, scene_of
 from blind_scores import named, print_tables, summary
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED, stages_between
 from cboxlab.rendering.effects import AppliedEffect, catalogue
@@ -40,11 +41,12 @@ from cboxlab.rendering.integrators.passes import Job
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
+from cboxlab.scenes import load_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare.pipeline import validate
+from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.model_capture import (
@@ -194,7 +196,7 @@ class Laboratory:
 def laboratory(seed: int, box: str, instrument: str) -> Laboratory:
     """Repeatable by ``seed``. box, instrument : of ``blind_places``."""
     size, changed = INSTRUMENTS[instrument]
-    model = Model(scene_of(box))
+    model = Model(load_scene(scene_of(box)))
     camera, settings = perturbed_camera(size, seed), changed(varied_settings(seed))
     return Laboratory(model, photographed_scene(model), camera, settings)
 
@@ -261,7 +263,7 @@ def run(case: Case) -> dict[str, Any] | None:
         path = Path(folder) / "capture"
         write_capture(path, case, effects, bounces)
         start, cpu = time.perf_counter(), time.process_time()
-        diagnosis = diagnose(validate(path, given))
+        diagnosis = diagnose(validate_capture(load_capture(path), given))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     offsets = block_offsets(place.scene, case.laboratory)
     return {

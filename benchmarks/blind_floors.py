@@ -21,8 +21,9 @@ import numpy as np
 from blind_diagnosis import Case, code_state, laboratory, write_capture
 from blind_places import BOXES, INSTRUMENTS
 from blind_scores import with_groups
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.effects import AppliedEffect, catalogue
-from cboxlab.validation.compare.pipeline import validate
+from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
 from cboxlab.validation.diagnose.evidence import Limit
 from scipy import stats
@@ -50,7 +51,8 @@ def diagnosed(case: Case, effects: tuple[AppliedEffect, ...]) -> Diagnosis:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
         write_capture(path, case, effects)
-        return diagnose(validate(path, laboratory(case.laboratory, case.box, case.instrument).model))
+        model = laboratory(case.laboratory, case.box, case.instrument).model
+        return diagnose(validate_capture(load_capture(path), model))
 
 
 def stated(limit: Limit) -> dict[str, Any]:

@@ -23,10 +23,11 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.utils.progress import QUIET
-from cboxlab.validation.compare import validate
+from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.evidence import Limit, least_gain_of, limit_of
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import limits_of, signatures_of, tolerated_changes
@@ -39,7 +40,7 @@ _FIVE_NINE_TIMES_IN_TEN = 6.2816
 
 def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]]]:
     """The strength that noise alone would allow; each effect's limit, and the strength that size alone asks for."""
-    validation = validate(capture, model)
+    validation = validate_capture(load_capture(capture), model)
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
     known = signatures_of(plain, model.effects, model.render, QUIET)
     counting, count = plain.counting_errors(tolerated_changes(plain, known)).model, plain.model.count

@@ -15,9 +15,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.model import Model
 from cboxlab.utils.progress import QUIET
-from cboxlab.validation.compare import validate
+from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.selection import NormalEquations
@@ -32,7 +33,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     model = Model()
-    validation = validate(arguments.capture, model)
+    validation = validate_capture(load_capture(arguments.capture), model)
     fit = linearised_fit(validation.prepared, validation.rendered, ())
     known = signatures_of(fit, (), model.render, QUIET)
     able = [one for one in known if one.changes is not None and one.hypothesis.free]

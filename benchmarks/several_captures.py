@@ -20,11 +20,12 @@ from pathlib import Path
 
 import numpy as np
 from blind_diagnosis import drawn
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.camera import Camera
-from cboxlab.validation.compare import validate
+from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose import Diagnosis, diagnose
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from cboxlab.validation.synthetic.model_capture import photographed_scene
@@ -75,7 +76,7 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
             there = effect.at_aperture(settings.f_number / how.f_number)
             effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (there,)
             write_model_capture(place, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
-            validations.append(validate(place, Model()))
+            validations.append(validate_capture(load_capture(place), Model()))
         first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
         if not both.selected and not both.further[0].adequate:
             # as the report advises

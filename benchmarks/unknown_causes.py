@@ -19,6 +19,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import Job, render_to_precision
 from cboxlab.rendering.model import Model
@@ -26,7 +27,7 @@ from cboxlab.rendering.synthetic import CaptureSettings, write_photographs
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.compare import validate
+from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose import diagnose
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
@@ -101,7 +102,7 @@ def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
         folder = (keep or Path(temporary)) / f"{name}-{seed}"
         truth = write_capture(folder, name, seed)
         start, cpu = time.perf_counter(), time.process_time()
-        diagnosis = diagnose(validate(folder, Model()))
+        diagnosis = diagnose(validate_capture(load_capture(folder), Model()))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     found = diagnosis.explanation
     place = None if found is None or found.centre_px is None else list(found.centre_px)

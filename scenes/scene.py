@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, suggestion
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
-from .spectra import Spectrum
+from .shapes import turned_about_vertical
+from .spectra import Spectrum, as_spectrum
+from .spectrum_checks import radiance_faults, reflectance_faults
 from .wavelength_grid import WAVELENGTH_NM
 
-__all__ = ["Lamp", "Material", "Medium", "Scene", "Surface", "Texture"]
+__all__ = ["Lamp", "Material", "Medium", "Scene", "SceneOrigin", "Surface", "Texture"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +117,12 @@ class Surface:
         return self.vertices_mm.mean(axis=0), float(np.sqrt(self.areas_mm2.sum() / (4 * np.pi)))
 
 
+def _require_none(faults: Sequence[InputError]) -> None:
+    """Raise the faults as one InputError, if there are any."""
+    if faults:
+        raise combined(list(faults))
+
+
 def _black() -> Spectrum:
     return Spectrum(np.array([550.0]), np.array([0.0]))
 
@@ -141,20 +153,51 @@ class Lamp:
         return bool(self.reflectance.values.any())
 
 
-@dataclass(frozen=True, eq=False)
-class Scene(OwnMappings):
-    """One scene. Lengths in mm. ``surfaces`` does not contain the lamps' surfaces; ``materials`` is by name.
+@dataclass(frozen=True)
+class SceneOrigin:
+    """Where a scene was read from."""
 
-    lamp : the first of the lamps, whose radiance a capture states. further_lamps : the others.
+    #: Name of a packaged scene, or absolute path of a scene file.
+    reference: str
+    #: The scene file and the tables, meshes and images that it names; empty for a packaged scene.
+    files: tuple[Path, ...] = ()
+
+    @property
+    def packaged(self) -> bool:
+        """Whether the scene is part of the program."""
+        return not self.files
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(OwnMappings):
+    """Surfaces, materials, lamps and medium of one box, in mm.
+
+    A scene is a value. Methods return changed copies; a changed copy has no ``origin``.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> box = cboxlab.load_scene("cornell-box").with_reflectance("red", [400, 700], [0.05, 0.6])
+    >>> box.materials["red"].reflectance.at(550).round(3).item()
+    0.325
     """
 
+    #: Title of the scene.
     name: str
+    #: All surfaces but those of the lamps.
     surfaces: tuple[Surface, ...]
+    #: Materials by name.
     materials: Mapping[str, Material]
+    #: First lamp, the one whose radiance a capture states.
     lamp: Lamp
-    source: str = field(default="")
+    #: Publication or measurement that the scene was taken from.
+    source: str = ""
+    #: Medium between the surfaces; None for air without scattering.
     medium: Medium | None = None
+    #: Lamps other than the first one.
     further_lamps: tuple[Lamp, ...] = ()
+    #: File or name that the scene was read from; None for a scene built or changed in memory.
+    origin: SceneOrigin | None = field(default=None, init=False)
 
     @property
     def lamps(self) -> tuple[Lamp, ...]:
@@ -221,15 +264,208 @@ class Scene(OwnMappings):
     def _radiances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
         return np.array([lamp.radiance.at(wavelength_nm) for lamp in self.lamps])
 
-    def with_lamp(self, radiance: Spectrum) -> Scene:
-        """The same scene with another spectrum of the first lamp, and further lamps as bright beside it as before.
+    def with_lamp(self, radiance: Spectrum | ArrayLike, values: ArrayLike | None = None) -> Scene:
+        """Copy of the scene with another spectral radiance of the first lamp.
 
-        A meter whose scale is off is off for all lamps alike. Ratios are those of sums over 400 to 700 nm.
+        Further lamps keep their radiance relative to the first one: a meter whose scale is off is off for all lamps
+        alike. The ratio is that of the sums over 400 to 700 nm.
+
+        Parameters
+        ----------
+        radiance
+            Spectrum in W m^-2 sr^-1 nm^-1, or its wavelengths (n,) in nm.
+        values
+            (n,) radiance at these wavelengths.
+
+        Returns
+        -------
+        Scene
+            The changed copy.
+
+        Raises
+        ------
+        InputError
+            If the tables differ in length, do not ascend, or hold a negative or no finite number.
         """
-        now, before = (float(one.at(WAVELENGTH_NM).sum()) for one in (radiance, self.lamp.radiance))
+        spectrum = as_spectrum(radiance, values, "zero", "Scene.with_lamp: radiance")
+        if spectrum is not radiance:
+            _require_none(radiance_faults(spectrum, "Scene.with_lamp: radiance"))
+        now, before = (float(item.at(WAVELENGTH_NM).sum()) for item in (spectrum, self.lamp.radiance))
         factor = now / before if min(now, before) > 0 else 1.0
-        further = tuple(replace(one, radiance=one.radiance.scaled(factor)) for one in self.further_lamps)
-        return replace(self, lamp=replace(self.lamp, radiance=radiance), further_lamps=further)
+        further = tuple(replace(lamp, radiance=lamp.radiance.scaled(factor)) for lamp in self.further_lamps)
+        return replace(self, lamp=replace(self.lamp, radiance=spectrum), further_lamps=further)
+
+    def with_reflectance(
+        self, material: str, reflectance: Spectrum | ArrayLike, values: ArrayLike | None = None
+    ) -> Scene:
+        """Copy of the scene in which a material has another reflectance.
+
+        Parameters
+        ----------
+        material
+            Name of the material, such as "red".
+        reflectance
+            Spectrum from 0 to 1, one number for all wavelengths, or the wavelengths (n,) of ``values`` in nm.
+        values
+            (n,) reflectance at these wavelengths, 0 to 1.
+
+        Returns
+        -------
+        Scene
+            The changed copy. The material keeps its BSDF; a texture is replaced.
+
+        Raises
+        ------
+        InputError
+            If the scene has no such material, or the table is no reflectance.
+        """
+        where = f"Scene.with_reflectance: {material}"
+        spectrum = as_spectrum(reflectance, values, "hold", where)
+        _require_none(reflectance_faults(spectrum, where))
+        return self.with_material(replace(self.material(material), reflectance=spectrum, texture=None))
+
+    def with_material(self, material: Material) -> Scene:
+        """Copy of the scene with one material replaced or added, by the material's name.
+
+        Parameters
+        ----------
+        material
+            The new material.
+
+        Returns
+        -------
+        Scene
+            The changed copy.
+
+        Raises
+        ------
+        InputError
+            If the argument is no ``Material``.
+        """
+        if not isinstance(material, Material):
+            raise InputError("Scene.with_material", repr(material), "a Material")
+        return replace(self, materials={**self.materials, material.name: material})
+
+    def material(self, name: str) -> Material:
+        """Material of a name.
+
+        Parameters
+        ----------
+        name
+            Name of the material.
+
+        Returns
+        -------
+        Material
+            The material.
+
+        Raises
+        ------
+        InputError
+            If the scene has no such material.
+        """
+        if name not in self.materials:
+            expected = f"one of {', '.join(self.materials)}"
+            hint = suggestion(str(name), self.materials)
+            raise InputError(f"scene '{self.name}': material", repr(name), expected, hint)
+        return self.materials[name]
+
+    def moved(self, surface: str, by_mm: ArrayLike = (0.0, 0.0, 0.0), turn_deg: float = 0.0) -> Scene:
+        """Copy of the scene in which one surface is shifted, and turned about the vertical.
+
+        Parameters
+        ----------
+        surface
+            Name of the surface, such as "tall-block".
+        by_mm
+            (3,) shift in mm along x, y and z.
+        turn_deg
+            Angle in degrees about +y, right-handed, through the mean of the footprint's corners.
+
+        Returns
+        -------
+        Scene
+            The changed copy.
+
+        Raises
+        ------
+        InputError
+            If the scene has no such surface, or the shift or angle is not finite.
+        """
+        where = f"Scene.moved: {surface}"
+        try:
+            shift, angle = np.asarray(by_mm, float), float(turn_deg)
+        except (TypeError, ValueError):
+            raise InputError(where, f"by_mm={by_mm!r}, turn_deg={turn_deg!r}", "numbers") from None
+        if shift.shape != (3,) or not (np.isfinite(shift).all() and np.isfinite(angle)):
+            raise InputError(where, f"by_mm={by_mm!r}, turn_deg={turn_deg!r}", "three finite mm and finite degrees")
+        names = [item.name for item in self.surfaces]
+        if surface not in names:
+            raise InputError(where, "no such surface", f"one of {', '.join(names)}", suggestion(str(surface), names))
+        mesh = self.surface(surface)
+        vertices = turned_about_vertical(mesh.vertices_mm, angle) + shift
+        changed = tuple(replace(s, vertices_mm=vertices) if s is mesh else s for s in self.surfaces)
+        return replace(self, surfaces=changed)
+
+    def read_from(self, origin: SceneOrigin) -> Scene:
+        """Copy of the scene with the origin that it was read from.
+
+        Parameters
+        ----------
+        origin
+            Name or file that states exactly this scene.
+
+        Returns
+        -------
+        Scene
+            The copy.
+        """
+        scene = replace(self)
+        object.__setattr__(scene, "origin", origin)
+        return scene
+
+    def write(self, path: str | Path) -> Path:
+        """Write the scene as a scene file (docs/scene-format.md) that ``cboxlab.load_scene`` reads back.
+
+        Parameters
+        ----------
+        path
+            A file that ends in .toml. Meshes and textures are written next to it, named after it.
+
+        Returns
+        -------
+        Path
+            The scene file.
+
+        Raises
+        ------
+        InputError
+            If the path does not end in .toml, or the scene has a property that scene files cannot state.
+        """
+        from .scene_writer import write_scene
+
+        return write_scene(Path(path), self)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Label and text of the five lines that describe the scene."""
+        corners = np.concatenate([surface.vertices_mm for surface in self.all_surfaces])
+        size = " x ".join(f"{length:.0f}" for length in np.ptp(corners, axis=0))
+        origin = "in memory" if self.origin is None else self.origin.reference
+        lamps = ", ".join(f"{x.surface.name} ({x.surface.areas_mm2.sum():.0f} mm2)" for x in self.lamps)
+        return [
+            ("scene", f"{self.name} ({origin}), {size} mm"),
+            ("surfaces", ", ".join(f"{x.name} ({x.material})" for x in self.surfaces)),
+            ("materials", ", ".join(f"{k} {m.reflectance.at(550.0).item():.2f}" for k, m in self.materials.items())),
+            ("lamps", lamps),
+            ("medium", "none" if self.medium is None else f"scattering, anisotropy {self.medium.anisotropy:g}"),
+        ]
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{label + ':':<10} {text}" for label, text in self._facts())
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in self._facts())
+        return f"<table>{rows}</table>"
 
     def with_lamps(self, change: Callable[[Lamp], Lamp]) -> Scene:
         """The same scene with every lamp changed."""

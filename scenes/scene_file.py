@@ -13,8 +13,8 @@ from cboxlab.utils.faults import combined, faults_of_validation, referred, sugge
 from cboxlab.utils.input_files import read_toml
 from pydantic import ValidationError
 
-from .checks import inside_faults, radiance_faults, reflectance_faults, surface_faults, texture_faults
-from .scene import Lamp, Material, Medium, Scene, Surface, Texture
+from .checks import inside_faults, surface_faults, texture_faults
+from .scene import Lamp, Material, Medium, Scene, SceneOrigin, Surface, Texture
 from .scene_entries import (
     LampEntry,
     MaterialEntry,
@@ -28,8 +28,9 @@ from .scene_entries import (
     texture_weights,
 )
 from .spectra import Outside, Spectrum, read_spectrum
+from .spectrum_checks import radiance_faults, reflectance_faults
 
-__all__ = ["load_scene", "packaged_scenes", "scene_files"]
+__all__ = ["load_scene", "packaged_scenes"]
 
 PACKAGED = Path(__file__).parent / "data"
 
@@ -44,16 +45,20 @@ def load_scene(path_or_name: str | Path) -> Scene:
 
     Raises one InputError that lists all faults of the file.
     """
-    if str(path_or_name) in packaged_scenes():
-        path = PACKAGED / f"{path_or_name}.toml"
-    else:
-        path = Path(path_or_name)
-    return _built(path, _read(path))
-
-
-def scene_files(path: Path) -> tuple[Path, ...]:
-    """A scene file, and the tables, meshes and pictures that it names. Raises InputError for a faulty file."""
+    if not isinstance(path_or_name, str | Path):
+        raise InputError("load_scene", repr(path_or_name)[:80], "a scene file or a packaged scene's name")
+    packaged = str(path_or_name) in packaged_scenes()
+    path = PACKAGED / f"{path_or_name}.toml" if packaged else Path(path_or_name)
     file = _read(path)
+    scene = _built(path, file)
+    if packaged:
+        return scene.read_from(SceneOrigin(str(path_or_name)))
+    whole = path.resolve()
+    return scene.read_from(SceneOrigin(str(whole), _named_files(whole, file)))
+
+
+def _named_files(path: Path, file: SceneFile) -> tuple[Path, ...]:
+    """A scene file, and the tables, meshes and images that it names."""
     spectra = [material.reflectance for material in file.material.values()]
     spectra += [spectrum for lamp in file.lamp for spectrum in (lamp.radiance, lamp.reflectance)]
     media = [file.medium, *(surface.inside for surface in file.surface)]

@@ -27,6 +27,7 @@ __all__ = [
     "quad_mesh",
     "ring_mesh",
     "sphere_mesh",
+    "turned_about_vertical",
     "vector_area",
 ]
 
@@ -150,15 +151,46 @@ def sphere_mesh(center_mm: ArrayLike, radius_mm: float) -> Mesh:
     return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
 
 
-def moved_on_floor(vertices_mm: ArrayLike, dx_mm: float, dz_mm: float, yaw_deg: float) -> NDArray[np.float64]:
-    """Vertices (n, 3) of a block turned about +y (right-handed) through the mean of its footprint's corners, then
-    shifted."""
+def turned_about_vertical(vertices_mm: ArrayLike, yaw_deg: float) -> NDArray[np.float64]:
+    """Vertices turned about +y, right-handed, through the mean of the footprint's corners.
+
+    Parameters
+    ----------
+    vertices_mm
+        (n, 3) vertices, mm.
+    yaw_deg
+        Angle, degrees.
+
+    Returns
+    -------
+    NDArray
+        (n, 3) turned vertices, mm.
+    """
     vertices = np.asarray(vertices_mm, float)
     height = vertices[:, 1]
     footprint = np.unique(vertices[height < height.min() + STANDING_MM], axis=0)
     centre = footprint.mean(axis=0)
-    turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(vertices - centre)
-    return turned + centre + np.array([dx_mm, 0.0, dz_mm])
+    return Rotation.from_euler("y", yaw_deg, degrees=True).apply(vertices - centre) + centre
+
+
+def moved_on_floor(vertices_mm: ArrayLike, dx_mm: float, dz_mm: float, yaw_deg: float) -> NDArray[np.float64]:
+    """Vertices of a block turned about the vertical, then shifted along the floor.
+
+    Parameters
+    ----------
+    vertices_mm
+        (n, 3) vertices, mm.
+    dx_mm, dz_mm
+        Shift along x and z, mm.
+    yaw_deg
+        Angle about +y, right-handed, through the mean of the footprint's corners, degrees.
+
+    Returns
+    -------
+    NDArray
+        (n, 3) vertices of the moved block, mm.
+    """
+    return turned_about_vertical(vertices_mm, yaw_deg) + np.array([dx_mm, 0.0, dz_mm])
 
 
 def file_mesh(path: Path, unit_mm: float) -> Mesh:

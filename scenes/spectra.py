@@ -13,7 +13,7 @@ from cboxlab.utils.faults import path_inside, suggestion
 from cboxlab.utils.input_files import read_rows, separator_hint
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Spectrum", "planck", "read_spectra", "read_spectrum"]
+__all__ = ["Spectrum", "as_spectrum", "planck", "read_spectra", "read_spectrum"]
 
 Outside = Literal["hold", "zero"]
 
@@ -58,6 +58,47 @@ class Spectrum:
     def scaled(self, factor: float) -> Spectrum:
         """The same spectrum times a number."""
         return Spectrum(self.wavelength_nm, self.values * factor, self.outside)
+
+
+def as_spectrum(table: Spectrum | ArrayLike, values: ArrayLike | None, outside: Outside, where: str) -> Spectrum:
+    """Spectrum of an argument: a spectrum, one number, or wavelengths with their values.
+
+    Parameters
+    ----------
+    table
+        A spectrum, which is returned; a number, where ``values`` is None; or wavelengths (n,) in nm.
+    values
+        (n,) values at these wavelengths.
+    outside
+        Value beyond the table; of a number always "hold".
+    where
+        Name of the argument, for the error.
+
+    Returns
+    -------
+    Spectrum
+        The spectrum.
+
+    Raises
+    ------
+    InputError
+        If the arguments are none of these.
+    """
+    if isinstance(table, Spectrum) and values is None:
+        return table
+    try:
+        first = np.asarray(table, np.float64)
+        second = None if values is None else np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        first, second = np.array(np.nan), None
+    if second is not None:
+        try:
+            return Spectrum(first, second, outside)
+        except InputError as error:
+            raise InputError(where, error.found, error.expected) from None
+    if first.ndim == 0 and np.isfinite(first):
+        return Spectrum(np.array([550.0]), first[None], "hold")
+    raise InputError(where, repr(table)[:80], "a Spectrum, one number, or wavelengths in nm and their values")
 
 
 def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64]:

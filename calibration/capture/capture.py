@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -121,7 +122,7 @@ class Capture:
         return None if stated is None else self.light(stated)
 
     @property
-    def scene(self) -> str | None:
+    def scene_reference(self) -> str | None:
         """The packaged scene's name or the scene file's path that the manifest states; None for no or another name.
 
         Raises InputError for a scene file outside the capture's folder.
@@ -133,8 +134,12 @@ class Capture:
 
     def known_scene(self) -> Scene | None:
         """The scene that the manifest states, or None if it states none or it cannot be loaded."""
+        return self._scene
+
+    @cached_property
+    def _scene(self) -> Scene | None:
         try:
-            return None if self.scene is None else load_scene(self.scene)
+            return None if self.scene_reference is None else load_scene(self.scene_reference)
         except (InputError, OSError):
             return None
 

@@ -54,7 +54,7 @@ def check_scene(capture: Capture) -> Iterator[Suspicion]:
     if stated is None or not stated.endswith(".toml"):
         return
     try:
-        load_scene(str(capture.scene))
+        load_scene(str(capture.scene_reference))
     except (InputError, OSError) as error:
         yield Suspicion("the scene file cannot be read", "scene", f"{error}. Checks against the box were left out.")
 

@@ -148,7 +148,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *camera_notes,
     ]
     stated = capture.manifest.scene
-    if stated is not None and not stated.endswith(".toml") and capture.scene is None:
+    if stated is not None and not stated.endswith(".toml") and capture.scene_reference is None:
         notes.append(
             f"the scene '{stated}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
             "the box were left out"

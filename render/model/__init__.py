@@ -1,6 +1,15 @@
 """The model: a scene, the effects added to it, and how to render it."""
 
-from .model_file import Model, checked_effects, load_model, model_text, named_effect, write_model
+from .model_file import (
+    Model,
+    checked_effects,
+    load_model,
+    model_text,
+    named_effect,
+    referred_scene,
+    scene_reference,
+    write_model,
+)
 from .stages import displacement, labelled_cube, model_cube_inputs, seen_through, with_further_distortion
 from .view import view_of
 
@@ -13,6 +22,8 @@ __all__ = [
     "model_cube_inputs",
     "model_text",
     "named_effect",
+    "referred_scene",
+    "scene_reference",
     "seen_through",
     "view_of",
     "with_further_distortion",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
+import tomli_w
+from cboxlab.scenes import Scene, cornell_box
+from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing
@@ -18,27 +21,72 @@ from ..chain import RenderSettings
 from ..effects import AppliedEffect, Effect, apply_checked, names_in
 from ..fitted_fields import load_effect_file
 
-__all__ = ["Model", "checked_effects", "load_model", "model_text", "named_effect", "write_model"]
+__all__ = [
+    "Model",
+    "checked_effects",
+    "load_model",
+    "model_text",
+    "named_effect",
+    "referred_scene",
+    "scene_reference",
+    "write_model",
+]
 
 
 @dataclass(frozen=True)
 class Model:
-    """scene : a packaged scene's name or a scene file's path."""
+    """A scene with the effects that it is thought to have, and render settings.
 
-    scene: str = "cornell-box"
+    A model is a value: files that it was read from may change or vanish afterwards.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> model = cboxlab.load_model("cornell-box").with_effect("veiling-glare", fraction=0.01)
+    >>> [effect.id for effect in model.effects]
+    ['veiling-glare']
+    """
+
+    #: The scene; its ``origin`` says where it was read from.
+    scene: Scene = field(default_factory=cornell_box)
+    #: Effects in the order in which they act.
     effects: tuple[AppliedEffect, ...] = ()
+    #: Noise, number of reflections and seed of its rendering.
     render: RenderSettings = field(default_factory=RenderSettings)
+    #: Title of the model.
     name: str = "published box"
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The scene file, its tables and meshes, and the effect files; none of what comes with the program."""
-        scene = () if self.scene in packaged_scenes() else scene_files(Path(self.scene))
+        """Files that the model was read from: scene, tables, meshes, effects; none of the program's own."""
+        scene = () if self.scene.origin is None else self.scene.origin.files
         return *scene, *(e.effect.file for e in self.effects if e.effect.file is not None)
 
-    def with_effect(self, effect: AppliedEffect) -> Model:
-        """The model with one more effect."""
-        return replace(self, effects=(*self.effects, effect))
+    def with_effect(self, effect: AppliedEffect | Effect | str, **values: float | str) -> Model:
+        """Copy of the model with one more effect.
+
+        Parameters
+        ----------
+        effect
+            An effect with its parameters, an effect, its identifier, or an effect file (.toml).
+        **values
+            Parameters by name, such as ``fraction=0.01``; those left out have their default or null value.
+
+        Returns
+        -------
+        Model
+            The model with the effect added last.
+
+        Raises
+        ------
+        InputError
+            If there is no such effect, or a parameter is unknown or out of range.
+        """
+        if isinstance(effect, AppliedEffect) and not values:
+            return replace(self, effects=(*self.effects, effect))
+        chosen = effect if isinstance(effect, Effect) else named_effect(str(effect), Path())
+        applied = apply_checked(chosen, values, "Model.with_effect", names_in(self.scene))
+        return replace(self, effects=(*self.effects, applied))
 
 
 class _Strict(BaseModel):
@@ -60,40 +108,104 @@ class _ModelFile(_Strict):
 
 
 def load_model(path_or_name: str | Path) -> Model:
-    """The model of a file, or a scene without effects: a packaged one by name ("cornell-box"), or a scene file.
+    """Model of a file, or a scene without effects.
 
-    Raises InputError naming every fault.
+    Parameters
+    ----------
+    path_or_name
+        A model file, a scene file, or the name of a packaged scene such as "cornell-box".
+
+    Returns
+    -------
+    Model
+        The model, with everything that its files state.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or faulty; all faults are named.
     """
     if str(path_or_name) in packaged_scenes():
-        return Model(scene=str(path_or_name), name=str(path_or_name))
+        return Model(load_scene(path_or_name), name=str(path_or_name))
     path = Path(path_or_name)
     content = read_toml(path, "a model file in TOML")
     if content.get("format") == "scene/1":
-        return Model(scene=str(path.resolve()), name=load_scene(path).name)
+        scene = load_scene(path)
+        return Model(scene, name=scene.name)
     try:
         entry = _ModelFile.model_validate(content)
     except ValidationError as error:
         raise combined(faults_of_validation(path, error, _ModelFile)) from None
     if entry.format != "model/1":
         raise InputError(f"{path}: format", f"'{entry.format}'", "'model/1'")
-    scene = entry.scene
-    if scene.endswith(".toml"):
-        scene = str((path.parent / scene).resolve())
+    scene = referred_scene(entry.scene, path.parent)
     effects = checked_effects(entry.effect, scene, f"{path}: effect", path.parent)
     settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
     return Model(scene, effects, settings, entry.name or path.stem)
 
 
+def referred_scene(reference: str, folder: Path) -> Scene:
+    """Scene that a file refers to.
+
+    Parameters
+    ----------
+    reference
+        Name of a packaged scene, or a scene file (.toml) relative to ``folder``.
+    folder
+        Folder of the file that refers to it.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be read.
+    """
+    return load_scene((folder / reference).resolve() if reference.endswith(".toml") else reference)
+
+
+def scene_reference(scene: Scene, folder: Path | None) -> str:
+    """Text by which a file in a folder refers to a scene.
+
+    Parameters
+    ----------
+    scene
+        A scene with an origin.
+    folder
+        Folder of the file that will refer to it; None for absolute paths.
+
+    Returns
+    -------
+    str
+        Name of the packaged scene, or the scene file's path relative to ``folder``.
+
+    Raises
+    ------
+    InputError
+        If the scene was built or changed in memory, and so is in no file.
+    """
+    if scene.origin is None:
+        raise InputError(
+            f"scene '{scene.name}'", "a scene in memory", "a scene in a file", "Write it: scene.write(path)."
+        )
+    if scene.origin.packaged or folder is None:
+        return scene.origin.reference
+    return Path(os.path.relpath(scene.origin.reference, folder.resolve())).as_posix()
+
+
 def checked_effects(
-    entries: Sequence[Mapping[str, Any]], scene: str, where: str, folder: Path
+    entries: Sequence[Mapping[str, Any]], scene: Scene, where: str, folder: Path
 ) -> tuple[AppliedEffect, ...]:
-    """The effects of a file's entries, each a table of ``id``, values and ``sigma``, in a scene by name or path.
+    """The effects of a file's entries, each a table of ``id``, values and ``sigma``, in a scene.
 
     An ``id`` that ends in .toml is an effect file, relative to ``folder``.
 
     Raises InputError (at ``where[index]``) for an entry that is none.
     """
-    names = names_in(load_scene(scene)) if entries else {}
+    names = names_in(scene) if entries else {}
     effects = []
     for index, entry in enumerate(entries):
         values, place = dict(entry), f"{where}[{index}]"
@@ -118,33 +230,61 @@ def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
 
 
 def model_text(model: Model, folder: Path | None = None) -> str:
-    """The content of the model's file. folder : in which it is to lie; None names files by their whole paths."""
-    lines = [
-        'format = "model/1"',
-        f"name = {_toml(model.name)}",
-        f"scene = {_toml(model.scene)}",
-        "",
-        "[render]",
-        f"noise = {model.render.noise!r}",
-    ]
-    if model.render.max_bounces is not None:
-        lines.append(f"max_bounces = {model.render.max_bounces}")
-    lines.append(f"seed = {model.render.seed}")
-    for effect in model.effects:
-        lines += ["", "[[effect]]", f"id = {_toml(effect.name_below(folder))}"]
-        lines += [f"{key} = {_toml(value)}" for key, value in effect.values.items()]
-        if effect.sigma:
-            lines.append("sigma = { " + ", ".join(f"{k} = {float(v)!r}" for k, v in effect.sigma.items()) + " }")
-    return "\n".join(lines) + "\n"
+    """Content of a model's file.
+
+    Parameters
+    ----------
+    model
+        A model whose scene has an origin.
+    folder
+        Folder in which the file is to lie; None names files by their absolute paths.
+
+    Returns
+    -------
+    str
+        TOML.
+
+    Raises
+    ------
+    InputError
+        If the scene was built or changed in memory.
+    """
+    settings = {"noise": model.render.noise, "max_bounces": model.render.max_bounces, "seed": model.render.seed}
+    content: dict[str, Any] = {
+        "format": "model/1",
+        "name": model.name,
+        "scene": scene_reference(model.scene, folder),
+        "render": {key: value for key, value in settings.items() if value is not None},
+    }
+    effects = [_effect_table(effect, folder) for effect in model.effects]
+    return tomli_w.dumps({**content, "effect": effects} if effects else content)
+
+
+def _effect_table(effect: AppliedEffect, folder: Path | None) -> dict[str, Any]:
+    values = {key: value if isinstance(value, str) else float(value) for key, value in effect.values.items()}
+    sigma = {"sigma": {key: float(value) for key, value in effect.sigma.items()}} if effect.sigma else {}
+    return {"id": effect.name_below(folder), **values, **sigma}
 
 
 def write_model(path: Path, model: Model) -> None:
-    """Write a model file, complete or not at all; ``load_model`` reads the same model back."""
+    """Write a model file, complete or not at all.
+
+    A scene that was built or changed in memory is written next to it, as STEM-scene.toml.
+
+    Parameters
+    ----------
+    path
+        The model file, .toml.
+    model
+        The model; ``load_model`` reads the same model back.
+
+    Raises
+    ------
+    InputError
+        If the scene has a property that scene files cannot state.
+    """
+    path = Path(path)
+    if model.scene.origin is None:
+        model = replace(model, scene=load_scene(model.scene.write(path.with_name(f"{path.stem}-scene.toml"))))
     with replacing(path) as temporary:
         temporary.write_text(model_text(model, path.parent), encoding="utf-8")
-
-
-def _toml(value: str | float) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return repr(float(value))

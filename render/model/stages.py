@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
@@ -46,8 +45,8 @@ def model_cube_inputs(model: Model, camera: Camera, lamp: Spectrum | None = None
     lamp : spectral radiance that replaces the scene's.
     """
     settings = after_stage(model.render, model.effects, "settings")
-    scene = load_scene(model.scene)
-    scene = after_stage(scene if lamp is None else scene.with_lamp(lamp), model.effects, "scene")
+    scene = model.scene if lamp is None else model.scene.with_lamp(lamp)
+    scene = after_stage(scene, model.effects, "scene")
     return scene, after_stage(camera, model.effects, "camera"), settings.max_bounces
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from cboxlab.scenes import Spectrum, read_spectra, read_spectrum
-from cboxlab.scenes.checks import radiance_faults, reflectance_faults, table_faults
 from cboxlab.scenes.spectra import planck
+from cboxlab.scenes.spectrum_checks import radiance_faults, reflectance_faults, table_faults
 from cboxlab.utils.errors import InputError
 from hypothesis import given
 from hypothesis import strategies as st

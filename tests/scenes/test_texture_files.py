@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from cboxlab.scenes.scene_file import scene_files
 from helpers.scene_files import BLOCK, GOOD, fault, load
 from PIL import Image
 
@@ -37,7 +36,7 @@ def test_a_grey_picture_mixes_two_paints(folder):
     )
     assert scene.surface("wall").texture_uv.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
     assert scene.surface("block").texture_uv is None and not scene.diffuse
-    assert folder / "grey.png" in scene_files(folder / "room.toml")
+    assert folder / "grey.png" in scene.origin.files
 
 
 def test_channels_of_a_picture_and_of_an_array_have_a_spectrum_each(folder):

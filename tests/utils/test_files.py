@@ -14,7 +14,7 @@ from cboxlab.utils.files import keep, kept, replacing, replacing_folder, tempora
 ENDLESS = """
 import sys, time
 from pathlib import Path
-from cboxlab.scenes.files import replacing, replacing_folder, temporary_folder
+from cboxlab.utils.files import replacing, replacing_folder, temporary_folder
 with {writer} as temporary:
     (temporary / "part" if temporary.is_dir() else temporary).write_text("half")
     print("writing", flush=True)
@@ -116,7 +116,7 @@ FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
 import numpy as np, xarray as xr
-from cboxlab.scenes.files import writing_hdf5
+from cboxlab.utils.files import writing_hdf5
 cube = xr.Dataset({"radiance": (("y", "x"), np.random.default_rng(1).random((100, 100)))})
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 with writing_hdf5(Path(sys.argv[1])) as file:

@@ -1,4 +1,4 @@
-"""What the public face takes: a capture or its folder, a model, its file or a packaged scene's name."""
+"""Arguments of the public functions: a path, a name or the object itself."""
 
 from __future__ import annotations
 
@@ -8,57 +8,110 @@ from pathlib import Path
 
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.model import Model, load_model
-from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes import Scene, load_scene
 from cboxlab.utils.errors import InputError
 
-__all__ = ["ModelLike", "as_capture", "as_model", "capture_folder"]
+__all__ = ["CaptureLike", "ModelLike", "as_capture", "as_model"]
 
-ModelLike = Model | str | Path | None
-
-
-def as_capture(capture: Capture | str | Path) -> Capture:
-    """The capture itself, or that of a folder. Raises InputError."""
-    return capture if isinstance(capture, Capture) else load_capture(Path(capture))
+CaptureLike = Capture | str | Path
+ModelLike = Model | Scene | str | Path | None
 
 
-def capture_folder(capture: Capture | str | Path) -> Path:
-    """Where a capture lies."""
-    return capture.folder if isinstance(capture, Capture) else Path(capture)
+def as_capture(capture: CaptureLike) -> Capture:
+    """Capture of an argument.
+
+    Parameters
+    ----------
+    capture
+        A capture, or its folder.
+
+    Returns
+    -------
+    Capture
+        The checked capture.
+
+    Raises
+    ------
+    InputError
+        If the argument is neither, or the capture is faulty.
+    """
+    if isinstance(capture, Capture):
+        return capture
+    if not isinstance(capture, str | Path):
+        raise InputError("capture", _described(capture), "a capture or its folder")
+    return load_capture(Path(capture))
 
 
 def as_model(
     model: ModelLike,
-    captures: Sequence[Capture | str | Path] = (),
+    captures: Sequence[Capture] = (),
     *,
     noise: float | None = None,
     seed: int | None = None,
 ) -> Model:
-    """A model, that of a file or of a packaged scene; where None the box that the captures state, or the published
-    one where they state none that is a packaged scene or a file.
+    """Model of an argument.
 
-    noise, seed : in place of the model's own settings. Raises InputError, also for captures that state several boxes.
+    Parameters
+    ----------
+    model
+        A model, a scene, a model file, a scene file, or the name of a packaged scene. None for the box that the
+        captures state, and for the published box where they state none that is available.
+    captures
+        Captures whose stated box is used.
+    noise
+        Noise of the rendering, in place of the model's own: median over the pixels of the rendering's standard
+        deviation over the sensor's.
+    seed
+        Seed of the rendering, in place of the model's own.
+
+    Returns
+    -------
+    Model
+        The model.
+
+    Raises
+    ------
+    InputError
+        If the argument is none of these, a file is faulty, or the captures state several boxes.
     """
     if model is None:
-        found = _stated(captures)
+        result = _model_of(captures)
+    elif isinstance(model, Model):
+        result = model
+    elif isinstance(model, Scene):
+        result = Model(model, name=model.name)
+    elif isinstance(model, str | Path):
+        result = load_model(model)
     else:
-        found = model if isinstance(model, Model) else load_model(model)
+        expected = "a Model, a Scene, a model file, a scene file, or the name of a packaged scene"
+        raise InputError("model", _described(model), expected)
     if noise is not None:
-        found = replace(found, render=replace(found.render, noise=noise))
-    return found if seed is None else replace(found, render=replace(found.render, seed=seed))
+        result = replace(result, render=replace(result.render, noise=noise))
+    return result if seed is None else replace(result, render=replace(result.render, seed=seed))
 
 
-def _stated(captures: Sequence[Capture | str | Path]) -> Model:
-    stated: dict[str, str] = {}
-    for capture in map(as_capture, captures):
-        scene = capture.scene
-        place = f"{capture.folder / 'capture.toml'}: scene"
-        if scene is None:
+def _described(argument: object) -> str:
+    return f"{type(argument).__name__} {str(argument)[:60]!r}"
+
+
+def _model_of(captures: Sequence[Capture]) -> Model:
+    """Model of the scene that the captures state, the published box where they state none."""
+    states: dict[str, Capture] = {}
+    for capture in captures:
+        reference = capture.scene_reference
+        if reference is None:
             continue
-        if scene.endswith(".toml") and not Path(scene).is_file():
-            raise InputError(place, f"'{capture.manifest.scene}', which does not exist", "a file of the capture")
-        stated.setdefault(scene, place)
-    if len(stated) > 1:
-        (first, place), (other, where) = list(stated.items())[:2]
-        raise InputError(where, f"'{other}'", f"'{first}', which {place} states: captures of one box")
-    scene = next(iter(stated), Model().scene)
-    return Model() if scene == Model().scene else Model(scene, name=load_scene(scene).name)
+        if reference.endswith(".toml") and not Path(reference).is_file():
+            where = f"{capture.folder / 'capture.toml'}: scene"
+            raise InputError(where, f"'{capture.manifest.scene}', which does not exist", "a file of the capture")
+        states.setdefault(reference, capture)
+    if len(states) > 1:
+        (first, capture), (second, other) = list(states.items())[:2]
+        where, place = (f"{item.folder / 'capture.toml'}: scene" for item in (other, capture))
+        raise InputError(where, f"'{second}'", f"'{first}', which {place} states: captures of one box")
+    published = Model()
+    for reference, capture in states.items():
+        if published.scene.origin is None or reference != published.scene.origin.reference:
+            scene = capture.known_scene() or load_scene(reference)
+            return Model(scene, name=scene.name)
+    return published

@@ -8,20 +8,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cboxlab.calibration.capture import Capture
+from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, names_in
 from cboxlab.rendering.model import Model, named_effect, write_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.progress import QUIET, Progress, share
 
-from ..compare import Prepared, Validation, prepare, under_model, validated
+from ..compare import Prepared, Validation, prepare, under_model, validate_prepared
 from ..diagnose import diagnose as diagnosed
 from ..diagnose import fit_effects
 from ..report import write_validation
 from ..study import Base, History, Prediction, State, StudyFile, predict, read_study, write_study
 from .diagnosis import DiagnosisResult
-from .inputs import ModelLike, as_model, capture_folder
+from .inputs import CaptureLike, ModelLike, as_capture, as_model
 from .result import Result
 
 __all__ = ["Study"]
@@ -53,7 +53,7 @@ class _Pictures:
     def _rendered(self, model: Model, progress: Progress) -> tuple[Base, ...]:
         count, found = len(self.prepared), []
         for index, each in enumerate(self.prepared):
-            base = Base(validated(each, model, share(progress, index / count, (index + 1) / count)))
+            base = Base(validate_prepared(each, model, share(progress, index / count, (index + 1) / count)))
             base.prepare()
             found.append(base)
         return tuple(found)
@@ -91,7 +91,7 @@ class Study(Result):
     @classmethod
     def open(
         cls,
-        *captures: Capture | str | Path,
+        *captures: CaptureLike,
         model: ModelLike = None,
         noise: float | None = None,
         seed: int | None = None,
@@ -105,10 +105,11 @@ class Study(Result):
         """
         if not captures:
             raise InputError("study", "no capture", "one capture or several of the same box")
-        chosen = as_model(model, captures, noise=noise, seed=seed)
+        loaded = [as_capture(capture) for capture in captures]
+        chosen = as_model(model, loaded, noise=noise, seed=seed)
         progress.stage("calibrating")
         kept = None if cache is None else Path(cache)
-        prepared = tuple(replace(prepare(capture_folder(each), chosen), cache=kept) for each in captures)
+        prepared = tuple(replace(prepare(each, chosen), cache=kept) for each in loaded)
         study = cls(History((State(chosen.effects, chosen.effects),)), _Pictures(prepared, chosen))
         study._bases(share(progress, _CALIBRATION, 1.0))
         return study
@@ -139,7 +140,7 @@ class Study(Result):
         prepared = tuple(
             under_model(calibrated[each], file.model)
             if each in calibrated
-            else replace(prepare(each, file.model), cache=kept)
+            else replace(prepare(load_capture(each), file.model), cache=kept)
             for each in file.captures
         )
         study = cls(file.history, _Pictures(prepared, file.model))

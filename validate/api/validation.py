@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.utils.progress import QUIET, Progress
 
-from ..compare import Validation, failures
-from ..compare import validate as validated
+from ..compare import Validation, failures, validate_capture
 from ..report import chi2_by_place, validation_record, verdict, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
-from .inputs import ModelLike, as_model, capture_folder
+from .inputs import CaptureLike, ModelLike, as_capture, as_model
 from .result import Result
 
 __all__ = ["ValidationResult", "validate"]
@@ -58,7 +56,7 @@ class ValidationResult(Result):
 
 
 def validate(
-    capture: Capture | str | Path,
+    capture: CaptureLike,
     *,
     model: ModelLike = None,
     render: str | Path | None = None,
@@ -79,6 +77,7 @@ def validate(
 
     Raises InputError for faulty input, and for a capture that lacks what a comparison with a render takes.
     """
-    chosen = as_model(model, [capture], noise=noise, seed=seed)
-    other, kept = (None if path is None else Path(path) for path in (render, cache))
-    return ValidationResult(validated(capture_folder(capture), chosen, progress, other, kept, declared))
+    loaded = as_capture(capture)
+    chosen = as_model(model, [loaded], noise=noise, seed=seed)
+    picture, folder = (None if path is None else Path(path) for path in (render, cache))
+    return ValidationResult(validate_capture(loaded, chosen, progress, picture, folder, declared))

@@ -15,8 +15,8 @@ from .pipeline import (
     failures,
     refitted_picture,
     rendered_from,
-    validate,
-    validated,
+    validate_capture,
+    validate_prepared,
 )
 from .prepared import Prepared, prepare, solved_light, under_model, with_picture
 from .regions import INTERIOR_DISTANCE_PX
@@ -52,8 +52,8 @@ __all__ = [
     "srgb_matrix",
     "srgb_preview",
     "under_model",
-    "validate",
-    "validated",
+    "validate_capture",
+    "validate_prepared",
     "with_picture",
     "write_map",
     "write_maps",

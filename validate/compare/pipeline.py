@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, BandResponse, Mask, band_images
 from cboxlab.rendering.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
 from cboxlab.rendering.device import variant
@@ -51,8 +52,8 @@ __all__ = [
     "refitted",
     "refitted_picture",
     "rendered_from",
-    "validate",
-    "validated",
+    "validate_capture",
+    "validate_prepared",
 ]
 
 #: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
@@ -124,8 +125,8 @@ class Validation:
         return self.rendered.fit
 
 
-def validate(
-    folder: Path,
+def validate_capture(
+    capture: Capture,
     model: Model,
     progress: Progress = QUIET,
     picture: Path | None = None,
@@ -140,14 +141,14 @@ def validate(
     """
     start = time.perf_counter()
     progress.stage("calibrating")
-    prepared = replace(prepare(folder, model), cache=cache)
+    prepared = replace(prepare(capture, model), cache=cache)
     if picture is not None:
         variant.require_compiled("render")
         prepared = with_picture(prepared, picture, declared, model.render)
-    return replace(validated(prepared, model, progress), seconds=time.perf_counter() - start)
+    return replace(validate_prepared(prepared, model, progress), seconds=time.perf_counter() - start)
 
 
-def validated(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:
+def validate_prepared(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:
     """Render a model of a prepared capture's scene, fit the nuisances, compare.
 
     progress : called with shares from 0.05 on; what comes before is the calibration.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.geometry import CameraFit
 from cboxlab.calibration.instrument import BandResponse
@@ -19,7 +19,6 @@ from cboxlab.rendering.model import Model, seen_through
 from cboxlab.rendering.radiosity import LightField, solve_light
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.scene_file import load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
@@ -93,14 +92,13 @@ class Prepared:
         return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
 
 
-def prepare(folder: Path, model: Model) -> Prepared:
-    """Load and calibrate a capture and put its lamp into the model's scene.
+def prepare(capture: Capture, model: Model) -> Prepared:
+    """Calibrate a capture and put its lamp into the model's scene.
 
     Raises InputError if the capture lacks data that a comparison with a render needs.
     """
-    capture = load_capture(folder)
     calibration = calibrate(capture)
-    manifest = folder / "capture.toml"
+    manifest = capture.folder / "capture.toml"
     lamp = capture.manifest.lamp
     camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights
     lacking = [
@@ -119,13 +117,13 @@ def prepare(folder: Path, model: Model) -> Prepared:
             "these data, which a comparison with a render needs",
             "A calibration does not need them.",
         )
-    scene = load_scene(model.scene).with_lamp(capture.light(lamp.radiance))
+    scene = model.scene.with_lamp(capture.light(lamp.radiance))
     return Prepared(calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene)
 
 
 def under_model(prepared: Prepared, model: Model) -> Prepared:
     """The same calibrated capture with another model's scene."""
-    scene = load_scene(model.scene).with_lamp(prepared.scene.lamp.radiance)
+    scene = model.scene.with_lamp(prepared.scene.lamp.radiance)
     return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
 
 

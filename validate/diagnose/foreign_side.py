@@ -13,7 +13,7 @@ import numpy as np
 from cboxlab.rendering.chain import RenderSettings
 from numpy.typing import NDArray
 
-from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale, validated, with_picture
+from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale, validate_prepared, with_picture
 from ..predict import Predictor
 from .hypotheses import hypotheses
 
@@ -67,7 +67,7 @@ def foreign_side(validation: Validation) -> tuple[Validation, ForeignSide | None
     # between its wavelengths the cube follows our spectra, which have to stop at the same depth
     settings = replace(validation.model.render, max_bounces=depth)
     again = with_picture(prepared, picture.path, picture.declared, settings)
-    return validated(again, replace(validation.model, render=settings)), found
+    return validate_prepared(again, replace(validation.model, render=settings)), found
 
 
 def _depth(validation: Validation, rendered: Predicted) -> int | None:

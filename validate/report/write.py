@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.rendering.model import model_text
-from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.files import origin
 
 from ..compare import Failure, Validation, failures, write_maps
@@ -84,10 +83,10 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
 
 def _another_box(result: Validation) -> list[str]:
     """A warning where a capture is compared with a packaged scene and states another one."""
-    stated, model = result.prepared.calibration.capture.manifest.scene, result.model.scene
-    if stated in (None, model) or model not in packaged_scenes():
+    stated, origin = result.prepared.calibration.capture.manifest.scene, result.model.scene.origin
+    if stated is None or origin is None or not origin.packaged or origin.reference == stated:
         return []
-    return [f"The capture states the scene '{stated}', and is compared with '{model}'."]
+    return [f"The capture states the scene '{stated}', and is compared with '{origin.reference}'."]
 
 
 def validation_record(result: Validation) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect
-from cboxlab.rendering.model import Model, checked_effects
+from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing
@@ -67,7 +67,7 @@ def write_study(path: Path, study: StudyFile) -> None:
         "format": "study/1",
         "captures": [_relative(folder, place) for folder in study.captures],
         "name": model.name,
-        "scene": _relative(Path(model.scene), place) if model.scene.endswith(".toml") else model.scene,
+        "scene": scene_reference(model.scene, place),
         "render": {
             "noise": model.render.noise,
             "max_bounces": model.render.max_bounces,
@@ -92,7 +92,7 @@ def read_study(path: Path) -> StudyFile:
     if entry.at >= len(entry.states):
         raise InputError(f"{path}: at", str(entry.at), f"below the number of states, {len(entry.states)}")
     place = path.parent
-    scene = str((place / entry.scene).resolve()) if entry.scene.endswith(".toml") else entry.scene
+    scene = referred_scene(entry.scene, place)
     states = tuple(
         State(
             checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects", place),

@@ -39,10 +39,9 @@ from cboxlab.rendering.synthetic import (
     write_photographs,
 )
 from cboxlab.rendering.visibility import build_tracer
+from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.cornell_box import cornell_camera
-from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
+from cboxlab.scenes.cornell_box import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import QUIET, Progress
@@ -82,8 +81,10 @@ def photographed_scene(model: Model) -> Scene:
 
     The published box gets a tungsten lamp, since its published emission is relative. Other scenes keep their lamp.
     """
-    scene = load_scene(model.scene)
-    return scene.with_lamp(tungsten_lamp()) if model.scene == "cornell-box" else scene
+    lamp, published = model.scene.lamp.radiance, cornell_box().lamp.radiance
+    pairs = ((lamp.wavelength_nm, published.wavelength_nm), (lamp.values, published.values))
+    relative = all(np.array_equal(*pair) for pair in pairs)
+    return model.scene.with_lamp(tungsten_lamp()) if relative else model.scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +193,7 @@ def write_model_capture(
     image = render_to_precision(Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
-    files = () if model.scene in packaged_scenes() else scene_files(Path(model.scene))
+    files = () if model.scene.origin is None else model.scene.origin.files
     if files:
         settings = replace(settings, scene=f"{_SCENE}/{files[0].name}")
     photograph_image(folder, image, model.effects, altered, scene, camera, settings=settings, seed=seed)

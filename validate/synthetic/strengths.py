@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect, Parameter
@@ -47,7 +48,7 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
     with temporary_folder() as folder:
         place = folder / "capture"
         write_model_capture(place, model, camera, settings, seed, relative_error=5e-3)
-        prepared = prepare(place, Model(model.scene))
+        prepared = prepare(load_capture(place), Model(model.scene))
         light = solved_light(prepared, model.render, model.effects)
         coarse = replace(model.render, noise=1.0)
         rendered = rendered_from(prepared, light, prepared.calibrated_camera, coarse, model.effects)

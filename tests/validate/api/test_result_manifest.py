@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 from cboxlab.rendering.model import Model
+from cboxlab.scenes import load_scene
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import verify, write_manifest
 from helpers.places import ROOT
@@ -55,7 +56,7 @@ def test_what_a_scene_file_names_is_an_input(tmp_path):
     (tmp_path / "box" / "ball.ply").write_text("a mesh")
     block = '[[surface]]\nname = "ball"\nmaterial = "white"\nmesh = "ball.ply"\n'
     scene.write_text(f"{scene.read_text()}\n{block}")
-    write_manifest(tmp_path, [], Model(scene=str(scene)).files)
+    write_manifest(tmp_path, [], Model(load_scene(scene)).files)
     tables = [path.name for path in (tmp_path / "box").glob("*.csv")]
     for name in ("ball.ply", *tables):
         path = tmp_path / "box" / name

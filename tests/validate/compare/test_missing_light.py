@@ -3,10 +3,11 @@
 from types import SimpleNamespace
 
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
-from cboxlab.validation.compare import Prepared, pipeline, validate
+from cboxlab.validation.compare import Prepared, pipeline, validate_capture
 from cboxlab.validation.diagnose import diagnose, stepwise
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
@@ -46,7 +47,7 @@ def test_all_reflected_light_missing_is_found_beside_a_quiet_camera(monkeypatch,
     monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
     quiet = CaptureSettings(bit_depth=16, gain_e_per_dn=1.6, read_noise_e=3.0)
     write_model_capture(tmp_path / "c", Model(), perturbed_camera(32, 2), quiet, 2, relative_error=2e-3)
-    validation = validate(tmp_path / "c", Model(render=RenderSettings(max_bounces=1)))
+    validation = validate_capture(load_capture(tmp_path / "c"), Model(render=RenderSettings(max_bounces=1)))
     surveyed = validation.prepared.expected_camera(())
     np.testing.assert_array_equal(validation.fit.camera.parameters, surveyed.parameters)
     assert abs(validation.fit.lamp_scale - 1) <= 2.001 * validation.prepared.lamp_sigma

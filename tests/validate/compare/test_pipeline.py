@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import apply_checked
@@ -27,7 +28,7 @@ from cboxlab.utils.progress import Teller
 from cboxlab.validation.compare import pipeline
 from cboxlab.validation.compare.maps import read_map
 from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
-from cboxlab.validation.compare.pipeline import Predicted, rendered_from, validate, validated
+from cboxlab.validation.compare.pipeline import Predicted, rendered_from, validate_capture, validate_prepared
 from cboxlab.validation.diagnose.diagnosis import diagnose
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
@@ -90,7 +91,7 @@ def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far
     monkeypatch.setattr(pipeline, "_fitted_to_draft", fitted)
     monkeypatch.setattr(pipeline, "rendered_from", lambda *given: final.append(given[2]) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        validated(prepared, Model())
+        validate_prepared(prepared, Model())
     assert started == cameras[:drafts] and final == [cameras[drafts]]
 
 
@@ -114,7 +115,7 @@ def small_capture(truth, tmp_path_factory):
 def result(small_capture):
     told = []
     progress = Teller(lambda stage, done: told.append((stage, done)))
-    found = validate(small_capture, Model(render=RenderSettings(noise=0.8)), progress)
+    found = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
     stages, parts = zip(*told, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]
     assert parts[-1] == 1 and np.all(np.diff(parts) >= 0)
@@ -176,7 +177,7 @@ def distance(camera: Camera, true: Camera) -> float:
 def test_a_cache_changes_no_bit_of_a_validation(result, tmp_path):
     """The same input, without a cache, with one that is empty, and with one that holds every picture."""
     model = Model(render=RenderSettings(noise=4.0))
-    runs = [validated(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
+    runs = [validate_prepared(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     first = runs[0]
     assert len(kept) >= 3
@@ -361,14 +362,16 @@ def test_what_cannot_be_rendered_is_said(small_capture, tmp_path):
     text = path.read_text()
     path.write_text(text[: text.index("[geometry]")])
     with pytest.raises(InputError, match=r"capture\.toml.*no \[geometry\] with points"):
-        validate(folder, Model())
+        validate_capture(load_capture(folder), Model())
 
 
 def test_the_promised_figures_are_met(shared):
     """On a capture by another simulator, the effect that it hides in the model; its answers have the true camera."""
     answer = json.loads((shared / "captures" / "answers.json").read_text())["mystery-2"]
     effect = apply_checked(answer["effect"], answer["params"], "answers.json")
-    result = validate(shared / "captures" / "mystery-2", Model(effects=(effect,), render=RenderSettings(noise=0.8)))
+    result = validate_capture(
+        load_capture(shared / "captures" / "mystery-2"), Model(effects=(effect,), render=RenderSettings(noise=0.8))
+    )
     fit, c, seen = result.prepared.calibration.camera_fit, result.comparison, answer["true_camera"]
     true = Camera(
         fit.camera.width_px,

@@ -18,7 +18,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo import run_demo
-from cboxlab.validation.compare.pipeline import validated
+from cboxlab.validation.compare.pipeline import validate_prepared
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
 from cboxlab.validation.diagnose.diagnosis import _shares
 from cboxlab.validation.diagnose.evidence import first_significant, prior_pull
@@ -133,7 +133,7 @@ def test_error_falls_to_the_noise(outcome):
 @pytest.mark.filterwarnings("ignore")
 def test_a_model_without_any_reflection_has_nothing_to_compare(outcome):
     with pytest.raises(InputError, match="max_bounces"):
-        validated(outcome[0].prepared, Model(render=RenderSettings(max_bounces=0, noise=3.0)))
+        validate_prepared(outcome[0].prepared, Model(render=RenderSettings(max_bounces=0, noise=3.0)))
 
 
 def test_record_has_the_agreed_keys(outcome, tmp_path):

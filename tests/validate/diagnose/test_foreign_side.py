@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import write_cube
@@ -15,7 +16,7 @@ from cboxlab.rendering.integrators import render
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.compare import prepare, validate
+from cboxlab.validation.compare import prepare, validate_capture
 from cboxlab.validation.diagnose.foreign_side import foreign_side
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
@@ -67,13 +68,13 @@ def capture(complete, tmp_path_factory):
 def found(capture, tmp_path_factory):
     """By the number of reflections of a cube through the calibrated camera: the validation, what is found, the cube."""
     path = tmp_path_factory.mktemp("cubes") / "cube.nc"
-    prepared, model = prepare(capture, Model()), Model(render=RenderSettings(noise=2.0))
+    prepared, model = prepare(load_capture(capture), Model()), Model(render=RenderSettings(noise=2.0))
     found = {}
     for depth in (4, None):
         camera = prepared.calibrated_camera
         cube = render(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth).cube()
         write_cube(path, cube)
-        found[depth] = *foreign_side(validate(capture, model, picture=path)), cube
+        found[depth] = *foreign_side(validate_capture(load_capture(capture), model, picture=path)), cube
     return found
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import cboxlab.scenes
 import numpy as np
 import pytest
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
@@ -20,7 +21,7 @@ from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.progress import QUIET
-from cboxlab.validation.compare.pipeline import validate
+from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.predict.traced_picture import traced_picture
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image
@@ -128,10 +129,10 @@ def test_a_coated_base_model_explains_a_coated_box(tmp_path):
     image = picture_of(scene, camera, 2048, 4)
     settings = CaptureSettings(read_noise_e=200.0)
     photograph_image(tmp_path / "capture", image, (), None, scene, camera, settings=settings, seed=5)
-    result = validate(tmp_path / "capture", Model(str(path)))
+    result = validate_capture(load_capture(tmp_path / "capture"), Model(load_scene(path)))
     assert result.comparison.chi2.per_dof < 1.2
     write_validation(result, tmp_path / "report")
     assert "white (roughplastic)" in (tmp_path / "report" / "report.html").read_text()
     plain = path.with_name("plain.toml")
     plain.write_text(path.read_text().replace(f"bsdf = {COAT}\n", ""))
-    assert validate(tmp_path / "capture", Model(str(plain))).comparison.chi2.per_dof > 3
+    assert validate_capture(load_capture(tmp_path / "capture"), Model(load_scene(plain))).comparison.chi2.per_dof > 3

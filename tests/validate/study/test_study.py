@@ -110,7 +110,7 @@ def test_undo_and_redo_bring_back_the_same_bits(study, fitted):
 def test_nothing_is_done_twice(fitted, monkeypatch):
     """Neither calibration nor rendering nor prediction is repeated for a state that is known."""
     fitted.predictions()
-    for name in ("prepare", "validated", "predict"):
+    for name in ("prepare", "validate_prepared", "predict"):
         monkeypatch.setattr(study_module, name, None)
     again = fitted.undo().redo()
     assert again.predictions()[0] is fitted.predictions()[0]

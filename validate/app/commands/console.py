@@ -33,6 +33,7 @@ from ..terminal import (
 )
 
 if TYPE_CHECKING:
+    from cboxlab.calibration.capture import Capture
     from cboxlab.rendering.files import Declared, DeclaredPair
     from cboxlab.rendering.model import Model
 
@@ -48,7 +49,7 @@ __all__ = [
     "declared_pair",
     "errors",
     "give_json",
-    "model_for",
+    "load_inputs",
     "options",
     "positive_number",
     "print_table",
@@ -168,23 +169,22 @@ def choose_device(name: str | None) -> None:
         raise InputError("--device", "no GPU that Mitsuba can use", "cpu, or a machine with a CUDA GPU")
 
 
-def model_for(model: Path | None, captures: Sequence[Path]) -> Model:
-    """The model of --model; without it the box that the captures state, or the published one and a warning."""
+def load_inputs(model: Path | None, folders: Sequence[Path]) -> tuple[Model, tuple[Capture, ...]]:
+    """The model of --model and the captures; without --model the box that these state, or the published one."""
     from cboxlab.calibration.capture import load_capture
 
     from ...api import as_model
 
-    checked = [load_capture(capture) for capture in captures] if model is None else []
-    found = as_model(model, checked)
-    for capture in checked:
+    captures = tuple(load_capture(folder) for folder in folders)
+    result = as_model(model, captures)
+    for capture in captures if model is None else ():
         stated = capture.manifest.scene
-        if stated is not None and capture.scene is None:
-            manifest = capture.folder / "capture.toml"
+        if stated is not None and capture.scene_reference is None and result.scene.origin is not None:
+            manifest, name = capture.folder / "capture.toml", result.scene.origin.reference
             errors.print(
-                Text(f'{manifest}: scene is "{stated}", the model "{found.scene}". Give the box with --model.'),
-                soft_wrap=True,
+                Text(f'{manifest}: scene is "{stated}", the model "{name}". Give the box with --model.'), soft_wrap=True
             )
-    return found
+    return result, captures
 
 
 def warn_unless_compiled() -> None:

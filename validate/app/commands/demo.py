@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.model import Model, write_model
 
 from ...api import RawFrame, simulate, write_manifest
-from ...compare import Predicted, Validation, validate
+from ...compare import Predicted, Validation, validate_capture
 from ...diagnose import Diagnosis, diagnose
 from ...report import ReportSection, picture_row, verdict, write_diagnosis, write_validation
 from .console import bar, say
@@ -34,7 +35,7 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
     """
     say(f"1. A capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
     with bar("calibrating, rendering, comparing") as report:
-        result = validate(DEMO_CAPTURE, model or Model(), report)
+        result = validate_capture(load_capture(DEMO_CAPTURE), model or Model(), report)
     _tell(result)
     print_validation(result)
     diagnosis = _diagnosed(result)

@@ -14,7 +14,7 @@ from .console import (
     bar,
     declared_files,
     give_json,
-    model_for,
+    load_inputs,
     options,
     require_folder,
     say,
@@ -58,10 +58,10 @@ def diagnose(
     if out is not None:
         require_folder(out)
     declared = declared_files(declare)
-    chosen, cache = model_for(model, captures), None if no_cache else default_cache()
+    (chosen, loaded), cache = load_inputs(model, captures), None if no_cache else default_cache()
     variant.require_compiled("cbox diagnose")
     with options(render="--render"), bar("calibrating") as report:
-        result = run(*captures, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        result = run(*loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
             report.stage("writing the report")
             inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]

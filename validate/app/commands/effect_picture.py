@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter
@@ -47,7 +48,7 @@ def pictured_light() -> Predictor:
     Raises InputError without a compiled variant.
     """
     variant.require_compiled("--picture")
-    prepared = prepare(DEMO_CAPTURE, Model())
+    prepared = prepare(load_capture(DEMO_CAPTURE), Model())
     settings = RenderSettings(noise=1.0)
     light = solved_light(prepared, settings, ())
     return rendered_from(prepared, light, prepared.calibrated_camera, settings, ()).predictor

@@ -17,7 +17,7 @@ from .console import (
     declared_files,
     declared_pair,
     give_json,
-    model_for,
+    load_inputs,
     options,
     print_table,
     require_folder,
@@ -78,10 +78,10 @@ def validate(
 
     require_folder(out)
     declared = declared_files(declare)
-    chosen, cache = model_for(model, [capture]), None if no_cache else default_cache()
+    (chosen, (loaded,)), cache = load_inputs(model, [capture]), None if no_cache else default_cache()
     warn_unless_compiled()
     with options(render="--render"), bar("calibrating") as report:
-        result = run(capture, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        result = run(loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")
         inputs = [path for path in (capture, model, render, *chosen.files) if path is not None]
         write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)

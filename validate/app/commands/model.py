@@ -56,9 +56,10 @@ def add(
     json: JsonOption = None,
 ) -> None:
     """Add an effect to a model; omitted parameters get their default or null value, or are fitted."""
+    from cboxlab.calibration.capture import load_capture
     from cboxlab.rendering.effects import apply_checked, names_in
     from cboxlab.rendering.model import Model, load_model, named_effect, write_model
-    from cboxlab.scenes.scene_file import load_scene, packaged_scenes
+    from cboxlab.scenes import load_scene
 
     from ...api import as_model
 
@@ -69,20 +70,18 @@ def add(
     if scene is not None and model.exists():
         raise InputError("--scene", f"'{scene}', and {model} exists", "no scene: the model has one")
     current = load_model(model) if model.exists() else Model(name=model.stem)
-    if current.scene == str(model.resolve()):
+    if current.scene.origin is not None and current.scene.origin.reference == str(model.resolve()):
         raise InputError(model, "a scene file", "a model file", f"Name a new one, with --scene {model}.")
     if scene is None and fit is not None and not model.exists():
-        current = replace(current, scene=as_model(None, [fit]).scene)
+        current = replace(current, scene=as_model(None, [load_capture(fit)]).scene)
     if scene is not None:
-        current = replace(current, scene=scene if scene in packaged_scenes() else str(Path(scene).resolve()))
+        current = replace(current, scene=load_scene(scene))
     known = named_effect(effect, Path())
-    applied = apply_checked(known, given, "cbox add", names_in(load_scene(current.scene)))
+    applied = apply_checked(known, given, "cbox add", names_in(current.scene))
     before_after: dict[str, float] = {}
     if fit is not None:
         require_folder(model.parent)
         applied, before_after = _fitted(fit, current, applied.effect, given)
-    if current.scene.endswith(".toml"):
-        current = replace(current, scene=Path(os.path.relpath(current.scene, model.parent)).as_posix())
     grown = current.with_effect(applied)
     with _alone(model.parent):
         if _content(model) != found:

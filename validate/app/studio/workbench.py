@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import stages_between
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.errors import InputError
@@ -88,11 +89,12 @@ class Workbench:
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
             self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
             return
-        chosen = as_model(self._model(model), [folder], noise=self._noise, seed=self._seed)
+        loaded = load_capture(folder)
+        chosen = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
         if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [folder.resolve()]:
             self._begin(self._study.with_model(chosen, progress))
         else:
-            self._begin(Study.open(folder, model=chosen, cache=self.cache, progress=progress))
+            self._begin(Study.open(loaded, model=chosen, cache=self.cache, progress=progress))
 
     def open_model(self, model: str | Path, progress: Progress) -> None:
         """Take another model for the captures that are open."""

@@ -21,8 +21,9 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
     manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "my-box"'))
     model = tmp_path / "model.toml"
     model.write_text('format = "model/1"\nscene = "cornell-box"\n')
-    found = console.model_for(model if given else None, [DEMO_CAPTURE, capture])
-    assert found.scene == "cornell-box"
+    model, captures = console.load_inputs(model if given else None, [DEMO_CAPTURE, capture])
+    assert model.scene.origin.reference == "cornell-box"
+    assert [loaded.folder for loaded in captures] == [DEMO_CAPTURE, capture]
     told = capsys.readouterr().err
     expected = f'{manifest}: scene is "my-box", the model "cornell-box". Give the box with --model.\n'
     assert told == ("" if given else expected)
@@ -46,13 +47,13 @@ def test_a_captures_own_scene_is_its_model(own_capture, tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     (tmp_path / "box.toml").write_text("another file")
     assert load_capture(own_capture).known_scene() is not None
-    found = console.model_for(None, [own_capture])
-    assert (found.scene, capsys.readouterr().err) == (str(own_capture / "box.toml"), "")
+    model, _ = console.load_inputs(None, [own_capture])
+    assert (model.scene.origin.reference, capsys.readouterr().err) == (str(own_capture / "box.toml"), "")
     with pytest.raises(InputError, match="captures of one box"):
-        console.model_for(None, [DEMO_CAPTURE, own_capture])
+        console.load_inputs(None, [DEMO_CAPTURE, own_capture])
     (own_capture / "box.toml").rename(own_capture / "bxo.toml")
     with pytest.raises(InputError, match=r"scene: found 'box.toml', which does not exist"):
-        console.model_for(None, [own_capture])
+        console.load_inputs(None, [own_capture])
     code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")
     assert code == 0 and "the scene file cannot be read" in " ".join((out + err).split())
 
@@ -68,13 +69,13 @@ def test_a_scene_file_is_a_model_and_not_overwritten_by_one(tmp_path, cbox):
     shutil.copytree(Path(scenes.__file__).parent / "data", tmp_path / "box")
     scene = tmp_path / "box" / "cornell-box.toml"
     model = load_model(scene)
-    assert model.effects == () and scenes.load_scene(model.scene).surfaces[0].name == "floor"
+    assert model.effects == () and model.scene.surfaces[0].name == "floor"
     before = scene.read_bytes()
     assert_one_line_of_help(cbox("add", scene, "ghost", "fraction=0.01"), "a scene file")
     assert scene.read_bytes() == before
     assert cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)[0] == 0
     grown = load_model(tmp_path / "m.toml")
-    assert grown.scene == str(scene) and [e.id for e in grown.effects] == ["ghost"]
+    assert grown.scene.origin.reference == str(scene) and [e.id for e in grown.effects] == ["ghost"]
     text = (tmp_path / "m.toml").read_text()
     again = cbox("add", tmp_path / "m.toml", "ghost", "fraction=0.01", "--scene", scene)
     assert_one_line_of_help(again, "--scene")

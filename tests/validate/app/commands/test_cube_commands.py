@@ -71,7 +71,7 @@ def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
         assert found["command"].startswith("cbox render cornell-box --size 32 --wavelengths 400:700:50")
         assert json.loads(found["camera"])["width_px"] == 32
         (tmp_path / "model.toml").write_text(found["model"])
-        assert load_model(tmp_path / "model.toml").scene == "cornell-box"
+        assert load_model(tmp_path / "model.toml").scene.origin.reference == "cornell-box"
 
 
 def test_a_simulation_names_the_faulty_cube_and_tells_saturation(cubes, tmp_path, cbox):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from cboxlab.scenes.scene_file import scene_files
 from helpers.scene_files import BLOCK, GOOD, fault, load
 
 MILK = """
@@ -27,7 +26,7 @@ def test_a_block_is_filled(folder):
     assert inside.absorption_per_mm.at([550]) == pytest.approx(0.001) and inside.anisotropy == 0.7
     assert scene.surface("block").inside is None and not scene.diffuse
     assert all(surface.inside is None for surface in scene.lambertian.surfaces) and scene.lambertian.diffuse
-    assert folder / "milk.csv" in scene_files(folder / "room.toml")
+    assert folder / "milk.csv" in scene.origin.files
 
 
 @pytest.mark.parametrize("shape", ["sphere = { center_mm = [0, 2, 0], radius_mm = 1 }", 'mesh = "tetrahedron.obj"'])

@@ -1,0 +1,136 @@
+"""Scene files written from scenes in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from numpy.typing import NDArray
+
+from .scene import Lamp, Material, Medium, Scene, Surface
+from .spectra import Spectrum
+
+__all__ = ["write_scene"]
+
+
+def write_scene(path: Path, scene: Scene) -> Path:
+    """Write a scene as a scene file, with its meshes and textures next to it.
+
+    Parameters
+    ----------
+    path
+        A file that ends in .toml. Meshes are written as STEM-SURFACE.obj, textures as STEM-MATERIAL.npy.
+    scene
+        The scene. Quads and spheres are stated as such, other surfaces as meshes, with every digit.
+
+    Returns
+    -------
+    Path
+        The scene file; ``load_scene`` reads the same scene from it.
+
+    Raises
+    ------
+    InputError
+        If the path does not end in .toml, or a lamp has a property that an effect states and no scene file.
+    """
+    if path.suffix != ".toml":
+        raise InputError(path, f"the ending '{path.suffix}'", "a scene file, '.toml'")
+    content: dict[str, Any] = {"format": "scene/1", "name": scene.name, "source": scene.source}
+    content["lamp"] = [_lamp_table(lamp) for lamp in scene.lamps]
+    content["material"] = {name: _material_table(path, item) for name, item in scene.materials.items()}
+    content["surface"] = [_surface_table(path, surface) for surface in scene.surfaces]
+    if scene.medium is not None:
+        content["medium"] = _medium_table(scene.medium)
+    with replacing(path) as temporary:
+        temporary.write_text(tomli_w.dumps(content), encoding="utf-8")
+    return path
+
+
+def _spectrum(spectrum: Spectrum) -> float | dict[str, list[float]]:
+    """A number for a constant, otherwise the table."""
+    if spectrum.outside == "hold" and len(spectrum.values) == 1:
+        return float(spectrum.values[0])
+    return {"wavelength_nm": spectrum.wavelength_nm.tolist(), "values": spectrum.values.tolist()}
+
+
+def _quads(surface: Surface) -> list[list[list[float]]] | None:
+    """The quads that a surface's triangles are halves of; None for another mesh."""
+    count = len(surface.vertices_mm) // 4
+    halves = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
+    if len(surface.vertices_mm) % 4 or not np.array_equal(surface.faces, halves):
+        return None
+    return surface.vertices_mm.reshape(count, 4, 3).tolist()
+
+
+def _lamp_table(lamp: Lamp) -> dict[str, Any]:
+    where = f"lamp '{lamp.surface.name}'"
+    quads = _quads(lamp.surface)
+    if quads is None:
+        raise InputError(where, "triangles", "a lamp of quads, which a scene file states")
+    if lamp.edge_ratio != 1.0 or lamp.exponent != 0.0:
+        hint = "Write the scene without them, and add the effects lamp-nonuniform and lamp-directional to a model."
+        raise InputError(where, "an edge ratio or an exponent", "neither", hint)
+    table: dict[str, Any] = {"name": lamp.surface.name, "quads_mm": quads, "radiance": _spectrum(lamp.radiance)}
+    if lamp.reflects:
+        table["reflectance"] = _spectrum(lamp.reflectance)
+    if lamp.pattern is not None:
+        table["pattern"] = lamp.pattern.tolist()
+    return table
+
+
+def _material_table(path: Path, material: Material) -> dict[str, Any]:
+    if material.texture is not None:
+        image = path.with_name(f"{path.stem}-{material.name}.npy")
+        with replacing(image) as temporary:
+            np.save(temporary, material.texture.weights)
+        spectra = [_spectrum(spectrum) for spectrum in material.texture.spectra]
+        return {"texture": {"image": image.name, "spectra": spectra}}
+    table: dict[str, Any] = {"reflectance": _spectrum(material.reflectance)}
+    if material.bsdf is not None:
+        table["bsdf"] = dict(material.bsdf)
+    return table
+
+
+def _medium_table(medium: Medium) -> dict[str, Any]:
+    return {
+        "scattering_per_mm": _spectrum(medium.scattering_per_mm),
+        "absorption_per_mm": _spectrum(medium.absorption_per_mm),
+        "anisotropy": medium.anisotropy,
+    }
+
+
+def _surface_table(path: Path, surface: Surface) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": surface.name, "material": surface.material}
+    quads = _quads(surface)
+    if surface.ball:
+        centre, radius = surface.sphere_mm
+        table["sphere"] = {"center_mm": centre.tolist(), "radius_mm": radius}
+    elif quads is not None and surface.texture_uv is None:
+        table["quads_mm"] = quads
+    else:
+        mesh = path.with_name(f"{path.stem}-{surface.name}.obj")
+        with replacing(mesh) as temporary:
+            temporary.write_text(_obj(surface), encoding="ascii")
+        table["mesh"] = mesh.name
+    if surface.inside is not None:
+        table["inside"] = _medium_table(surface.inside)
+    return table
+
+
+def _obj(surface: Surface) -> str:
+    """Wavefront OBJ with every digit of the vertices; a texture coordinate for each vertex where there are some."""
+
+    def rows(letter: str, values: NDArray[np.float64]) -> list[str]:
+        return [f"{letter} {' '.join(map(repr, row))}" for row in values.tolist()]
+
+    lines = rows("v", surface.vertices_mm)
+    if surface.texture_uv is not None:
+        up = surface.texture_uv * [1.0, -1.0] + [0.0, 1.0]  # a mesh file's v runs upwards, a texture's rows downwards
+        lines += rows("vt", up)
+    corner = "{0}/{0}" if surface.texture_uv is not None else "{0}"
+    lines += ["f " + " ".join(corner.format(index + 1) for index in face) for face in surface.faces.tolist()]
+    return "\n".join([*lines, ""])

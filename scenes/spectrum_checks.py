@@ -1,0 +1,59 @@
+"""Checks of spectra: no gaps, wavelengths in nm, reflectances from 0 to 1, radiances not negative."""
+
+from __future__ import annotations
+
+import numpy as np
+from cboxlab.utils.errors import InputError
+
+from .spectra import Spectrum
+
+__all__ = ["LARGEST_STEP", "radiance_faults", "reflectance_faults", "table_faults"]
+
+#: A table whose longest wavelength is shorter is in another unit.
+_SHORTEST_NM = 100.0
+#: A step larger than this many times the median step is a gap in a table.
+LARGEST_STEP = 3.0
+
+
+def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """One fault for a table in another unit than nm, and one for each gap: a step above three times the median step,
+    too wide to interpolate over."""
+    first, last = spectrum.wavelength_nm[[0, -1]]
+    if last < _SHORTEST_NM:
+        found = f"wavelengths from {first:g} to {last:g}"
+        return [InputError(where, found, "wavelengths in nm", "multiply by 1000 if the table is in µm")]
+    steps = np.diff(spectrum.wavelength_nm)
+    if steps.size == 0:
+        return []
+    median = float(np.median(steps))
+    return [
+        InputError(
+            where,
+            f"a gap in the table from {spectrum.wavelength_nm[i]:g} to {spectrum.wavelength_nm[i + 1]:g} nm",
+            f"steps up to {LARGEST_STEP * median:g} nm, {LARGEST_STEP:g} times the usual {median:g} nm",
+            "fill in the missing rows",
+        )
+        for i in np.flatnonzero(steps > LARGEST_STEP * median)
+    ]
+
+
+def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """Faults for gaps, and for the first value outside 0 to 1 (energy conservation)."""
+    faults = table_faults(spectrum, where)
+    outside = np.flatnonzero((spectrum.values < 0) | (spectrum.values > 1))
+    if outside.size:
+        value, wavelength = spectrum.values[outside[0]], spectrum.wavelength_nm[outside[0]]
+        hint = "divide by 100 if the table is in percent" if 1 < spectrum.values.max() <= 100 else ""
+        faults.append(InputError(where, f"reflectance {value:g} at {wavelength:g} nm", "values from 0 to 1", hint))
+    return faults
+
+
+def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
+    """Faults for gaps, and for a negative radiance or one that is 0 everywhere."""
+    faults = table_faults(spectrum, where)
+    if spectrum.values.min() < 0:
+        at = spectrum.wavelength_nm[np.argmin(spectrum.values)]
+        faults.append(InputError(where, f"radiance {spectrum.values.min():g} at {at:g} nm", "values of 0 or more"))
+    elif spectrum.values.max() == 0:
+        faults.append(InputError(where, "a radiance of 0 everywhere", "a value above 0"))
+    return faults
