@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
 from cboxlab.utils.progress import QUIET
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.app.studio.wire import view
 from cboxlab.validation.predict import default_cache

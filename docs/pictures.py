@@ -43,7 +43,7 @@ def effect_pictures(names: Sequence[str] = ()) -> None:
 def readme_pictures() -> None:
     """The bundled capture against the published box, and against that with the hidden effect fitted to it."""
     import cboxlab
-    from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+    from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
     from cboxlab.validation.predict import default_cache
     from cboxlab.validation.synthetic import open_seal
 

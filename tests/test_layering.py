@@ -22,8 +22,8 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: The effects are a catalogue: one file each.
-MOST_MODULES, CATALOGUES = 16, {"render.effects"}
+#: Catalogues: one file for each effect, one for each command.
+MOST_MODULES, CATALOGUES = 16, {"render.effects", "validate.app.commands"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -31,7 +31,7 @@ __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sourc
 _LARGEST, _ALL = 300e6, 2e9
 
 #: What a picture's code may call: three whole rooms, and this package.
-_PACKAGES = ("scenes", "calibration", "render", "validate.predict")
+_PACKAGES = ("utils", "scenes", "calibration", "rendering", "validation.predict")
 
 
 def default_cache() -> Path:
@@ -109,7 +109,7 @@ def _digest(digest: Any, thing: object) -> None:
     if isinstance(thing, np.ndarray):
         text = f"array {thing.dtype.str} {thing.shape} ".encode() + np.ascontiguousarray(thing).tobytes()
     elif is_dataclass(thing):
-        parts = [getattr(thing, field.name) for field in fields(thing)]
+        parts = [getattr(thing, field.name) for field in fields(thing) if field.init]
         text = type(thing).__name__.encode()
     elif isinstance(thing, Mapping):
         parts = [part for item in thing.items() for part in item]

@@ -53,16 +53,16 @@ def test_what_a_scene_file_names_is_an_input(tmp_path):
     """A paint's table and a block's mesh beside the scene file: what is changed in them is told."""
     shutil.copytree(ROOT / "scenes" / "data", tmp_path / "box")
     scene = tmp_path / "box" / "cornell-box.toml"
-    (tmp_path / "box" / "ball.ply").write_text("a mesh")
-    block = '[[surface]]\nname = "ball"\nmaterial = "white"\nmesh = "ball.ply"\n'
+    (tmp_path / "box" / "ball.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n")
+    block = '[[surface]]\nname = "ball"\nmaterial = "white"\nmesh = "ball.obj"\n'
     scene.write_text(f"{scene.read_text()}\n{block}")
     write_manifest(tmp_path, [], Model(load_scene(scene)).files)
     tables = [path.name for path in (tmp_path / "box").glob("*.csv")]
-    for name in ("ball.ply", *tables):
+    for name in ("ball.obj", *tables):
         path = tmp_path / "box" / name
         path.write_text(path.read_text() + " ")
     found = {path.split("/")[-1] for path in verify(tmp_path).changed_inputs}
-    assert tables and found == {"ball.ply", *tables}
+    assert tables and found == {"ball.obj", *tables}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands import console
-from cboxlab.validation.app.commands.demo import run_demo
+from cboxlab.validation.app.commands.demo_chain import run_demo
 from cboxlab.validation.compare.pipeline import validate_prepared
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
 from cboxlab.validation.diagnose.diagnosis import _shares

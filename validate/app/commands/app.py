@@ -13,40 +13,49 @@ from cboxlab.utils.progress import Cancelled
 from rich.text import Text
 
 from ..terminal import command_line, this_run
-from . import batch as commands_batch
-from . import diagnosis as commands_diagnosis
-from . import forward as commands_forward
-from . import hyperspectral as commands_hyperspectral
-from . import measured as commands_measured
-from . import model as commands_model
-from . import regression as commands_regression
-from . import renderers as commands_renderers
-from . import sensor as commands_sensor
+from .add import add
+from .batch import batch
+from .calibrate import calibrate
+from .capture import capture
+from .compare import compare
 from .console import errors
+from .demo import demo
+from .diagnose import diagnose
+from .effects import effects
+from .export import export
+from .hyperspectral import hyperspectral
+from .regress import regress
+from .render import render
+from .renderers import renderers
+from .reveal import reveal
+from .simulate import simulate
+from .studio import studio
+from .validate import validate
+from .verify import verify
 
 __all__ = ["app", "run"]
 
 app = command_line(
     "How far a physically based rendering is from the real thing, where, and why.",
     (
-        commands_measured.demo,
-        commands_measured.validate,
-        commands_measured.calibrate,
-        commands_hyperspectral.hyperspectral,
-        commands_measured.compare,
-        commands_measured.verify,
-        commands_batch.batch,
-        commands_diagnosis.diagnose,
-        commands_diagnosis.studio,
-        commands_regression.regress,
-        commands_renderers.export,
-        commands_renderers.renderers,
-        commands_forward.render,
-        commands_sensor.simulate,
-        commands_forward.capture,
-        commands_forward.reveal,
-        commands_model.add,
-        commands_model.effects,
+        demo,
+        validate,
+        calibrate,
+        hyperspectral,
+        compare,
+        verify,
+        batch,
+        diagnose,
+        studio,
+        regress,
+        export,
+        renderers,
+        render,
+        simulate,
+        capture,
+        reveal,
+        add,
+        effects,
     ),
 )
 

@@ -17,10 +17,10 @@ from typing import Annotated, Any
 import typer
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.input_files import read_json
 from cboxlab.utils.progress import Cancelled, Progress
 
-from .console import JsonOption, bar, give_json, require_folder, say
+from .arguments import JsonOption
+from .console import bar, give_json, require_folder, say
 
 __all__ = ["batch"]
 
@@ -164,6 +164,8 @@ def _run_one(name: str, capture: Path, place: Path, what: What, model: Path | No
             said = [line for line in run.stderr.splitlines() if line.startswith(("error: ", "fault: "))]
             row["message"] = said[0].partition(": ")[2] if said else f"ended with {run.returncode}"
             return row
+    from cboxlab.utils.input_files import read_json
+
     file, taken = _RESULTS[what]
     return row | taken(read_json(place / file, "results of cbox"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -11,17 +12,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import numpy as np
-import typer
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Teller
-from numpy.typing import NDArray
 from rich.text import Text
 
 from ..terminal import (
-    JsonOption,
     console,
     data_table,
     errors,
@@ -33,14 +30,13 @@ from ..terminal import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
     from cboxlab.calibration.capture import Capture
     from cboxlab.rendering.files import Declared, DeclaredPair
     from cboxlab.rendering.model import Model
+    from numpy.typing import NDArray
 
 __all__ = [
-    "DeclareOption",
-    "DeclarePairOption",
-    "JsonOption",
     "bar",
     "choose_device",
     "console",
@@ -58,21 +54,6 @@ __all__ = [
     "this_run",
     "warn_unless_compiled",
     "wavelengths",
-]
-
-_DECLARED = (
-    "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
-    "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated."
-)
-DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
-DeclarePairOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="[SIDE:]KEY=VALUE",
-        help=f"{_DECLARED} For one of the two alone with its name before the key: A: or B:, of regress baseline: or "
-        "candidate:.",
-        show_default=False,
-    ),
 ]
 
 
@@ -213,7 +194,7 @@ def positive_number(text: str, option: str) -> float:
         value = float(Fraction(text.strip().removesuffix("%").strip())) / (100 if percent else 1)
     except (ValueError, ZeroDivisionError, OverflowError):
         value = float("nan")
-    if not (np.isfinite(value) and value > 0):
+    if not (math.isfinite(value) and value > 0):
         raise InputError(option, repr(text), "a number above 0, such as 0.003, 0.3% or 1/300")
     return value
 
@@ -233,6 +214,8 @@ def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]
 
     Raises InputError unless they ascend and are at most 2000.
     """
+    import numpy as np
+
     expected = "first:last:step such as 400:700:10, or a list such as 450,550,650, ascending, in nm"
     try:
         if ":" in text:

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from ...compare import prepare, rendered_from, solved_light
 from ...predict import Predictor
 from ...report import STYLE
-from .demo import DEMO_CAPTURE
+from .demo_chain import DEMO_CAPTURE
 
 __all__ = ["pictured_light", "shown_effect", "write_effect_picture"]
 

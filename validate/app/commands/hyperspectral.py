@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from cboxlab.utils.errors import InputError
 
-from .console import JsonOption, bar, data_table, give_json, print_table, say
+from .arguments import JsonOption
+from .console import bar, data_table, give_json, print_table, say
 
 if TYPE_CHECKING:
     from cboxlab.calibration.radiometry import HyperspectralCube
@@ -121,7 +121,7 @@ def _print_bands(found: HyperspectralCube) -> None:
         strict=True,
     )
     for band, wavelength, scale, sigma, moved in rows:
-        shift = np.round(moved.shift_px, 2) + 0.0
+        shift = moved.shift_px.round(2) + 0.0  # no -0.00
         table.add_row(
             band,
             f"{wavelength:.1f}",

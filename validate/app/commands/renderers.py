@@ -1,4 +1,4 @@
-"""Commands for other renderers: export a box, run those that are installed, judge what they wrote."""
+"""``cbox renderers``: other renderers run on a box and compared."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, suggestion
 
+from .arguments import JsonOption
 from .console import (
-    JsonOption,
     bar,
     data_table,
     give_json,
@@ -21,48 +20,14 @@ from .console import (
     warn_unless_compiled,
     wavelengths,
 )
-from .forward import LARGEST_SIZE, ModelArgument
 
 if TYPE_CHECKING:
     from ...compare_renders.renderers import ComparedRenderers, Judged
 
-__all__ = ["export", "renderers"]
+__all__ = ["renderers"]
 
 #: Channels of an export and of a comparison.
 _WAVELENGTHS = "400:700:20"
-
-
-def export(
-    model: ModelArgument,
-    to: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
-    *,
-    camera: Annotated[
-        Path | None,
-        typer.Option(help="In place of --size: a camera file (.json), or a capture folder (its camera and lamp)."),
-    ] = None,
-    size: Annotated[
-        int, typer.Option(help="Pixels per side, for the published camera.", min=2, max=LARGEST_SIZE)
-    ] = 128,
-    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = _WAVELENGTHS,
-    samples: Annotated[int, typer.Option(help="Samples per pixel and batch.", min=1)] = 64,
-    batches: Annotated[int, typer.Option(help="Independent runs, whose scatter gives the error.", min=2, max=64)] = 4,
-    subpixels: Annotated[int, typer.Option(help="Rays of the ray file per pixel and axis.", min=1, max=16)] = 4,
-) -> None:
-    """Write a box for other renderers: neutral files, and files ready to run for each known renderer.
-
-    `cbox renderers --collect` makes a cube of what a renderer wrote.
-    """
-    from cboxlab.rendering.export import FORMATS, ExportSettings, write_export
-    from cboxlab.rendering.model import load_model
-
-    from ...compare_renders.renderers import exported_model
-
-    settings = ExportSettings(wavelengths(at), samples, batches, subpixels)
-    require_folder(to.parent)
-    warn_unless_compiled()
-    with options(), bar("exporting"):
-        write_export(to, exported_model(load_model(model), camera, size, settings))
-    say(f"Export: {to} ({settings.wavelength_nm.size} wavelengths; {', '.join(FORMATS)})")
 
 
 def renderers(
@@ -127,6 +92,8 @@ def renderers(
     if out is not None:
         say(f"Export, cubes, bias maps, renderers.json: {out}")
     if compared.failed:
+        from cboxlab.utils.faults import combined
+
         raise combined(compared.failed)
 
 
@@ -136,6 +103,8 @@ def _names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     for name in names:
         if name not in FORMATS:
+            from cboxlab.utils.faults import suggestion
+
             raise InputError("--with", f"'{name}'", f"some of {', '.join(FORMATS)}", suggestion(name, FORMATS))
     return names
 
@@ -162,6 +131,8 @@ def _collect(folder: Path, json: Path | None) -> None:
         say(f"Cube: {cubes[name]}")
     give_json(json, {"cubes": cubes})
     if unfinished:
+        from cboxlab.utils.faults import combined
+
         raise combined(unfinished)
 
 

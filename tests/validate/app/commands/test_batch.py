@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from cboxlab.validation.api import is_current, write_manifest
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 
 
 @pytest.fixture

@@ -21,8 +21,8 @@ from cboxlab.rendering.model.model_file import load_model
 from cboxlab.scenes import cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands import console
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
-from cboxlab.validation.app.commands.model import _alone as alone
+from cboxlab.validation.app.commands.add import _alone as alone
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.synthetic.blind import open_seal
 from helpers.command_line import assert_one_line_of_help
 

@@ -9,7 +9,7 @@ import pytest
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.validation.app.commands.cli import main
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.compare.maps import read_map
 from colour import SpectralDistribution, sd_to_XYZ
 from helpers.command_line import assert_one_line_of_help

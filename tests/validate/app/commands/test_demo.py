@@ -9,7 +9,7 @@ from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.synthetic.blind import open_seal
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, write_model_capture
 

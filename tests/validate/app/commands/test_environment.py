@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from cboxlab.rendering.files import read_cube
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 
 #: An ASCII terminal, with nowhere to keep anything and a display that is not there.
 BARE = {

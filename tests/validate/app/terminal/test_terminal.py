@@ -4,8 +4,8 @@ import json
 
 import pytest
 from cboxlab.validation.app.commands.app import app
-from cboxlab.validation.app.commands.demo import DEMO_CAPTURE
-from cboxlab.validation.app.commands.model import complete_effect
+from cboxlab.validation.app.commands.arguments import complete_effect
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.app.terminal import (
     command_line,
     console,

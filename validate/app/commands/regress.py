@@ -1,4 +1,4 @@
-"""The command `cbox regress`, which tests whether a rendering algorithm changed its result, and how."""
+"""``cbox regress``: the change between two renderings of one scene."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..terminal import STANDARD_OUTPUT
+from .arguments import DeclarePairOption, JsonOption
 from .console import (
-    DeclarePairOption,
-    JsonOption,
     bar,
     data_table,
     declared_pair,

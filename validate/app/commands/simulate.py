@@ -1,4 +1,4 @@
-"""The command simulate: from spectral cubes to raw frames."""
+"""``cbox simulate``: raw frames of spectral cubes by a camera."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from cboxlab.utils.errors import InputError
 
+from .arguments import DeclareOption, JsonOption
 from .console import (
-    DeclareOption,
-    JsonOption,
     bar,
     declared_files,
     give_json,
@@ -28,6 +27,7 @@ __all__ = ["simulate"]
 
 #: Placeholder in --out and --preview for the name of each cube's file.
 NAME = "{name}"
+
 
 # Share of saturated pixels that is told.
 _MUCH_SATURATED = 0.5

@@ -1,0 +1,71 @@
+"""``cbox diagnose``: the physical effects that a model lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .arguments import DeclareOption, JsonOption, NoCacheOption, RenderOption
+from .console import (
+    bar,
+    declared_files,
+    give_json,
+    load_inputs,
+    options,
+    require_folder,
+    say,
+)
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="capture...",
+            help="A folder of the capture format (capture.toml). Further captures of the same box (other exposures, "
+            "apertures, places of the camera) decide between causes that the first one cannot tell apart.",
+            show_default=False,
+        ),
+    ],
+    *,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
+    ] = None,
+    json: JsonOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for report.html, metrics.json, maps and the final model.toml.")
+    ] = None,
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
+    declare: DeclareOption = None,
+) -> None:
+    """Find the physical effects that the model lacks, add them, and show how the error decreases."""
+    from cboxlab.rendering.device import variant
+
+    from ...api import diagnose as run
+    from ...api import write_manifest
+    from ...predict import default_cache
+    from .summary import print_diagnosis, print_failures, print_suspicions
+
+    if out is not None:
+        require_folder(out)
+    declared = declared_files(declare)
+    (chosen, loaded), cache = load_inputs(model, captures), None if no_cache else default_cache()
+    variant.require_compiled("cbox diagnose")
+    with options(render="--render"), bar("calibrating") as report:
+        result = run(*loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        if out is not None:
+            report.stage("writing the report")
+            inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]
+            write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
+    print_suspicions(result.validation.prepared.calibration)
+    print_failures(result.validation)
+    print_diagnosis(result.diagnosis)
+    give_json(json, result.to_dict())
+    if out is not None:
+        say(f"Report: {out / 'report.html'}; the final model: {out / 'model.toml'}")

@@ -1,0 +1,105 @@
+"""``cbox effects``: the catalogue of effects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from cboxlab.utils.errors import InputError
+from rich.table import Table
+from rich.text import Text
+
+from .arguments import JsonOption, complete_effect
+from .console import bar, console, give_json, options, require_folder, say
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cboxlab.rendering.effects import Effect
+
+__all__ = ["effects"]
+
+
+def effects(
+    identifier: Annotated[
+        str | None, typer.Argument(metavar="ID", help="One effect, in full.", autocompletion=complete_effect)
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write the effect's change of the bundled capture (PNG).")
+    ] = None,
+    new: Annotated[
+        str | None,
+        typer.Option(help="Write NAME.toml, an effect of what a diagnosis could not name.", metavar="NAME"),
+    ] = None,
+    diagnosis: Annotated[
+        Path | None, typer.Option("--from", help="The diagnosis.json that explains it.", show_default=False)
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Show the catalogue of physical effects that a model may lack, or write one from a diagnosis."""
+    from cboxlab.rendering.effects import catalogue
+
+    if new is not None or diagnosis is not None:
+        if new is None or diagnosis is None or identifier is not None:
+            raise InputError("cbox effects", "one of --new and --from", "cbox effects --new NAME --from diagnosis.json")
+        _write_new(Path(f"{new.removesuffix('.toml')}.toml"), diagnosis, json)
+        return
+    if picture is not None and (identifier is None or picture.suffix.lower() != ".png"):
+        raise InputError("--picture", f"{picture} of {identifier or 'no effect'}", "one effect and a file '.png'")
+
+    known = catalogue()
+    if identifier is None:
+        give_json(json, {"effects": [effect.to_dict() for effect in known.values()]})
+        _print_list(known)
+        return
+    if identifier not in known:
+        from cboxlab.utils.faults import suggestion
+
+        expected = f"one of {', '.join(known)}"
+        raise InputError("cbox effects", repr(identifier), expected, suggestion(identifier, known))
+    effect = known[identifier]
+    give_json(json, effect.to_dict())
+    console.print(Text.assemble((effect.id, "bold"), f" (acts on: {effect.stage})"))
+    say(f"{effect.summary}\n")
+    table = Table("parameter", "unit", "null value", "from", "to", "choices")
+    for p in effect.parameters:
+        numbers = ("", "", "", "")
+        if not p.choices:
+            numbers = (p.unit, "–" if p.null is None else f"{p.null:g}", f"{p.low:g}", f"{p.high:g}")
+        table.add_row(p.name, *numbers, ", ".join(p.choices))
+    console.print(table)
+    say(f"To confirm or rule out: {effect.confirm}")
+    for source in effect.sources:
+        say(f"Source: {source}")
+    if picture is not None:
+        from .effect_picture import pictured_light, write_effect_picture
+
+        require_folder(picture.parent)
+        with bar("rendering"):
+            told = write_effect_picture(picture, effect, pictured_light())
+        say(f"Signature: {picture} ({told})")
+
+
+def _print_list(known: Mapping[str, Effect]) -> None:
+    """One line for each effect, by the stage of the chain at which it acts, in the order of light."""
+    from cboxlab.rendering.chain import STAGES
+
+    width = max(len(name) for name in known)
+    for stage in STAGES:
+        for index, effect in enumerate(e for e in known.values() if e.stage == stage):
+            say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.in_few_words}")
+    say("One effect with its parameters: cbox effects ID")
+
+
+def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
+    from cboxlab.rendering.fitted_fields import effect_of_diagnosis
+
+    require_folder(path.parent)
+    with options(**{"name of the effect": "--new"}):
+        effect, caution = effect_of_diagnosis(path, diagnosis)
+    give_json(json, {"file": path, "caution": caution, **effect.to_dict()})
+    say(f"{path}: {effect.in_few_words}")
+    if caution:
+        say(caution)
+    say(f"Add it, its amplitude fitted: cbox add model.toml {path} --fit CAPTURE")

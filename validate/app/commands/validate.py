@@ -1,0 +1,58 @@
+"""``cbox validate``: calibrate a capture, render its model, compare, report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .arguments import CaptureFolder, DeclareOption, JsonOption, NoCacheOption, RenderOption
+from .console import (
+    bar,
+    declared_files,
+    give_json,
+    load_inputs,
+    options,
+    require_folder,
+    say,
+    warn_unless_compiled,
+)
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = ["validate"]
+
+
+def validate(
+    capture: CaptureFolder,
+    *,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path("validation"),
+    render: RenderOption = None,
+    no_cache: NoCacheOption = False,
+    declare: DeclareOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Calibrate a capture, render the model, compare and write a report."""
+    from ...api import validate as run
+    from ...api import write_manifest
+    from ...predict import default_cache
+    from .summary import print_validation
+
+    require_folder(out)
+    declared = declared_files(declare)
+    (chosen, (loaded,)), cache = load_inputs(model, [capture]), None if no_cache else default_cache()
+    warn_unless_compiled()
+    with options(render="--render"), bar("calibrating") as report:
+        result = run(loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        report.stage("writing the report")
+        inputs = [path for path in (capture, model, render, *chosen.files) if path is not None]
+        write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
+    print_validation(result.validation)
+    give_json(json, result.to_dict())
+    say(f"Report: {out / 'report.html'}")
