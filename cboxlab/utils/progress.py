@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["QUIET", "Cancelled", "Progress", "Teller", "share"]
+__all__ = ["NO_PROGRESS", "Cancelled", "Progress", "ProgressReporter", "share"]
 
 
 class Cancelled(Exception):
@@ -23,14 +23,14 @@ class Progress(Protocol):
         """The completed share of the whole computation, 0 to 1. It can decrease if more work turns out to be needed."""
 
 
-class Teller:
+class ProgressReporter:
     """Passes stage and completed share on to a function; can be cancelled, also from another thread.
 
-    told : called with the name of the stage ("" before the first) and the completed share, 0 to 1.
+    callback : called with the name of the stage ("" before the first) and the completed share, 0 to 1.
     """
 
-    def __init__(self, told: Callable[[str, float], object] = lambda stage, done: None) -> None:
-        self._told = told
+    def __init__(self, callback: Callable[[str, float], object] = lambda stage, done: None) -> None:
+        self._callback = callback
         self._stage, self._done = "", 0.0
         self._stop = threading.Event()
 
@@ -41,20 +41,20 @@ class Teller:
     def stage(self, name: str) -> None:
         """See ``Progress``. Raises Cancelled."""
         self._stage = name
-        self._tell()
+        self._report()
 
     def part(self, done: float) -> None:
         """See ``Progress``. Raises Cancelled."""
         self._done = done
-        self._tell()
+        self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         if self._stop.is_set():
             raise Cancelled("the computation was stopped")
-        self._told(self._stage, self._done)
+        self._callback(self._stage, self._done)
 
 
-class _Quiet:
+class _NoProgress:
     def stage(self, name: str) -> None:
         pass
 
@@ -63,7 +63,7 @@ class _Quiet:
 
 
 #: Ignores all reports.
-QUIET: Progress = _Quiet()
+NO_PROGRESS: Progress = _NoProgress()
 
 
 class _Share:

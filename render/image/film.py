@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
@@ -27,7 +27,7 @@ def means_by_strips(
     samples: int | NDArray[np.int64],
     batches: int,
     seed: int,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> NDArray[np.float32]:
     """(batch, y, x, n) means over samples of the sums of ``strip``.
 

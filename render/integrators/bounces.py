@@ -7,7 +7,7 @@ import xarray as xr
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..visibility import build_tracer, facet_coverage
 from .path_tracer import trace_paths
@@ -24,7 +24,7 @@ def render_bounces(
     batches: int = 4,
     *,
     seed: int = 0,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> xr.DataArray:
     """Radiance (batch, part, y, x, wavelength) of a diffuse scene by path tracing, W m^-2 sr^-1 nm^-1.
 

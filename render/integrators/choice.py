@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
 from ..image import RenderedImage
@@ -32,7 +32,7 @@ def render(
     *,
     seed: int = 0,
     max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     integrator: Integrator = "default",
 ) -> RenderedImage:
     """Render the scene through the camera; the integrators agree within their standard errors.

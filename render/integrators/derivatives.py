@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..image import RenderedImage
@@ -43,7 +43,7 @@ def render_derivatives(
     *,
     seed: int = 0,
     max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> Derivatives:
     """Render the scene with its derivatives; arguments and image as of ``render_path_tracer``.
 

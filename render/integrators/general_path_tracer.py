@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
@@ -36,7 +36,7 @@ def render_general_path_tracer(
     *,
     seed: int = 0,
     max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """Render the scene through the camera by path tracing; arguments and result as ``render_path_tracer``.
 

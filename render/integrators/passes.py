@@ -13,7 +13,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..device import variant
@@ -57,7 +57,7 @@ class Job:
         return replace(self, number=number)
 
 
-def render_pass(job: Job, progress: Progress = QUIET) -> RenderedImage:
+def render_pass(job: Job, progress: Progress = NO_PROGRESS) -> RenderedImage:
     """One pass with the default integrator: an image of one batch. Repeatable on any machine."""
     with _RENDER_LOCK:
         own_seed = job.seed + 7919 * job.number

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
@@ -38,7 +38,7 @@ def render_path_tracer(
     *,
     seed: int = 0,
     max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """Render the scene through the camera by path tracing.
 
@@ -83,7 +83,7 @@ def trace_paths(
     batches: int,
     seed: int,
     max_bounces: int | None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     counted: bool = False,
     split: int = 0,
 ) -> np.ndarray:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.utils.files import keep, kept
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.stats import t as student
@@ -70,7 +70,7 @@ def render_to_precision(
     pilot: Job,
     error: float,
     *,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     percentile: float = 50.0,
     checkpoint: Path | None = None,
     scheduler: str | None = None,
@@ -131,7 +131,7 @@ def _halvings(rough: RenderedImage, percentile: float, most: int) -> NDArray[np.
     return np.floor(np.log2(fewer)).astype(np.uint8)
 
 
-def render_passes(first: Job, count: int, progress: Progress = QUIET) -> RenderedImage:
+def render_passes(first: Job, count: int, progress: Progress = NO_PROGRESS) -> RenderedImage:
     """The picture that ``count`` passes make up, from the first on."""
     jobs = [first.numbered(first.number + number) for number in range(count)]
     return combined([image for _, image in _passes(jobs, progress, count)])

@@ -14,7 +14,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Medium, Scene, Surface, Texture
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..device import mi
@@ -39,7 +39,7 @@ def render_stock(
     *,
     seed: int = 0,
     max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     variant: str = "scalar_rgb",
 ) -> RenderedImage:
     """Render the scene through the camera with Mitsuba's ``path`` integrator.

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import device_array, dr, mi
 from ..image import RenderedImage, means_by_strips
@@ -139,7 +139,7 @@ def gather(
     samples: int | np.ndarray = 256,
     batches: int = 4,
     seed: int = 0,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
     lamps, view = _gatherings(light), _view(light, camera)
@@ -172,7 +172,7 @@ def render_final_gather(
     max_bounces: int | None = None,
     patch_edge_mm: float | None = None,
     patch_samples: int = 2048,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """Render the scene through the camera.
 

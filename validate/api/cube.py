@@ -39,7 +39,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress, Teller, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, ProgressReporter, share
 from numpy.typing import ArrayLike, NDArray
 
 from ..predict import transported
@@ -244,7 +244,7 @@ def render(
     samples: int | None = None,
     seed: int | None = None,
     scheduler: str | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> CubeResult:
     """A spectral cube of a model, repeatable by ``seed``.
 
@@ -293,7 +293,7 @@ def render_file(
     model: ModelLike,
     camera: Camera | Capture | Path,
     settings: CubeSettings,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> CubeFile:
     """Render a cube into a file, by strips of rows where it is large.
 
@@ -311,7 +311,7 @@ def render_file(
     folder = path.with_name(f"{path.name}.strips")
     parts, done = strip_cameras(job.camera), list[CubeResult]()
     progress.stage("rendering")
-    unnamed = Teller(lambda _, part: progress.part(part))  # not every strip's own stages
+    unnamed = ProgressReporter(lambda _, part: progress.part(part))  # not every strip's own stages
 
     def strips() -> Iterator[xr.Dataset]:
         for index, part in enumerate(parts):

@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.files import AS_STATED, Declared
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..compare import Validation, failures
 from ..compare import validate as validated
@@ -66,7 +66,7 @@ def validate(
     seed: int | None = None,
     cache: str | Path | None = None,
     declared: Declared = AS_STATED,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> ValidationResult:
     """Calibrate a capture, render a model through its camera, compare.
 

@@ -23,7 +23,7 @@ from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import keep, kept
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 
@@ -46,7 +46,7 @@ def cached_picture(
     samples: int,
     batches: int,
     seed: int,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """What ``gather`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made now and kept.
 

@@ -8,7 +8,7 @@ from cboxlab.rendering.integrators import render_stock
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["render_plainly"]
 
@@ -18,7 +18,7 @@ _SAMPLES, _BATCHES = 64, 4
 
 
 def render_plainly(
-    scene: Scene, camera: Camera, max_bounces: int | None, seed: int, progress: Progress = QUIET
+    scene: Scene, camera: Camera, max_bounces: int | None, seed: int, progress: Progress = NO_PROGRESS
 ) -> RenderedImage:
     """The picture on WAVELENGTH_NM: correct, slow and noisy; its error is counted like any other render's."""
     image = render_stock(

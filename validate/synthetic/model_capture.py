@@ -45,7 +45,7 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes, scene_files
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..predict import transported
@@ -166,7 +166,7 @@ def write_model_capture(
     seed: int,
     *,
     relative_error: float = 1e-3,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     box: Callable[[Scene], Scene] = lambda scene: scene,
 ) -> float:
     """Render the model with all its effects through ``camera`` and write the simulated capture.

@@ -19,7 +19,7 @@ from cboxlab.rendering.visibility.pinhole import film_for, resampling
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Teller
+from cboxlab.utils.progress import ProgressReporter
 from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
@@ -323,7 +323,7 @@ def test_stock_mitsuba_refuses_lamps_it_cannot_show():
 def test_the_door_to_all_integrators(name):
     """Each integrator is reached by name, tells its progress up to 1, and returns the whole picture."""
     told = []
-    progress = Teller(lambda stage, done: told.append(done))
+    progress = ProgressReporter(lambda stage, done: told.append(done))
     image = render(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2, progress=progress, integrator=name)
     assert image.project(np.eye(3))[0].shape == (8, 8, 3)
     assert told == sorted(told)

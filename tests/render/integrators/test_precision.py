@@ -21,7 +21,7 @@ from cboxlab.rendering.integrators.precision import (
 )
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Cancelled, Teller
+from cboxlab.utils.progress import Cancelled, ProgressReporter
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -97,8 +97,8 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert rendered == [0, 1, 2]
     monkeypatch.setattr(precision, "render_pass", render_pass)
     told = []
-    teller = Teller(lambda stage, done: told.append((stage, done)))
-    resumed = render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
+    reporter = ProgressReporter(lambda stage, done: told.append((stage, done)))
+    resumed = render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=reporter)
     assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
     parts = [done for stage, done in told if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
@@ -117,20 +117,20 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
     def told(stage, done):
         if stage == "rendering" and 2 / BATCHES < done:
-            teller.cancel()
+            reporter.cancel()
 
-    teller = Teller(told)
+    reporter = ProgressReporter(told)
     with pytest.raises(Cancelled):
-        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
+        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=reporter)
     assert [path.name for path in tmp_path.iterdir()] == [kept.name]
     shown = []
-    resumed = Teller(lambda stage, done: shown.append(done) if stage == "rendering" else None)
+    resumed = ProgressReporter(lambda stage, done: shown.append(done) if stage == "rendering" else None)
     render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=resumed)
     assert shown[0] == pytest.approx(3 / BATCHES)
-    teller = Teller()
-    teller.cancel()
+    reporter = ProgressReporter()
+    reporter.cancel()
     with pytest.raises(Cancelled):
-        render_to_precision(Job(*WHERE), 0.004, progress=teller)
+        render_to_precision(Job(*WHERE), 0.004, progress=reporter)
 
 
 def test_passes_are_the_batches_of_one_picture():

@@ -23,7 +23,7 @@ from cboxlab.scenes import Camera, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Teller
+from cboxlab.utils.progress import ProgressReporter
 from cboxlab.validation.compare import pipeline
 from cboxlab.validation.compare.maps import read_map
 from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
@@ -113,7 +113,7 @@ def small_capture(truth, tmp_path_factory):
 @pytest.fixture(scope="session")
 def result(small_capture):
     told = []
-    progress = Teller(lambda stage, done: told.append((stage, done)))
+    progress = ProgressReporter(lambda stage, done: told.append((stage, done)))
     found = validate(small_capture, Model(render=RenderSettings(noise=0.8)), progress)
     stages, parts = zip(*told, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]

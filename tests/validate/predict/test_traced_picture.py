@@ -19,7 +19,7 @@ from cboxlab.rendering.synthetic.capture_writer import tungsten_lamp
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare.pipeline import validate
 from cboxlab.validation.predict.traced_picture import traced_picture
 from cboxlab.validation.report.write import write_validation
@@ -37,7 +37,7 @@ HAZE = Spectrum(np.array([400.0, 700.0]), np.array([4e-4, 1e-4]))
 
 def picture_of(scene, camera, samples, batches):
     light = solve_light(scene.lambertian, WAVELENGTH_NM)
-    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, QUIET)
+    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, NO_PROGRESS)
 
 
 def coated(folder):

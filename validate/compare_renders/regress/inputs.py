@@ -19,7 +19,7 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import temporary_folder
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
 from .naming import named_changes
@@ -57,7 +57,7 @@ def regress_inputs(
     model: str | None = None,
     camera: Path | None = None,
     false_alarms: float = FALSE_ALARMS,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     *,
     declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
@@ -99,7 +99,7 @@ def regress_pictures(
     candidate: Side,
     view: View | None = None,
     false_alarms: float = FALSE_ALARMS,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> Outcome:
     """Verdict and, where the sides differ, the named change. view : the scene, else the published one if it fits."""
     progress.part(0.02)

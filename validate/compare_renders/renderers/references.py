@@ -13,7 +13,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import ArrayLike, NDArray
 
 from .closed_forms import (
@@ -70,7 +70,7 @@ class Measured:
 
 
 def measure_references(
-    names: tuple[str, ...] | None = None, effort: float = 1.0, seed: int = 0, progress: Progress = QUIET
+    names: tuple[str, ...] | None = None, effort: float = 1.0, seed: int = 0, progress: Progress = NO_PROGRESS
 ) -> tuple[Measured, ...]:
     """Every reference by the final gather and by the path tracer.
 
