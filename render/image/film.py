@@ -10,6 +10,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
+from .render_job import BATCH_SEED_STEP, RenderJob
 
 __all__ = ["means_by_strips"]
 
@@ -23,10 +24,7 @@ _ROWS_APART = 16
 
 def means_by_strips(
     strip: Callable[[mi.UInt32, int, mi.UInt32], list[mi.Float]],
-    camera: Camera,
-    samples: int | NDArray[np.int64],
-    batches: int,
-    seed: int,
+    job: RenderJob,
     progress: Progress = NO_PROGRESS,
 ) -> NDArray[np.float32]:
     """(batch, y, x, n) means over samples of the sums of ``strip``.
@@ -34,12 +32,13 @@ def means_by_strips(
     strip : takes the pixel of each lane (counted along the rows), samples, and the seed of each lane; returns n sums.
     samples : of all pixels, or (y, x) of each.
     """
-    calls = _calls(camera, samples, batches)
+    camera, batches = job.camera, job.batches
+    calls = _calls(camera, job.samples, batches)
     whole = sum(own * len(pixels) for own, pixels, _ in calls)
     done = 0
     pictures = np.empty((batches, camera.height_px * camera.width_px, 0), np.float32)
     for own, pixels, batch in calls:
-        seeds = (seed + 7919 * (batch + 1)) % 2**32
+        seeds = (job.batch_seed + BATCH_SEED_STEP * (batch + 1)) % 2**32
         sums = strip(device_array(mi.UInt32, pixels), own, device_array(mi.UInt32, seeds))
         share = dr.opaque(mi.Float, 1 / own)
         means = dr.zeros(mi.Float, len(pixels) * len(sums))
@@ -56,7 +55,7 @@ def means_by_strips(
 
 
 def _calls(
-    camera: Camera, samples: int | NDArray[np.int64], batches: int
+    camera: Camera, samples: int | NDArray[np.integer], batches: int
 ) -> list[tuple[int, NDArray[np.int64], NDArray[np.int64]]]:
     """Of each kernel call: samples, and of each lane the pixel and the batch."""
     rows = np.argsort(np.arange(camera.height_px) % _ROWS_APART, kind="stable")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
+from ..image import RenderJob
 from ..visibility import build_tracer, facet_coverage
 from .path_tracer import trace_paths
 
@@ -16,14 +15,8 @@ __all__ = ["render_bounces"]
 
 
 def render_bounces(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
+    job: RenderJob,
     bounces: int = 4,
-    samples: int = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
     progress: Progress = NO_PROGRESS,
 ) -> xr.DataArray:
     """Radiance (batch, part, y, x, wavelength) of a diffuse scene by path tracing, W m^-2 sr^-1 nm^-1.
@@ -32,25 +25,15 @@ def render_bounces(
     their paths and add up to the path tracer's picture. The coordinate ``surface`` (y, x) names the surface that
     covers most of a pixel. Raises InputError for a scene that is not diffuse.
     """
+    scene, wavelengths = job.scene, job.wavelength_nm
     if not scene.diffuse:
         raise InputError(
             f"scene {scene.name}",
             "a surface that is not diffuse or has a texture, or a medium",
             "a diffuse scene",
         )
-    wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
-    sums = trace_paths(
-        tracer,
-        camera,
-        wavelengths,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=None,
-        progress=progress,
-        split=bounces,
-    )
+    sums = trace_paths(tracer, job, progress, split=bounces)
     count = len(wavelengths)
     lamps = len(scene.lamps)
     parts = sums[..., lamps:].reshape(*sums.shape[:3], 1 + bounces, count)
@@ -58,7 +41,7 @@ def render_bounces(
     seen = (sums[..., :lamps] @ scene.lamp_shares(wavelengths))[..., None, :]
     values = np.concatenate([seen, parts[..., 1:, :], rest], axis=-2) * scene.lamp_radiance(wavelengths)
     names = np.array([s.name for s in scene.surfaces] + [scene.lamp.surface.name, ""])
-    coverage = facet_coverage(tracer, camera)
+    coverage = facet_coverage(tracer, job.camera)
     most = np.where(coverage.sum(axis=-1) < 0.5, -1, tracer.facet_surface[coverage.argmax(axis=-1)])
     return xr.DataArray(
         np.moveaxis(values, 3, 1).astype(np.float32),

@@ -6,13 +6,10 @@ import warnings
 from collections.abc import Callable
 from typing import Literal
 
-import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
-from ..image import RenderedImage
+from ..image import RenderedImage, RenderJob
 from ..radiosity import render_final_gather
 from .general_path_tracer import render_general_path_tracer
 from .path_tracer import render_path_tracer
@@ -24,14 +21,8 @@ Integrator = Literal["default", "final-gather", "path", "stock"]
 
 
 def render(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
+    job: RenderJob,
     *,
-    seed: int = 0,
-    max_bounces: int | None = None,
     progress: Progress = NO_PROGRESS,
     integrator: Integrator = "default",
 ) -> RenderedImage:
@@ -49,18 +40,9 @@ def render(
         warnings.warn(variant.HINT, RuntimeWarning, stacklevel=2)
         integrator = "stock"
     integrators: dict[str, Callable[..., RenderedImage]] = {
-        "default": render_final_gather if scene.diffuse else render_general_path_tracer,
+        "default": render_final_gather if job.scene.diffuse else render_general_path_tracer,
         "final-gather": render_final_gather,
-        "path": render_path_tracer if scene.diffuse else render_general_path_tracer,
+        "path": render_path_tracer if job.scene.diffuse else render_general_path_tracer,
         "stock": render_stock,
     }
-    return integrators[integrator](
-        scene,
-        camera,
-        wavelength_nm,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=max_bounces,
-        progress=progress,
-    )
+    return integrators[integrator](job, progress=progress)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
-from ..image import RenderedImage
+from ..image import RenderedImage, RenderJob
 from ..visibility import build_tracer, facet_coverage
 from .path_tracer import trace_paths
 
@@ -35,14 +33,7 @@ class Derivatives:
 
 
 def render_derivatives(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
-    max_bounces: int | None = None,
+    job: RenderJob,
     progress: Progress = NO_PROGRESS,
 ) -> Derivatives:
     """Render the scene with its derivatives; arguments and image as of ``render_path_tracer``.
@@ -52,37 +43,27 @@ def render_derivatives(
     derivative of the estimate. Raises InputError for a scene that is not diffuse and for a reflectance of 0, at
     which no path contributes.
     """
+    scene, wavelengths = job.scene, job.wavelength_nm
     if not scene.diffuse:
         raise InputError(
             f"scene {scene.name}",
             "a surface that is not diffuse or has a texture, or a medium",
             "a diffuse scene",
         )
-    wavelengths = np.asarray(wavelength_nm, float)
     reflectances = scene.reflectances(wavelengths)[: len(scene.materials)]
     for name, row in zip(scene.materials, reflectances, strict=True):
         if row.min() <= 0:
             where = f"{wavelengths[row.argmin()]:g} nm"
             raise InputError(f"material {name}", f"reflectance 0 at {where}", "more than 0, for derivatives")
     tracer = build_tracer(scene)
-    sums = trace_paths(
-        tracer,
-        camera,
-        wavelengths,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=max_bounces,
-        progress=progress,
-        counted=True,
-    )
+    sums = trace_paths(tracer, job, progress, counted=True)
     lamp, shares, count = scene.lamp_radiance(wavelengths), scene.lamp_shares(wavelengths), len(wavelengths)
     seen, reflected, counted = np.split(sums, [len(shares), len(shares) + count], axis=-1)
     image = RenderedImage(
         coefficients=sums[..., : len(shares) + count],
         spectra=np.vstack([shares * lamp, np.diag(lamp)]),
         wavelength_nm=wavelengths,
-        coverage=facet_coverage(tracer, camera),
+        coverage=facet_coverage(tracer, job.camera),
         facet_surface=tracer.facet_surface,
         surface_names=tuple(s.name for s in scene.surfaces),
     )

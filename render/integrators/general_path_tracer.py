@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
-from ..image import RenderedImage, means_by_strips
+from ..image import RenderedImage, RenderJob, means_by_strips
 from ..materials import SpectralBsdfs, SpectralMedia, SpectralTextures
 from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_radiance, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays, visible
@@ -27,17 +25,7 @@ from .shadow_rays import shadow_through
 __all__ = ["render_general_path_tracer"]
 
 
-def render_general_path_tracer(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
-    max_bounces: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> RenderedImage:
+def render_general_path_tracer(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedImage:
     """Render the scene through the camera by path tracing; arguments and result as ``render_path_tracer``.
 
     Supports textures on Lambertian surfaces, any BSDF of Mitsuba, and media, around the surfaces and inside
@@ -45,7 +33,7 @@ def render_general_path_tracer(
     The coefficients are radiance relative to the lamps' mean (``Scene.lamp_radiance``), one for each wavelength.
     Raises InputError for a material that Mitsuba does not support.
     """
-    wavelengths = np.asarray(wavelength_nm, float)
+    scene, wavelengths = job.scene, job.wavelength_nm
     compiled = "cuda_ad_spectral" if mi.variant().startswith("cuda") else "llvm_ad_spectral"
     with mi.scoped_set_variant(compiled):
         tracer = build_tracer(scene)
@@ -54,13 +42,13 @@ def render_general_path_tracer(
         textures = SpectralTextures(tracer, wavelengths)
         filled = scene.medium is not None or any(s.inside is not None for s in scene.surfaces) or bsdfs.passing
         media = SpectralMedia(tracer, wavelengths) if filled else None
+        contents = _Stuff(bsdfs, textures, media)
 
-        def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
-            parts = tracer, lamps, _Stuff(bsdfs, textures, media), wavelengths, camera
-            return _strip(*parts, pixels, samples=own_samples, seeds=seeds, max_bounces=max_bounces)
+        def strip(pixels: mi.UInt32, lane_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
+            return _strip(tracer, lamps, contents, job, pixels, samples=lane_samples, seeds=seeds)
 
-        coefficients = means_by_strips(strip, camera, samples, batches, seed, progress)
-        coverage = facet_coverage(tracer, camera)
+        coefficients = means_by_strips(strip, job, progress)
+        coverage = facet_coverage(tracer, job.camera)
     return RenderedImage(
         coefficients=coefficients,
         spectra=np.diag(scene.lamp_radiance(wavelengths)),
@@ -84,20 +72,19 @@ def _strip(
     tracer: Tracer,
     lamps: tuple[LampSampler, ...],
     stuff: _Stuff,
-    wavelengths: np.ndarray,
-    camera: Camera,
+    job: RenderJob,
     pixels: mi.UInt32,
     *,
     samples: int,
     seeds: mi.UInt32,
-    max_bounces: int | None,
 ) -> list[mi.Float]:
     """Sums over the paths of some pixels, at each wavelength: one lane per pixel, one loop over path segments."""
+    wavelengths, max_bounces = job.wavelength_nm, job.max_bounces
     count, bands = dr.width(pixels), len(wavelengths)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     bsdfs, textures, media = stuff.bsdfs, stuff.textures, stuff.media
     around = tracer.scene.medium is not None
-    rays = pixel_rays(camera, pixels)
+    rays = pixel_rays(job.camera, pixels)
     points = PathPoints(samples, pixels, seeds)
     own_seed = mi.sample_tea_32(pixels, seeds ^ 0x6C62272E)[0]
     reflectance_table = device_array(mi.Float, reflectances)

@@ -9,12 +9,10 @@ errors of neighbouring wavelengths are strongly correlated.
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
-from ..image import RenderedImage, means_by_strips
+from ..image import RenderedImage, RenderJob, means_by_strips
 from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
 from .path_points import PathPoints
@@ -29,40 +27,28 @@ ROULETTE_START = 2
 HIGHEST_SURVIVAL = 0.95
 
 
-def render_path_tracer(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
-    max_bounces: int | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> RenderedImage:
-    """Render the scene through the camera by path tracing.
-
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : paths per pixel and batch; of each
-    pixel where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces :
-    largest number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit).
-    seed : results are repeatable.
+def render_path_tracer(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedImage:
+    """Image of a diffuse scene by path tracing.
 
     The coefficients are radiance relative to the lamps': of each visible lamp relative to its own, then of reflected
-    light at each wavelength relative to the lamps' mean (``Scene.lamp_radiance``).
+    light at each wavelength relative to the lamps' mean (`Scene.lamp_radiance`).
+
+    Parameters
+    ----------
+    job
+        The image to render; its scene is diffuse.
+    progress
+        Receives the completed share after each kernel call.
+
+    Returns
+    -------
+    RenderedImage
+        Image with one coefficient per lamp and one per wavelength.
     """
-    wavelengths = np.asarray(wavelength_nm, float)
+    scene, wavelengths = job.scene, job.wavelength_nm
     tracer = build_tracer(scene)
-    coverage = facet_coverage(tracer, camera)
-    sums = trace_paths(
-        tracer,
-        camera,
-        wavelengths,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=max_bounces,
-        progress=progress,
-    )
+    coverage = facet_coverage(tracer, job.camera)
+    sums = trace_paths(tracer, job, progress)
     lamp_radiance = scene.lamp_radiance(wavelengths)
     return RenderedImage(
         coefficients=sums,
@@ -76,51 +62,59 @@ def render_path_tracer(
 
 def trace_paths(
     tracer: Tracer,
-    camera: Camera,
-    wavelengths: np.ndarray,
-    *,
-    samples: int | np.ndarray,
-    batches: int,
-    seed: int,
-    max_bounces: int | None,
+    job: RenderJob,
     progress: Progress = NO_PROGRESS,
+    *,
     counted: bool = False,
     split: int = 0,
 ) -> np.ndarray:
-    """(batch, y, x, n) means over paths: each visible lamp, then light at each wavelength, see ``render_path_tracer``.
+    """Means over paths of the relative radiance, and of its parts.
 
-    counted : also, for each material (not the lamps), light at each wavelength times the number of reflections by it.
-    split : also light reflected once, twice, ... up to ``split`` times, at each wavelength.
+    Parameters
+    ----------
+    tracer
+        Tracer of the job's scene.
+    job
+        The image to render; its scene is diffuse.
+    progress
+        Receives the completed share after each kernel call.
+    counted
+        Whether to return, too, for each material (not the lamps) the light at each wavelength times the number of
+        reflections by that material.
+    split
+        Number of reflections up to which the light reflected once, twice, ... is returned, too, at each wavelength.
+
+    Returns
+    -------
+    NDArray
+        (batch, y, x, n): each visible lamp, the light at each wavelength (see `render_path_tracer`), then the light
+        of `counted` (material, w) and of `split` (reflections, w).
     """
     lamps = build_lamp_samplers(tracer)
 
-    def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, lane_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         return _strip(
             tracer,
             lamps,
-            wavelengths,
-            camera,
+            job,
             pixels,
-            samples=own_samples,
+            samples=lane_samples,
             seeds=seeds,
-            max_bounces=max_bounces,
             counted=counted,
             split=split,
         )
 
-    return means_by_strips(strip, camera, samples, batches, seed, progress)
+    return means_by_strips(strip, job, progress)
 
 
 def _strip(
     tracer: Tracer,
     lamps: tuple[LampSampler, ...],
-    wavelengths: np.ndarray,
-    camera: Camera,
+    job: RenderJob,
     pixels: mi.UInt32,
     *,
     samples: int,
     seeds: mi.UInt32,
-    max_bounces: int | None,
     counted: bool = False,
     split: int = 0,
 ) -> list[mi.Float]:
@@ -132,7 +126,8 @@ def _strip(
     step after the vertex.
     """
     count = dr.width(pixels)
-    rays = pixel_rays(camera, pixels)
+    wavelengths, max_bounces = job.wavelength_nm, job.max_bounces
+    rays = pixel_rays(job.camera, pixels)
     points = PathPoints(samples, pixels, seeds)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)

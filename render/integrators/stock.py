@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..device import mi
 from ..device import variant as _variant
-from ..image import RenderedImage
+from ..image import BATCH_SEED_STEP, RenderedImage, RenderJob
 from ..materials import bsdf_dict
 from ..visibility import Film, facets, film_for, resampling
 
@@ -31,14 +31,8 @@ COVERAGE_OVERSAMPLING = 8
 
 
 def render_stock(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
+    job: RenderJob,
     *,
-    seed: int = 0,
-    max_bounces: int | None = None,
     progress: Progress = NO_PROGRESS,
     variant: str = "scalar_rgb",
 ) -> RenderedImage:
@@ -50,18 +44,18 @@ def render_stock(
 
     Raises InputError for a lamp with an edge ratio or an exponent, which Mitsuba's emitters do not support.
     """
-    for one in scene.lamps:
-        _check(one)
-    wavelengths = np.asarray(wavelength_nm, float)
+    scene, camera, wavelengths = job.scene, job.camera, job.wavelength_nm
+    for lamp in scene.lamps:
+        _check(lamp)
     oversampling = 1 if camera.is_pinhole else DISTORTED_OVERSAMPLING
     film = film_for(camera, oversampling)
     matrix = resampling(film, camera)
     groups = np.array_split(np.arange(len(wavelengths)), -(-len(wavelengths) // 3))
-    values = np.zeros((batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
+    values = np.zeros((job.batches, camera.height_px * camera.width_px, len(wavelengths)), np.float32)
     with mi.scoped_set_variant(variant):
         clear = scene.medium is None and all(surface.inside is None for surface in scene.surfaces)
         kind = "path" if clear else "volpath"
-        integrator = mi.load_dict({"type": kind, "max_depth": -1 if max_bounces is None else max_bounces + 1})
+        integrator = mi.load_dict({"type": kind, "max_depth": -1 if job.max_bounces is None else job.max_bounces + 1})
         for done, group in enumerate(groups):
             three = wavelengths[np.resize(group, 3)]
             each = [_rgb(row) for row in scene.reflectances(three)]
@@ -75,20 +69,20 @@ def render_stock(
             loaded = mi.load_dict(built, optimize=False)
             view = sensor_dict(film, camera, {"pixel_format": "rgb"}) | _medium("medium", scene.medium, three)
             sensor = mi.load_dict(view)
-            for batch in range(batches):
+            for batch in range(job.batches):
                 picture = mi.render(
                     loaded,
                     sensor=sensor,
                     integrator=integrator,
-                    spp=-(-int(np.max(samples)) // oversampling**2),
-                    seed=(seed + 7919 * (batch + 1)) & 0xFFFFFFFF,
+                    spp=-(-int(np.max(job.samples)) // oversampling**2),
+                    seed=(job.batch_seed + BATCH_SEED_STEP * (batch + 1)) & 0xFFFFFFFF,
                 )
                 fine = np.array(picture).reshape(film.pixels, 3)
                 values[batch][:, group] = (matrix @ fine)[:, : len(group)]
-                progress.part((done + (batch + 1) / batches) / len(groups))
+                progress.part((done + (batch + 1) / job.batches) / len(groups))
     coverage, facet_surface = _coverage(scene, camera, film)
     return RenderedImage(
-        coefficients=values.reshape(batches, camera.height_px, camera.width_px, -1),
+        coefficients=values.reshape(job.batches, camera.height_px, camera.width_px, -1),
         spectra=np.diag(scene.lamp_radiance(wavelengths)),
         wavelength_nm=wavelengths,
         coverage=coverage,

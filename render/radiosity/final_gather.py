@@ -19,7 +19,7 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import device_array, dr, mi
-from ..image import RenderedImage, means_by_strips
+from ..image import RenderedImage, RenderJob, means_by_strips
 from ..visibility import PlanarPixels, Tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
 from .face_controls import FaceControls, build_face_controls
@@ -142,6 +142,15 @@ def gather(
     progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """The picture of a radiosity solution through a camera. Parameters as in ``render_final_gather``."""
+    job = RenderJob(
+        light.tracer.scene,
+        camera,
+        light.wavelength_nm,
+        samples,
+        batches,
+        seed=seed,
+        max_bounces=light.max_bounces,
+    )
     lamps, view = _gatherings(light), _view(light, camera)
 
     def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
@@ -152,7 +161,7 @@ def gather(
         return sums
 
     return RenderedImage(
-        coefficients=means_by_strips(strip, camera, samples, batches, seed, progress),
+        coefficients=means_by_strips(strip, job, progress),
         spectra=light.spectra,
         wavelength_nm=light.wavelength_nm,
         coverage=view.coverage,
@@ -162,14 +171,8 @@ def gather(
 
 
 def render_final_gather(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
+    job: RenderJob,
     *,
-    seed: int = 0,
-    max_bounces: int | None = None,
     patch_edge_mm: float | None = None,
     patch_samples: int = 2048,
     progress: Progress = NO_PROGRESS,
@@ -182,8 +185,8 @@ def render_final_gather(
     patch_edge_mm, patch_samples : largest edge of the radiosity patches and number of rays from each. seed : results
     are repeatable. Raises InputError for a scene that is not diffuse.
     """
-    light = solve_light(scene, wavelength_nm, max_bounces, patch_edge_mm, patch_samples, seed)
-    return gather(light, camera, samples, batches, seed, progress)
+    light = solve_light(job.scene, job.wavelength_nm, job.max_bounces, patch_edge_mm, patch_samples, job.seed)
+    return gather(light, job.camera, job.samples, job.batches, job.batch_seed, progress)
 
 
 def _later_reflectors(tracer: Tracer) -> int:

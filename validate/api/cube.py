@@ -21,7 +21,7 @@ from cboxlab.rendering.files import WRITABLE, strip_cameras, write_cube, write_s
 from cboxlab.rendering.integrators import (
     BATCHES,
     MOST_PASSES,
-    Job,
+    RenderJob,
     fireflies,
     relative_error,
     render_passes,
@@ -156,19 +156,19 @@ class _Job:
     max_bounces: int | None
     settings: CubeSettings
 
-    def first_pass(self, camera: Camera, index: int = 0) -> Job:
+    def first_pass(self, camera: Camera, index: int = 0) -> RenderJob:
         """Of the picture, or of its strip number ``index``: with random numbers of its own, but the same patches."""
         seed = self.model.render.seed if self.settings.seed is None else self.settings.seed
-        return Job(
+        return RenderJob(
             self.scene,
             camera,
             self.settings.wavelength_nm,
             seed=seed,
             max_bounces=self.max_bounces,
-            number=MOST_PASSES * index,
+            first_batch=MOST_PASSES * index,
         )
 
-    def picture(self, first: Job, progress: Progress, checkpoint: Path | None) -> CubeResult:
+    def picture(self, first: RenderJob, progress: Progress, checkpoint: Path | None) -> CubeResult:
         """The picture, or the strip, that begins with a pass."""
         s = self.settings
         if s.samples is None:
@@ -176,7 +176,7 @@ class _Job:
                 first, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
             )
         else:
-            image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
+            image = render_passes(replace(first, samples=s.samples, batches=BATCHES), progress)
         if any(effect.stage == "transport" for effect in self.model.effects):
             progress.stage("effects of light transport")
         image = transported(image, self.scene, first.camera, self.model.effects, first.seed, self.max_bounces)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import render_stock
+from cboxlab.rendering.integrators import RenderJob, render_stock
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -22,7 +22,8 @@ def render_plainly(
 ) -> RenderedImage:
     """The picture on WAVELENGTH_NM: correct, slow and noisy; its error is counted like any other render's."""
     image = render_stock(
-        scene, camera, _WAVELENGTHS, _SAMPLES, _BATCHES, seed=seed, max_bounces=max_bounces, progress=progress
+        RenderJob(scene, camera, _WAVELENGTHS, _SAMPLES, _BATCHES, seed=seed, max_bounces=max_bounces),
+        progress=progress,
     )
     between = np.array([np.interp(WAVELENGTH_NM, _WAVELENGTHS, row) for row in np.eye(len(_WAVELENGTHS))])
     return RenderedImage(

@@ -26,7 +26,7 @@ from cboxlab.rendering.chain import (
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import Job, render_to_precision
+from cboxlab.rendering.integrators import RenderJob, render_to_precision
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.perturbation import build_warp
 from cboxlab.rendering.synthetic import (
@@ -189,7 +189,7 @@ def write_model_capture(
     scene = photographed_scene(model)
     altered = after_stage(box(scene), model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
-    image = render_to_precision(Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
+    image = render_to_precision(RenderJob(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
     files = () if model.scene in packaged_scenes() else scene_files(Path(model.scene))

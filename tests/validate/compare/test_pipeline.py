@@ -14,7 +14,7 @@ import pytest
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import apply_checked
-from cboxlab.rendering.integrators.passes import Job
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.photometry import tristimulus_weights
@@ -99,7 +99,7 @@ def truth():
     """A render of the published box through a camera a little off, and that camera."""
     camera = perturbed_camera(SIZE, SEED)
     scene = photographed_scene(Model())
-    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
+    return render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import solve_light
@@ -88,7 +89,7 @@ def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
         scene = painted(scene.lambertian)
     between, camera = np.array([405.0, 475.0, 545.0, 695.0]), cornell_camera(16)
     image = picture_of(scene, camera, 256, BATCHES // 4)
-    exact = render_general_path_tracer(scene, camera, between, 64, BATCHES, seed=9)
+    exact = render_general_path_tracer(RenderJob(scene, camera, between, 64, BATCHES, seed=9))
     used = image.single_surface & (image.surface >= 0)
     at = np.searchsorted(WAVELENGTH_NM, between)
     a = (image.coefficients[:, used] @ image.spectra[:, at]).mean(axis=1)
@@ -101,7 +102,7 @@ def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
 def test_at_the_traced_wavelengths_it_is_what_was_traced(tmp_path):
     scene, camera, nm = load_scene(coated(tmp_path)), cornell_camera(16), np.arange(400.0, 701.0, 10.0)
     image = picture_of(scene, camera, 64, 2)
-    traced = render_general_path_tracer(scene, camera, nm, 16, 8, seed=SETTINGS.seed)
+    traced = render_general_path_tracer(RenderJob(scene, camera, nm, 16, 8, seed=SETTINGS.seed))
     here = image.coefficients @ image.spectra[:, np.searchsorted(WAVELENGTH_NM, nm)]
     expected = traced.coefficients @ traced.spectra
     assert np.abs(here - expected).max() < 1e-5 * expected.max()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, files_of
-from cboxlab.rendering.integrators import BATCHES, render
+from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs, view_of
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -195,7 +195,7 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
     chosen = load_model(text)
     scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
     own = chosen.render.seed + 7 * seed
-    image = render(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces)
+    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces))
     image = transported(image, scene, view, chosen.effects, own, bounces)
     return side_of([labelled_cube(image)], [text])
 

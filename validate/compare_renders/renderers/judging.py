@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.export import Exported
 from cboxlab.rendering.files import NOTES
-from cboxlab.rendering.integrators import BATCHES, render
+from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
@@ -108,12 +108,14 @@ def reference_cube(
 ) -> xr.Dataset:
     """Our own picture of the export's scene, in BATCHES batches of so many samples per pixel."""
     image = render(
-        exported.scene,
-        exported.camera,
-        exported.settings.wavelength_nm,
-        samples,
-        BATCHES,
-        max_bounces=exported.max_bounces,
+        RenderJob(
+            exported.scene,
+            exported.camera,
+            exported.settings.wavelength_nm,
+            samples,
+            BATCHES,
+            max_bounces=exported.max_bounces,
+        ),
         progress=progress,
     )
     return labelled_cube(image)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import RenderJob, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
@@ -85,13 +85,15 @@ def measure_references(
             means = []
             for batch in range(_BATCHES):  # each with a light field of its own
                 image = render(
-                    reference.scene,
-                    reference.camera,
-                    _NM,
-                    samples,
-                    1,
-                    seed=seed + 101 * batch,
-                    max_bounces=reference.max_bounces,
+                    RenderJob(
+                        reference.scene,
+                        reference.camera,
+                        _NM,
+                        samples,
+                        1,
+                        seed=seed + 101 * batch,
+                        max_bounces=reference.max_bounces,
+                    ),
                     integrator=integrator,  # type: ignore[arg-type]
                 )
                 picture = (image.coefficients @ image.spectra)[0, ..., 0].astype(float)
