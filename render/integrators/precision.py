@@ -10,7 +10,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from cboxlab.utils.files import keep, kept
+from cboxlab.utils.files import load_checked, store_checked
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
@@ -233,7 +233,7 @@ def _read(checkpoint: Path | None, job: RenderJob, like: RenderedImage) -> dict[
 
     `like` is any image of the same scene and camera.
     """
-    stored = None if checkpoint is None else kept(checkpoint, _key(job))
+    stored = None if checkpoint is None else load_checked(checkpoint, _key(job))
     if stored is None:
         return {}
     with np.load(BytesIO(stored), allow_pickle=False) as content:
@@ -252,4 +252,4 @@ def _write(checkpoint: Path | None, job: RenderJob, passes: dict[int, RenderedIm
         coefficients=[p.coefficients[0] for p in passes.values()],
         spectra=[p.spectra for p in passes.values()],
     )
-    keep(checkpoint, _key(job), stream.getvalue())
+    store_checked(checkpoint, _key(job), stream.getvalue())
