@@ -1,4 +1,4 @@
-"""The images that integrators return: radiance by pixel and wavelength, their blur, basis, noise and light shares."""
+"""The images that integrators return, their blur, basis, noise and shares of light."""
 
 from .blur import blur
 from .film import means_by_strips

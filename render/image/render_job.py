@@ -1,4 +1,4 @@
-"""The arguments that all integrators share: scene, camera, wavelengths, samples and random numbers."""
+"""The arguments that all integrators share."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ class RenderJob:
 
     @property
     def batch_seed(self) -> int:
-        """Seed from which the integrators derive those of the batches: batch i adds (i + 1) BATCH_SEED_STEP."""
+        """Seed from which the integrators derive those of the batches.
+
+        The i-th batch of the job, from 0, has the seed `batch_seed` + (i + 1) BATCH_SEED_STEP, modulo 2^32.
+        """
         return self.seed + BATCH_SEED_STEP * self.first_batch
 
     def batch(self, number: int) -> RenderJob:
