@@ -1,4 +1,4 @@
-"""Renders an image with a chosen integrator, or with the best one available."""
+"""Rendering with a chosen integrator, or with the best one available."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from .stock import render_stock
 
 __all__ = ["Integrator", "render"]
 
+#: Names of the integrators.
 Integrator = Literal["default", "final-gather", "path", "stock"]
 
 
@@ -26,15 +27,30 @@ def render(
     progress: Progress = NO_PROGRESS,
     integrator: Integrator = "default",
 ) -> RenderedImage:
-    """Render the scene through the camera; the integrators agree within their standard errors.
+    """Render an image; the integrators agree within their standard errors.
 
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
-    where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces : largest
-    number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed :
-    results are repeatable.
-    progress : called with the completed share, 0 to 1. integrator : "default" is the final gather, or, with a
-    warning, Mitsuba's own integrator ("stock") if no compiled variant is available. For scenes with non-Lambertian
-    surfaces or a medium, the general path tracer replaces the final gather and "path".
+    "default" is the final gather. "path" is the path tracer. For scenes with textures, surfaces that are not
+    Lambertian, or a medium, the general path tracer replaces both. "final-gather" is the final gather in any case.
+    "stock" is Mitsuba's own integrator; it replaces all others, with a warning, if no compiled variant is available.
+
+    Parameters
+    ----------
+    job
+        The image to render.
+    progress
+        Receives the completed share, 0 to 1.
+    integrator
+        Name of the integrator.
+
+    Returns
+    -------
+    RenderedImage
+        The image.
+
+    Raises
+    ------
+    InputError
+        If the integrator does not support the scene.
     """
     if not variant.compiled() and integrator != "stock":
         warnings.warn(variant.HINT, RuntimeWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""The picture and its exact derivatives by the materials' reflectances and the lamps, from the same paths."""
+"""An image with its exact derivatives by reflectances and by the lamps' radiance."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ __all__ = ["Derivatives", "render_derivatives"]
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives of the radiance at each wavelength, in the batches of the image.
+    """Derivatives of the radiance at each wavelength, in the batches of the image."""
 
-    image : the picture, which equals its derivative by a factor on the lamps' power.
-    reflectance : (batch, material, y, x, w) by each material's reflectance at the same wavelength (it does not depend
-        on the reflectance at others). material_names : (m,). lamp : (batch, y, x, w) by the lamps' mean radiance, at
-        fixed shares of it.
-    """
-
+    #: The image, which equals its derivative by a factor on the lamps' power.
     image: RenderedImage
+    #: (m,) names of the materials.
     material_names: tuple[str, ...]
+    #: (batch, m, y, x, w) derivative by each material's reflectance at the same wavelength, W m^-2 sr^-1 nm^-1.
+    #: Reflectances at other wavelengths have no influence.
     reflectance: NDArray[np.float32]
+    #: (batch, y, x, w) derivative by the lamps' mean radiance, at fixed shares of each lamp in it.
     lamp: NDArray[np.float32]
 
 
@@ -36,12 +35,28 @@ def render_derivatives(
     job: RenderJob,
     progress: Progress = NO_PROGRESS,
 ) -> Derivatives:
-    """Render the scene with its derivatives; arguments and image as of ``render_path_tracer``.
+    """Image of a diffuse scene by path tracing, with its derivatives from the same paths.
 
-    The throughput of a path reflected n times by a material of reflectance rho contains rho^n, so its derivative is
-    its light times n / rho. The probabilities of Russian roulette are held fixed, so the result is the exact
-    derivative of the estimate. Raises InputError for a scene that is not diffuse and for a reflectance of 0, at
-    which no path contributes.
+    The throughput of a path reflected n times by a material of reflectance rho contains rho^n, so its derivative is its
+    light times n / rho. The probabilities of Russian roulette are held fixed, so the result is the exact derivative of
+    the estimate.
+
+    Parameters
+    ----------
+    job
+        The image to render.
+    progress
+        Receives the completed share after each kernel call.
+
+    Returns
+    -------
+    Derivatives
+        The image of `render_path_tracer`, and its derivatives.
+
+    Raises
+    ------
+    InputError
+        For a scene that is not diffuse, and for a reflectance of 0, at which no path contributes.
     """
     scene, wavelengths = job.scene, job.wavelength_nm
     if not scene.diffuse:
@@ -58,7 +73,7 @@ def render_derivatives(
     tracer = build_tracer(scene)
     sums = trace_paths(tracer, job, progress, counted=True)
     lamp, shares, count = scene.lamp_radiance(wavelengths), scene.lamp_shares(wavelengths), len(wavelengths)
-    seen, reflected, counted = np.split(sums, [len(shares), len(shares) + count], axis=-1)
+    emitted, reflected, counted = np.split(sums, [len(shares), len(shares) + count], axis=-1)
     image = RenderedImage(
         coefficients=sums[..., : len(shares) + count],
         spectra=np.vstack([shares * lamp, np.diag(lamp)]),
@@ -72,5 +87,5 @@ def render_derivatives(
         image,
         tuple(scene.materials),
         reflectance=np.moveaxis(counted * (lamp / reflectances).astype(np.float32), 3, 1),
-        lamp=seen @ shares.astype(np.float32) + reflected,
+        lamp=emitted @ shares.astype(np.float32) + reflected,
     )

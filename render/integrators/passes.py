@@ -20,20 +20,20 @@ from .choice import render
 
 __all__ = ["TIMEOUT_S", "combined", "distributed", "render_pass"]
 
-#: Mitsuba's active variant and the last radiosity solution belong to the process: one pass at a time.
+#: Held by the pass that is rendered: the threads of a worker render one after another.
 _RENDER_LOCK = threading.Lock()
 #: Time that a scheduler has to answer, s.
 TIMEOUT_S = 10.0
 
 
 def render_pass(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedImage:
-    """Image of a job by the default integrator; the radiosity solution is reused for further passes.
+    """Image of a job by the default integrator, with the radiosity solution kept for others.
 
     Parameters
     ----------
     job
-        The image to render, usually of one batch. Jobs that differ in camera, samples and batches alone share the
-        last radiosity solution.
+        The image to render, usually of one batch. Jobs that differ in camera, samples and batches alone share the last
+        radiosity solution.
     progress
         Receives the completed share of this job.
 
@@ -51,7 +51,10 @@ def render_pass(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedIma
 
 @lru_cache(maxsize=1)
 def _light(pickled: bytes) -> LightField:
-    """Radiosity solution for a pickled scene, wavelengths, limit of bounces and seed (bytes compare by value)."""
+    """Radiosity solution for a pickled scene, wavelengths, limit of bounces and seed.
+
+    They are pickled since bytes compare by value.
+    """
     scene, wavelengths, max_bounces, seed = pickle.loads(pickled)
     return solve_light(scene, wavelengths, max_bounces, seed=seed)
 
@@ -82,7 +85,9 @@ def combined(images: list[RenderedImage]) -> RenderedImage:
 
 
 def distributed(jobs: list[RenderJob], scheduler: str) -> Iterator[tuple[RenderJob, RenderedImage]]:
-    """Render jobs on the workers of a Dask scheduler, which repeats those of a failed worker on another one.
+    """Render jobs on the workers of a Dask scheduler.
+
+    The scheduler repeats the jobs of a failed worker on another one.
 
     Parameters
     ----------

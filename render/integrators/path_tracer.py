@@ -1,9 +1,17 @@
-"""Path tracer with all wavelengths along each path: the unbiased reference for diffuse scenes.
+"""Path tracer with all wavelengths along each path: the reference for diffuse scenes.
 
-Each path is traced once. Its geometry and Russian roulette do not depend on the wavelength; it has one throughput
-per wavelength, so reflectances are exact at every wavelength. At every vertex the direct light of each lamp is added
-(next-event estimation); emission is added only where the camera sees a lamp. Wavelengths share their paths, so the
-errors of neighbouring wavelengths are strongly correlated.
+Each path is traced once. Its geometry and Russian roulette do not depend on the wavelength. It has one throughput per
+wavelength, so reflectances are exact at every wavelength. For a path with the reflectances rho_1, rho_2, ... of its
+vertices the estimate of reflected light at one wavelength is
+
+    Sum_n (rho_1 ... rho_n) D_n / (q_1 ... q_(n-1))
+
+where D_n is the direct light at vertex n, as a form factor (`direct_light`), and q_n the probability with which the
+path survives vertex n. Directions have the density cos(theta) / pi, which cancels the cosine and 1 / pi of Lambert's
+law. So the estimate is unbiased, apart from the rounding of single precision.
+
+Direct light is added at every vertex (next-event estimation). Emission is added only where the camera sees a lamp.
+Wavelengths share their paths, so the errors of neighbouring wavelengths are strongly correlated.
 """
 
 from __future__ import annotations
@@ -19,6 +27,7 @@ from .path_points import PathPoints
 
 __all__ = ["render_path_tracer", "trace_paths"]
 
+#: Number of bounces that stands for no limit.
 UNLIMITED = 2**32 - 1
 #: Number of reflections before Russian roulette starts. With 2 the product of time and variance is smallest in the
 #: published box (with 0, 1 and 3 it is 60, 20 and 1% larger).
@@ -118,12 +127,16 @@ def _strip(
     counted: bool = False,
     split: int = 0,
 ) -> list[mi.Float]:
-    """Sums over the paths of each of some pixels, see ``trace_paths``.
+    """Sums over the paths of each of some pixels, see `trace_paths`.
 
-    One lane per pixel and one symbolic loop over path segments. A lane whose path has ended starts its next path in
-    the same step, so lanes do not wait for the longest path of their neighbours. For speed, the state of a path is
-    reset when the next path meets its first surface, and the throughputs and sums of all wavelengths are updated one
-    step after the vertex.
+    One lane per pixel and one symbolic loop over path segments. A lane whose path has ended starts its next path in the
+    same step, so lanes do not wait for the longest path of their neighbours.
+
+    Two devices save time. The state of a path is reset when the next path meets its first surface. The throughputs and
+    sums of all wavelengths are updated one step after the vertex.
+
+    The survival probability of a vertex is the largest reflectance of its material over the wavelengths, between 0.05
+    and HIGHEST_SURVIVAL.
     """
     count = dr.width(pixels)
     wavelengths, max_bounces = job.wavelength_nm, job.max_bounces
@@ -134,11 +147,11 @@ def _strip(
     reflectance_of = _MaterialTable(reflectances)
     survival_of = _MaterialTable(np.column_stack([survival, 1 / survival]))
     total = dr.opaque(mi.UInt32, samples)
-    last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
-    one = mi.Float(1)
-    mixed = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
+    max_depth = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
+    full = mi.Float(1)
+    lamp_shares = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
 
-    def carried(
+    def updated(
         throughput: list[mi.Float],
         sums: list[mi.Float],
         counted_sums: list[list[mi.Float]],
@@ -147,12 +160,19 @@ def _strip(
         lights: list[mi.Float],
         counts: list[mi.Float],
     ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
-        """Throughputs and sums of all wavelengths after a vertex with its material and direct light of each lamp."""
+        """Throughputs and sums of all wavelengths after a vertex.
+
+        The vertex is given by its material and the direct light of each lamp. `begun` marks first vertices of paths, at
+        which the throughput is reset. `counts` are the factors of `counted_sums`.
+        """
         throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)]
         if len(lights) == 1:  # of share 1 at every wavelength
             light = lights * len(sums)
         else:
-            light = [sum(m * x for m, x in zip(own, lights, strict=True)) for own in zip(*mixed, strict=True)]
+            light = [
+                sum(m * x for m, x in zip(shares_at, lights, strict=True))
+                for shares_at in zip(*lamp_shares, strict=True)
+            ]
         sums = [dr.fma(t, x, s) for t, x, s in zip(throughput, light, sums, strict=True)]
         counted_sums = [
             [dr.fma(c * x, t, s) for t, x, s in zip(throughput, light, row, strict=True)]
@@ -161,30 +181,31 @@ def _strip(
         return throughput, sums, counted_sums
 
     def body(spectral: tuple, path: tuple) -> tuple[tuple, tuple]:
-        carried_on, counts = carried(*spectral), spectral[-1]
-        index, depth, origin, direction, seen, weight = path
+        """One path segment: the update for the vertex before, then the vertex at its end."""
+        spectra, counts = updated(*spectral), spectral[-1]
+        index, depth, origin, direction, emitted, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
-        material, shaded = hit.material, hit.reflecting & (depth < last)
+        material, shaded = hit.material, hit.reflecting & (depth < max_depth)
         vertex = points.at_vertex(index, depth)
         begun = depth == 0
-        weight = dr.select(begun, one, weight)
+        weight = dr.select(begun, full, weight)
         u, v = vertex.light_u, vertex.light_v
         lights = [weight * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded) for lamp in lamps]
         reflected = [
-            dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
+            dr.select(begun, 0, c) + dr.select(shaded & (material == m), full, 0)
             for m, c in enumerate(counts[:followed])
         ]
-        reached = [dr.select(depth == n, one, 0) for n in range(split)]
-        survives, raised = (dr.select(depth < ROULETTE_START, one, x) for x in survival_of(material))
-        ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
+        reached = [dr.select(depth == n, full, 0) for n in range(split)]
+        survives, raised = (dr.select(depth < ROULETTE_START, full, x) for x in survival_of(material))
+        ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < max_depth))
         u, v = points.onward(index, depth, ended)
         turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
-        return (*carried_on, begun, material, lights, reflected + reached), (
+        return (*spectra, begun, material, lights, reflected + reached), (
             index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            [s + dr.select(begun, lamp_seen(lamp, hit, direction), 0) for s, lamp in zip(seen, lamps, strict=True)],
+            [s + dr.select(begun, lamp_seen(lamp, hit, direction), 0) for s, lamp in zip(emitted, lamps, strict=True)],
             weight * raised,
         )
 
@@ -212,13 +233,16 @@ def _strip(
         zeros(len(lamps)),
         dr.zeros(mi.Float, count),
     )
-    spectral, (*_, seen, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
-    _, sums, counted_sums = carried(*spectral)
-    return [*seen, *sums, *(s for row in counted_sums for s in row)]
+    spectral, (*_, emitted, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
+    _, sums, counted_sums = updated(*spectral)
+    return [*emitted, *sums, *(s for row in counted_sums for s in row)]
 
 
 class _MaterialTable:
-    """A table (material, w), the lamps' rows last, of which each lane reads the row of its material, four at a time."""
+    """A table (material, w) from which each lane reads the row of its material.
+
+    Four values are read at a time. The rows of lamps are last.
+    """
 
     def __init__(self, table: np.ndarray) -> None:
         self._wavelengths = table.shape[1]

@@ -47,7 +47,9 @@ _FALSE_ALARMS = 1e-3
 
 
 def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
-    """Percentile of the relative standard error over pixels that see surfaces and about 30 wavelengths.
+    """Percentile of the relative standard error, over pixels and wavelengths.
+
+    Pixels that show surfaces count, at about 30 wavelengths.
 
     Parameters
     ----------
@@ -67,7 +69,10 @@ def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
 
 
 def _relative_variance(image: RenderedImage) -> NDArray[np.float64]:
-    """(y, x, q) variance of the mean over the mean's square; NaN where no surface is visible or no light."""
+    """(y, x, q) variance of the mean over the mean's square.
+
+    NaN where no surface is visible, or no light.
+    """
     every = max(1, image.wavelength_nm.size // _ERROR_WAVELENGTHS)
     mean, variance = image.project(np.eye(image.wavelength_nm.size)[:, ::every])
     valid = (mean > 0) & image.sees_surfaces[..., None]
@@ -75,7 +80,7 @@ def _relative_variance(image: RenderedImage) -> NDArray[np.float64]:
 
 
 def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
-    """Pixels of which one batch differs significantly from the others: their standard error is too small.
+    """Pixels with one batch that differs significantly: their standard error is too small.
 
     Tests the radiance of each batch, summed over wavelengths, against mean and scatter of the others by Student's t.
     The level is divided by the number of tests (Bonferroni), so one picture in a thousand has a false alarm.
@@ -178,10 +183,11 @@ def render_to_precision(
 
 
 def _halvings(rough: RenderedImage, percentile: float, most: int) -> NDArray[np.uint8] | None:
-    """(y, x) number of times that the samples of the percentile's pixel are halved; None if nowhere.
+    """(y, x) number of times that a pixel's samples are halved; None if nowhere.
 
-    `rough` is the pilot and `most` the largest factor by which samples are reduced. A pixel counts with the error of
-    the pilot that is larger, its own or the rms of its 3 x 3 neighbourhood: few batches estimate its own roughly.
+    The percentile's pixel has all samples. `rough` is the pilot and `most` the largest factor by which samples are
+    reduced. A pixel counts with the larger of two errors in the pilot, its own and the rms of its 3 x 3 neighbourhood:
+    few batches estimate its own only roughly.
     """
     relative = _relative_variance(rough)
     valid = np.isfinite(relative)
@@ -218,7 +224,10 @@ def render_passes(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedI
 
 
 def _passes(jobs: list[RenderJob], progress: Progress, total: int) -> Iterator[tuple[RenderJob, RenderedImage]]:
-    """The jobs, the last of `total`, with their images, rendered in this process one after another."""
+    """The jobs with their images, rendered in this process one after another.
+
+    They are the last of `total` passes, for the progress.
+    """
     for number, job in enumerate(jobs, total - len(jobs)):
         yield job, render_pass(job, share(progress, number / total, (number + 1) / total))
 
@@ -229,9 +238,9 @@ def _key(job: RenderJob) -> str:
 
 
 def _read(checkpoint: Path | None, job: RenderJob, like: RenderedImage) -> dict[int, RenderedImage]:
-    """Finished passes of this picture by number; empty if the file is missing, damaged or of another picture.
+    """Finished passes of this picture by number, from the checkpoint.
 
-    `like` is any image of the same scene and camera.
+    Empty if the file is missing, damaged or of another picture. `like` is any image of the same scene and camera.
     """
     stored = None if checkpoint is None else load_checked(checkpoint, _key(job))
     if stored is None:
