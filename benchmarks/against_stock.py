@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
@@ -109,7 +110,7 @@ def main() -> None:
     camera, bands = cornell_camera(given.size), BANDS[REFERENCE_BANDS]
     for name, build in BOXES.items():
         scene = build()
-        stock = render_stock(scene, camera, bands, given.samples, BATCHES, seed=1, variant="llvm_ad_rgb")
+        stock = render_stock(RenderJob(scene, camera, bands, given.samples, BATCHES, seed=1), variant="llvm_ad_rgb")
         for way, render in OURS.items():
             if way != "general path tracer" and not scene.diffuse:
                 continue

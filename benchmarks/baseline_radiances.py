@@ -18,7 +18,7 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.result.calibrate import calibrate
 from cboxlab.rendering.chain.bands import render_bands
-from cboxlab.rendering.integrators.passes import Job
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.scenes.camera import Camera
@@ -47,7 +47,7 @@ def main() -> None:
     )
     assert capture.manifest.lamp is not None and calibration.responses is not None
     scene = photographed_scene(Model()).with_lamp(capture.light(capture.manifest.lamp.radiance))
-    image = render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=1), arguments.error)
+    image = render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=1), arguments.error)
     rendered = render_bands(image, calibration.responses)["signal"].values
     measured = calibration.images["signal"].values
     cmfs = LUMINOUS_EFFICACY * colour_matching_functions() * INTEGRAL_GRID.weights

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
@@ -39,7 +40,7 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
     solutions = [solve_light(scene, BANDS, seed=1000 + number) for number in range(BATCHES)]
 
     def path(view: Camera, samples: int, seed: int) -> RenderedImage:
-        return render_path_tracer(scene, view, BANDS, samples, BATCHES, seed=seed)
+        return render_path_tracer(RenderJob(scene, view, BANDS, samples, BATCHES, seed=seed))
 
     def default(view: Camera, samples: int, seed: int) -> RenderedImage:
         images = [gather(light, view, samples, 1, seed + number) for number, light in enumerate(solutions)]
@@ -48,7 +49,7 @@ def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
         return replace(images[0], coefficients=values, spectra=np.eye(len(BANDS)))
 
     def mitsuba(view: Camera, samples: int, seed: int) -> RenderedImage:
-        return render_stock(scene, view, bands, samples, BATCHES, seed=seed, variant="llvm_ad_rgb")
+        return render_stock(RenderJob(scene, view, bands, samples, BATCHES, seed=seed), variant="llvm_ad_rgb")
 
     ways: dict[str, Render] = {"path": path, "default": default, **({"stock": mitsuba} if stock else {})}
     means: dict[str, list[np.ndarray]] = {name: [] for name in ways}
@@ -177,7 +178,7 @@ def furnace(samples: int) -> dict[str, dict[str, float]]:
     for name, integrator in integrators.items():
         means = []
         for batch in range(BATCHES):
-            image = integrator(scene, camera, BANDS[15:16], samples, 1, seed=batch)
+            image = integrator(RenderJob(scene, camera, BANDS[15:16], samples, 1, seed=batch))
             walls = image.single_surface & (image.surface >= 0)
             means.append((image.coefficients @ image.spectra)[0, walls].mean())
         results[name] = {

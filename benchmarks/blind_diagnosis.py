@@ -36,8 +36,8 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED, stages_between
 from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
-from cboxlab.rendering.integrators.passes import Job
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
@@ -212,7 +212,7 @@ def strengths(seed: int, box: str, instrument: str) -> Scale:
 def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
     place = laboratory(seed, box, instrument)
-    pilot = Job(settled(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces)
+    pilot = RenderJob(settled(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces)
     return render_to_precision(pilot, _PICTURE_ERROR)
 
 

@@ -28,6 +28,7 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
     Radiance is relative to the lamp's. Sets Mitsuba's variant, so one contender per process.
     """
+    from cboxlab.rendering.image import RenderJob
     from cboxlab.rendering.integrators.path_tracer import render_path_tracer
     from cboxlab.rendering.radiosity.final_gather import render_final_gather
 
@@ -42,7 +43,7 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
     )
 
     def run(seed: int) -> np.ndarray:
-        image = function(white, camera, wavelengths, samples=samples * factor, batches=1, seed=seed)
+        image = function(RenderJob(white, camera, wavelengths, samples=samples * factor, batches=1, seed=seed))
         return image.coefficients[0] @ image.spectra.astype(np.float32)
 
     return run

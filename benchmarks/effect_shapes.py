@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import oracles_path  # noqa: F401
 from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.patch_light import PatchLight, patch_light
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
@@ -65,7 +66,7 @@ class Bench:
         self.before = self.light(self.scene).picture()
 
     def gathered(self, scene: Any) -> tuple[NDArray, NDArray, Any]:
-        image = render_final_gather(scene, self.camera, NM, 2048, 8, seed=11)
+        image = render_final_gather(RenderJob(scene, self.camera, NM, 2048, 8, seed=11))
         mean, variance = (np.moveaxis(x, -1, 0) for x in image.project(np.eye(3)))
         return mean, variance, image
 
@@ -95,7 +96,7 @@ class Bench:
         if name == "interreflection":
             bounces = int(values["max_bounces"])
             image = render_path_tracer(
-                self.scene, self.camera, NM, self.samples, self.batches, seed=3, max_bounces=bounces
+                RenderJob(self.scene, self.camera, NM, self.samples, self.batches, seed=3, max_bounces=bounces)
             )
             mean, variance = (np.moveaxis(x, -1, 0) for x in image.project(np.eye(3)))
             return mean, variance, self.used

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.device import dr
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators.derivatives import render_derivatives
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
@@ -67,7 +68,8 @@ def pixels() -> dict[str, Any]:
     sizes, result = (64, 128, 256), {}
     for name, render in WAYS.items():
         ways = {
-            str(s): lambda render=render, s=s: render(cornell_box(), cornell_camera(s), BANDS, 64, 1) for s in sizes
+            str(s): lambda render=render, s=s: render(RenderJob(cornell_box(), cornell_camera(s), BANDS, 64, 1))
+            for s in sizes
         }
         seconds = {s: float(np.median(t)) for s, t in _alternating(ways, 2).items()}
         exponent = float(np.polyfit(np.log([s**2 for s in sizes]), np.log(list(seconds.values())), 1)[0])
@@ -83,7 +85,7 @@ def threads() -> dict[str, Any]:
 
         def work(count: int, render: Callable[..., Any] = render, samples: int = samples) -> None:
             dr.set_thread_count(count)
-            render(cornell_box(), cornell_camera(256), BANDS, samples, 1)
+            render(RenderJob(cornell_box(), cornell_camera(256), BANDS, samples, 1))
 
         ways = {"1": lambda work=work: work(1), "2": lambda work=work: work(2)}
         seconds = _alternating(ways, 3, time.perf_counter)
@@ -96,9 +98,10 @@ def start() -> dict[str, Any]:
     """Wall seconds from nothing to a 16 x 16 picture in a new process, kernels in the cache; best of three."""
     program = (
         "import numpy as np\n"
+        "from cboxlab.rendering.image import RenderJob\n"
         "from cboxlab.rendering.{module} import {function} as render\n"
         "from cboxlab.scenes import cornell_box, cornell_camera\n"
-        "render(cornell_box(), cornell_camera(16), np.linspace(400, 700, 31), samples=4, batches=1)\n"
+        "render(RenderJob(cornell_box(), cornell_camera(16), np.linspace(400, 700, 31), samples=4, batches=1))\n"
     )
     names = {
         "path": ("integrators.path_tracer", "render_path_tracer"),
@@ -134,9 +137,9 @@ def general() -> dict[str, Any]:
         "medium": replace(box, medium=Medium(few, few.scaled(0.1))),
         "patterned_lamp": replace(box, lamp=replace(box.lamp, pattern=np.array([[0.5, 1.0], [1.0, 1.5]]))),
     }
-    ways: dict[str, Callable[[], Any]] = {"path": lambda: render_path_tracer(box, camera, BANDS, 64, 1)}
+    ways: dict[str, Callable[[], Any]] = {"path": lambda: render_path_tracer(RenderJob(box, camera, BANDS, 64, 1))}
     for name, scene in scenes.items():
-        ways[name] = lambda scene=scene: render_general_path_tracer(scene, camera, BANDS, 64, 1)
+        ways[name] = lambda scene=scene: render_general_path_tracer(RenderJob(scene, camera, BANDS, 64, 1))
     seconds = _alternating(ways, 3)
     return {"cost_over_path": {n: float(np.median(seconds[n] / seconds["path"])) for n in scenes}}
 
@@ -144,8 +147,8 @@ def general() -> dict[str, Any]:
 def derivatives() -> dict[str, Any]:
     """Cost of the picture with its derivatives over that of the picture."""
     ways: dict[str, Callable[[], Any]] = {
-        "image": lambda: render_path_tracer(cornell_box(), cornell_camera(256), BANDS, 64, 1),
-        "with": lambda: render_derivatives(cornell_box(), cornell_camera(256), BANDS, 64, 1),
+        "image": lambda: render_path_tracer(RenderJob(cornell_box(), cornell_camera(256), BANDS, 64, 1)),
+        "with": lambda: render_derivatives(RenderJob(cornell_box(), cornell_camera(256), BANDS, 64, 1)),
     }
     seconds = _alternating(ways, 3)
     return {"derivatives_over_image": float(np.median(seconds["with"] / seconds["image"]))}

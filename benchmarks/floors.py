@@ -26,7 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.model.model_file import load_model
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.evidence import Limit, least_gain_of, limit_of
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
@@ -42,7 +42,7 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
     """The strength that noise alone would allow; each effect's limit, and the strength that size alone asks for."""
     validation = validate_capture(load_capture(capture), model)
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
-    known = signatures_of(plain, model.effects, model.render, QUIET)
+    known = signatures_of(plain, model.effects, model.render, NO_PROGRESS)
     counting, count = plain.counting_errors(tolerated_changes(plain, known)).model, plain.model.count
     tried = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in known]
     sizes: dict[str, float] = {}

@@ -109,7 +109,7 @@ def readers() -> dict[str, Reader]:
     from cboxlab.rendering.sensor.cameras import load_camera
     from cboxlab.scenes.scene_file import load_scene
     from cboxlab.scenes.spectra import read_spectra
-    from cboxlab.utils.files import keep, kept
+    from cboxlab.utils.files import load_checked, store_checked
     from cboxlab.validation.compare_renders.stored_references.stored import read_reference
     from cboxlab.validation.study.study_file import read_study
     from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
@@ -216,7 +216,10 @@ def readers() -> dict[str, Reader]:
         "netcdf": of_cube(".nc"),
         "exr": of_cube(".exr"),
         "envi": of_cube(".hdr"),
-        "kept": Reader(written("entry", lambda path: keep(path, "key", b"picture")), lambda path: kept(path, "key")),
+        "kept": Reader(
+            written("entry", lambda path: store_checked(path, "key", b"picture")),
+            lambda path: load_checked(path, "key"),
+        ),
     }
 
 

@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.model import Model
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
@@ -35,7 +35,7 @@ def main() -> None:
     model = Model()
     validation = validate_capture(load_capture(arguments.capture), model)
     fit = linearised_fit(validation.prepared, validation.rendered, ())
-    known = signatures_of(fit, (), model.render, QUIET)
+    known = signatures_of(fit, (), model.render, NO_PROGRESS)
     able = [one for one in known if one.changes is not None and one.hypothesis.free]
     equations = NormalEquations.of(fit.problem(()), able, fit.model.residual)
     products, effects = equations.products.astype(float), [one.hypothesis.effect.id for one in able]

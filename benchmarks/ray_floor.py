@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_points import PathPoints
 from cboxlab.rendering.integrators.path_tracer import trace_paths
 from cboxlab.rendering.radiosity import final_gather
@@ -64,7 +65,7 @@ def own_rays(
     ):  # each step with its rays
         if light is None:
             with mock.patch.object(PathPoints, "at_vertex", at_vertex):
-                trace_paths(tracer, camera, wavelengths, samples=samples, batches=1, seed=1, max_bounces=None)
+                trace_paths(tracer, RenderJob(tracer.scene, camera, wavelengths, samples, 1, seed=1))
         else:
             view = final_gather._view(light, camera)  # its rays do not grow with the samples
             with mock.patch.object(final_gather, "_view", return_value=view):

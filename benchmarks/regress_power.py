@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, write_export
 from cboxlab.rendering.files import xyz_weights
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.rendering.perturbation import PatchLight
@@ -121,7 +122,9 @@ def alarms(pairs: int) -> None:
 
 def rendered(scene: Scene, camera: Camera, seed: int, max_bounces: int | None = None, samples: int = SAMPLES) -> Side:
     """One path traced picture."""
-    image = render(scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces, integrator="path")
+    image = render(
+        RenderJob(scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces), integrator="path"
+    )
     return side_of([labelled_cube(image)], [f"seed {seed}"])
 
 
@@ -186,7 +189,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
     camera = cornell_camera(POOL_SIZE)
     settings = ExportSettings(WAVELENGTHS, POOL_SAMPLES, POOL, subpixels=2)
     exported = exported_scene(cornell_box(), camera, settings).with_black_lamps
-    image = render(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL, integrator="path")
+    image = render(RenderJob(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL), integrator="path")
     blank = side_of([labelled_cube(image)], ["ours"])
     found = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
     with tempfile.TemporaryDirectory() as temporary:

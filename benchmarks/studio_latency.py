@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.app.studio.wire import view
@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--effects", nargs="*", help="identifiers; all where left out")
     arguments = parser.parse_args()
     bench = Workbench(Path.cwd(), default_cache())
-    opening, _ = seconds(lambda: bench.open(arguments.capture.resolve(), None, QUIET))
+    opening, _ = seconds(lambda: bench.open(arguments.capture.resolve(), None, NO_PROGRESS))
     print(f"open: {opening:.1f} s", flush=True)
     print(f"\n{'':31s} {'first':>8s}   {'median':>8s}   {'95 %':>8s}   {'CPU':>8s}   {'95 %':>8s}")
     first: dict[str, list[float]] = defaultdict(list)
@@ -70,7 +70,7 @@ def main() -> None:
         later[effect.stage] += times[1:]
         print(f"{effect.stage:10s} {effect.id:20s} {times[0][0]:8.3f} s {_tail(times[1:])}", flush=True)
     bench.add("block-pose", {"dx_mm": 5.0})
-    print(f"\nrendered in the background: {seconds(lambda: bench.render(QUIET))[0]:.1f} s")
+    print(f"\nrendered in the background: {seconds(lambda: bench.render(NO_PROGRESS))[0]:.1f} s")
     for stage, times in later.items():
         print(f"{stage:31s} {max(first[stage]):8.3f} s {_tail(times)}")
 

@@ -19,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import trimesh
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Scene, Surface, cornell_box, cornell_camera
@@ -44,9 +45,9 @@ def measured(way: str, divisions: int) -> dict[str, float]:
     """Triangles, CPU seconds and peak memory (MiB) of one picture after a small one for the kernels."""
     render, samples = _WAYS[way]
     scene = box(divisions)
-    render(scene, cornell_camera(_SIZE), BANDS, samples=8, batches=1)
+    render(RenderJob(scene, cornell_camera(_SIZE), BANDS, samples=8, batches=1))
     start = time.process_time()
-    render(scene, cornell_camera(_SIZE), BANDS, samples=samples, batches=1, seed=1)
+    render(RenderJob(scene, cornell_camera(_SIZE), BANDS, samples=samples, batches=1, seed=1))
     cost = time.process_time() - start
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"triangles": sum(len(s.faces) for s in scene.surfaces), "seconds": cost, "mib": memory}

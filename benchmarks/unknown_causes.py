@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import Job, render_to_precision
+from cboxlab.rendering.integrators import RenderJob, render_to_precision
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings, write_photographs
 from cboxlab.scenes.camera import Camera
@@ -52,7 +52,7 @@ def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
 
 
 def _image(scene: Scene, camera: Camera, seed: int, error: float = _PICTURE_ERROR) -> RenderedImage:
-    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=seed), error)
+    return render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=seed), error)
 
 
 @cache

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cboxlab.rendering.model import load_model
     from cboxlab.scenes import load_scene
     from cboxlab.utils.errors import InputError
-    from cboxlab.utils.progress import Cancelled, Progress, Teller
+    from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
     from cboxlab.validation.api import Study, calibrate, diagnose, render, simulate, validate
     from cboxlab.validation.compare_renders.regress import assert_same_light
 
@@ -26,8 +26,8 @@ __all__ = [
     "Declared",
     "InputError",
     "Progress",
+    "ProgressReporter",
     "Study",
-    "Teller",
     "__version__",
     "assert_same_light",
     "calibrate",
@@ -46,8 +46,8 @@ _HOMES = {
     "Declared": "rendering.files",
     "InputError": "scenes",
     "Progress": "utils.progress",
+    "ProgressReporter": "utils.progress",
     "Study": "validation.api",
-    "Teller": "utils.progress",
     "assert_same_light": "validation.compare_renders.regress",
     "calibrate": "validation.api",
     "diagnose": "validation.api",

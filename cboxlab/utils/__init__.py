@@ -1,1 +1,1 @@
-"""What every room uses: errors, complete files, frozen values, input files, progress."""
+"""Common parts of all rooms: errors, complete files, frozen values, input files, progress."""

@@ -1,4 +1,4 @@
-"""The exception for bad input. The command line prints it and ends with exit code 2."""
+"""The exception for bad input; the command line prints it and ends with exit code 2."""
 
 from __future__ import annotations
 
@@ -8,14 +8,20 @@ __all__ = ["InputError"]
 
 
 class InputError(ValueError):
-    """Bad input: where it is, what was found, what is allowed, how to correct it.
+    """Bad input: where it is, the value found, the values allowed, the correction.
+
+    The message is "WHERE: found FOUND; expected EXPECTED. HINT".
 
     Parameters
     ----------
-    where : file (and key) at fault, for example ``"capture.toml: band[2].exposure_s"``.
-    found : the value found.
-    expected : the values allowed.
-    hint : how to correct it (optional).
+    where
+        File (and key) at fault, for example ``"capture.toml: band[2].exposure_s"``.
+    found
+        The value found, in words.
+    expected
+        The values allowed, in words.
+    hint
+        How to correct it, as a sentence; empty for none.
     """
 
     def __init__(self, where: str | Path, found: str, expected: str, hint: str = "") -> None:

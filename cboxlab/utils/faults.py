@@ -1,4 +1,4 @@
-"""InputErrors for input files: several faults in one, validation errors, paths, similar names."""
+"""InputErrors for input files: combined faults, faults of validation, paths, hints."""
 
 from __future__ import annotations
 
@@ -22,8 +22,12 @@ __all__ = [
 ]
 
 
-#: Errors of pydantic whose own words speak of its types, and what they ask for. key : the faulty key.
-_LIST_TYPES, _TABLE_TYPES = ("tuple_type", "list_type"), ("model_type", "dict_type")
+#: Types of pydantic's errors for a value that should be a list.
+_LIST_TYPES = ("tuple_type", "list_type")
+#: Types of pydantic's errors for a value that should be a table.
+_TABLE_TYPES = ("model_type", "dict_type")
+#: By type of pydantic's error, the value asked for; pydantic's message would speak of types of Python. `{key}` is the
+#: faulty key, other names are from the context of the error.
 _PLAIN = {
     "tuple_type": "a list in brackets, {key} = [...]",
     "list_type": "a list in brackets, {key} = [...]",
@@ -37,12 +41,23 @@ _PLAIN = {
     "bool_type": "true or false",
 }
 
-#: A part of a name that is shorter says nothing.
+#: Shortest name, in characters, that is looked for inside other names: a shorter one is in too many.
 _SHORTEST_PART = 4
 
 
 def combined(faults: Sequence[InputError]) -> InputError:
-    """One InputError for all ``faults`` (at least one): the first in full, the others listed in its hint."""
+    """One InputError for several faults: the first in full, the others listed in its hint.
+
+    Parameters
+    ----------
+    faults
+        At least one fault.
+
+    Returns
+    -------
+    InputError
+        The first fault itself if it is the only one.
+    """
     first, others = faults[0], faults[1:]
     if not others:
         return first
@@ -52,22 +67,66 @@ def combined(faults: Sequence[InputError]) -> InputError:
 
 
 def referred(fault: InputError, where: str) -> InputError:
-    """The fault of another file, reported at ``where``, the key that refers to that file."""
+    """The fault of another file, reported at the key that refers to that file.
+
+    Parameters
+    ----------
+    fault
+        Fault of the other file.
+    where
+        File and key that refer to it.
+
+    Returns
+    -------
+    InputError
+        A fault at `where`, with the place in the other file in parentheses.
+    """
     return InputError(where, f"{fault.found} ({fault.where})", fault.expected, fault.hint)
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """``"did you mean 'x'?"`` for the most similar known name, else for the only one that contains it; or empty."""
-    names = list(known)
+def suggestion(name: str, candidates: Iterable[str]) -> str:
+    """Hint at the name that was meant.
+
+    Parameters
+    ----------
+    name
+        A name that is not allowed.
+    candidates
+        The names that are.
+
+    Returns
+    -------
+    str
+        ``"did you mean 'x'?"`` for the most similar candidate, else for the only one that contains the name; empty if
+        there is none.
+    """
+    names = list(candidates)
     containing = [other for other in names if len(name) >= _SHORTEST_PART and name in other]
     near = difflib.get_close_matches(name, names, n=1) or (containing if len(containing) == 1 else [])
     return f"did you mean '{near[0]}'?" if near else ""
 
 
 def path_inside(folder: Path, name: str, where: str | Path) -> Path:
-    """The path of a file named relative to ``folder``, links resolved.
+    """Path of a file in a folder, with links resolved.
 
-    Raises InputError (at ``where``) for an absolute path and for one that leaves the folder.
+    Parameters
+    ----------
+    folder
+        The folder.
+    name
+        Path relative to it, with forward slashes.
+    where
+        File and key at which a fault is reported.
+
+    Returns
+    -------
+    Path
+        The absolute path; the file need not exist.
+
+    Raises
+    ------
+    InputError
+        For an absolute path, and for one that leaves the folder.
     """
     expected = "a path inside the folder, relative to it, with forward slashes"
     if not name or "\0" in name or "\\" in name or PurePosixPath(name).is_absolute():
@@ -83,29 +142,55 @@ def path_inside(folder: Path, name: str, where: str | Path) -> Path:
 
 
 def faults_of_validation(path: Path, error: ValidationError, model: type[BaseModel]) -> list[InputError]:
-    """One InputError for each error that pydantic found in the file at ``path`` when read as ``model``.
+    """Faults that pydantic found in a file.
 
-    Keys are written like ``surface[2].material``. For an unknown key, the allowed keys and the most similar one
-    are given.
+    Keys are written like ``surface[2].material``. For an unknown key, the allowed keys and the most similar one are
+    given.
+
+    Parameters
+    ----------
+    path
+        The file.
+    error
+        The error that pydantic raised.
+    model
+        The model by which it was read.
+
+    Returns
+    -------
+    list[InputError]
+        One fault for each error of pydantic.
     """
     return [_fault(path, dict(details), model) for details in error.errors(include_url=False)]
 
 
 def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> InputError:
+    """The fault of one error of pydantic, by its details."""
     location: tuple[int | str, ...] = details["loc"]
     where = f"{path}: {_key(location)}" if location else str(path)
     kind, value = details["type"], details["input"]
     if kind == "extra_forbidden":
-        known = sorted(_keys_at(model, location[:-1]))
-        hint = suggestion(str(location[-1]), known)
-        return InputError(where, "an unknown key", f"one of {', '.join(known)}", hint)
+        keys = sorted(_keys_at(model, location[:-1]))
+        hint = suggestion(str(location[-1]), keys)
+        return InputError(where, "an unknown key", f"one of {', '.join(keys)}", hint)
     if kind == "missing":
         return InputError(where, "nothing", "a value: this key is required")
     return InputError(where, shown(value), expectation(details))
 
 
 def expectation(details: Mapping[str, Any]) -> str:
-    """What an error that pydantic found asks for, in words for the file's author."""
+    """The value that an error of pydantic asks for, in words for the author of the file.
+
+    Parameters
+    ----------
+    details
+        Details of the error: `type`, `loc`, `input`, `msg` and `ctx`.
+
+    Returns
+    -------
+    str
+        Words that follow "expected".
+    """
     key = next((part for part in reversed(details["loc"]) if isinstance(part, str) and not part.startswith("<")), "")
     in_list = bool(details["loc"]) and isinstance(details["loc"][-1], int)
     one_for_many = details["type"] in _LIST_TYPES and isinstance(details["input"], Mapping)
@@ -117,19 +202,31 @@ def expectation(details: Mapping[str, Any]) -> str:
 
 
 def shown(value: object) -> str:
-    """A value of a file in at most 80 characters, of a table its keys."""
+    """A value of a file in at most 80 characters.
+
+    Parameters
+    ----------
+    value
+        The value.
+
+    Returns
+    -------
+    str
+        Its representation, cut if it is longer; the keys of a table.
+    """
     keys = ", ".join(map(str, value)) if isinstance(value, dict) else ""
     text = f"a table with the keys {keys}" if keys else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _key(location: tuple[int | str, ...]) -> str:
+    """Key of a location, such as ``surface[2].material``."""
     parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in location]
     return "".join(parts).removeprefix(".")
 
 
 def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
-    """The keys that the table at ``location`` may have."""
+    """Keys that the table at a location may have, by their names in files."""
     current = model
     for part in location:
         field = next((f for name, f in current.model_fields.items() if part in (name, f.alias)), None)
@@ -139,7 +236,7 @@ def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str
 
 
 def _model_in(annotation: object) -> type[BaseModel] | None:
-    """The first pydantic model inside a type such as ``list[Model] | None``."""
+    """First pydantic model inside a type such as ``list[Model] | None``; None if there is none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
+    return next((inner for part in get_args(annotation) if (inner := _model_in(part))), None)

@@ -1,4 +1,4 @@
-"""Writing files and folders so that they are either complete or absent, and say where they come from."""
+"""Writing of files and folders that are either complete or absent, and their origin."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
 from .errors import InputError
 
 __all__ = [
-    "beside",
-    "keep",
-    "kept",
+    "folder_lock",
+    "load_checked",
     "origin",
     "replacing",
     "replacing_folder",
+    "store_checked",
+    "temporary_file",
     "temporary_folder",
     "this_command",
     "writing_hdf5",
@@ -40,15 +41,19 @@ def _public(path: Path, mode: int) -> None:
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove temporary files and folders for ``path`` whose process, on this machine, is gone."""
+    """Remove temporary files and folders for `path` of processes that have ended.
+
+    Only names of this machine count.
+    """
     start = f".{path.name}-unfinished-{platform.node()}-"
-    for left in path.parent.glob(glob.escape(start) + "*"):
-        owner = left.name.removeprefix(start).split("-")[0]
+    for leftover in path.parent.glob(glob.escape(start) + "*"):
+        owner = leftover.name.removeprefix(start).split("-")[0]
         if owner.isdigit() and not _running(int(owner)):
-            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+            shutil.rmtree(leftover, ignore_errors=True) if leftover.is_dir() else leftover.unlink(missing_ok=True)
 
 
 def _running(process: int) -> bool:
+    """Whether a process of this machine runs; True if that cannot be found out."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -59,15 +64,34 @@ def _running(process: int) -> bool:
 
 
 def _temporary_prefix(path: Path) -> str:
-    """Names say which process on which machine writes, so that what a killed one leaves is recognised."""
+    """Beginning of the name of a temporary file for `path`, in a folder that is made.
+
+    It names machine and process, so that the leftovers of a killed process are recognised; those are removed.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path)
     return f".{path.name}-unfinished-{platform.node()}-{os.getpid()}-"
 
 
 @contextmanager
-def beside(path: Path, suffix: str) -> Iterator[Path]:
-    """A temporary file beside ``path``, removed after the block; of a killed process, by the next such block."""
+def temporary_file(path: Path, suffix: str) -> Iterator[Path]:
+    """A temporary file in the folder of `path`, removed after the block.
+
+    The file of a killed process is removed by the next such block. An OSError of the block names `path`, not the
+    temporary file or no file at all.
+
+    Parameters
+    ----------
+    path
+        File that the temporary one is for.
+    suffix
+        End of the name, such as ".nc".
+
+    Yields
+    ------
+    Path
+        The empty temporary file.
+    """
     handle, name = tempfile.mkstemp(prefix=_temporary_prefix(path), suffix=suffix, dir=path.parent)
     os.close(handle)
     try:
@@ -82,7 +106,15 @@ def beside(path: Path, suffix: str) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder for temporary files, removed after the block; of a killed process, by the next such block."""
+    """A folder for temporary files, removed after the block.
+
+    The folder of a killed process is removed by the next such block.
+
+    Yields
+    ------
+    Path
+        The empty folder.
+    """
     name = tempfile.mkdtemp(prefix=_temporary_prefix(Path(tempfile.gettempdir()) / "cboxlab"))
     try:
         yield Path(name)
@@ -92,13 +124,22 @@ def temporary_folder() -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to; it becomes ``path`` only if the block succeeds.
+    """A temporary file to write to, which becomes `path` only if the block succeeds.
 
-    What a killed process has left beside ``path`` is removed. An OSError of the block names ``path``, not the temporary
-    file or no file at all.
+    It is in the same folder, so that the change is one step for other processes. An OSError of the block names `path`.
+
+    Parameters
+    ----------
+    path
+        File to write; an existing one is replaced.
+
+    Yields
+    ------
+    Path
+        The temporary file.
     """
     path = Path(path)
-    with beside(path, path.suffix) as temporary:
+    with temporary_file(path, path.suffix) as temporary:
         yield temporary
         _public(temporary, 0o666)
         temporary.replace(path)
@@ -106,14 +147,27 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside ``path`` to fill; it becomes ``path`` only if the block succeeds.
+    """A temporary folder to fill, which becomes `path` only if the block succeeds.
 
-    Raises InputError if ``path`` exists and is not an empty folder: existing files are not overwritten.
+    Parameters
+    ----------
+    path
+        Folder to write: a new or an empty one.
+
+    Yields
+    ------
+    Path
+        The temporary folder, next to `path`.
+
+    Raises
+    ------
+    InputError
+        If `path` exists and is not an empty folder: existing files are not overwritten.
     """
     path = Path(path)
-    taken = InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
+    exists_error = InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        raise taken
+        raise exists_error
     temporary = Path(tempfile.mkdtemp(prefix=_temporary_prefix(path), dir=path.parent))
     try:
         yield temporary
@@ -122,7 +176,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             temporary.replace(path)
         except OSError as fault:  # another writer was first
             if fault.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-                raise taken from fault
+                raise exists_error from fault
             raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -130,15 +184,30 @@ def replacing_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def writing_hdf5(path: Path) -> Iterator[io.RawIOBase]:
-    """An open file for ``h5netcdf`` or ``xarray``; it becomes ``path`` if the block succeeds and all bytes are written.
+    """An open file for ``h5netcdf`` or ``xarray``, which becomes `path` if the block succeeds.
 
-    Raises OSError, with ``path`` as its file name, where the disk did not take them. The HDF5 library crashes the
-    process when its own writing fails (1.14: a segmentation fault at closing), so that it writes through Python.
+    The HDF5 library crashes the process when its own writing fails (1.14: a segmentation fault at closing), so it
+    writes through Python. A failure is reported only after it has closed the file.
+
+    Parameters
+    ----------
+    path
+        File to write; an existing one is replaced.
+
+    Yields
+    ------
+    RawIOBase
+        The open file.
+
+    Raises
+    ------
+    OSError
+        If not all bytes were written; its file name is `path`.
     """
     path = Path(path)
     with replacing(path) as temporary:
         with temporary.open("w+b", buffering=0) as raw:
-            file = _Patient(raw)
+            file = _ErrorKeepingFile(raw)
             try:
                 yield file
             finally:
@@ -147,8 +216,8 @@ def writing_hdf5(path: Path) -> Iterator[io.RawIOBase]:
             raise OSError(file.fault.errno, file.fault.strerror, str(path))
 
 
-class _Patient(io.RawIOBase):
-    """A file whose writing never fails: what the disk refuses is lost, its first error is ``fault``."""
+class _ErrorKeepingFile(io.RawIOBase):
+    """A file whose writing never fails: refused bytes are lost, and the first error is `fault`."""
 
     def __init__(self, file: io.FileIO) -> None:
         super().__init__()
@@ -190,15 +259,66 @@ class _Patient(io.RawIOBase):
         return len(content)
 
 
-def keep(path: Path, key: str, content: bytes | memoryview) -> None:
-    """Write ``content`` with a checksum over ``key`` and itself, for ``kept``. key : what it was made from."""
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Exclusive use of a folder for the block; other processes that lock the same folder wait.
+
+    The lock is on the folder itself (flock), so no lock file is left in it, and a killed process holds none. On a file
+    system without locks the block runs unlocked.
+
+    Parameters
+    ----------
+    folder
+        An existing folder.
+
+    Yields
+    ------
+    None
+        While the lock is held.
+    """
+    import fcntl  # on Unix only
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def store_checked(path: Path, key: str, content: bytes | memoryview) -> None:
+    """Write content with a checksum over a key and itself, for `load_checked`.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    key
+        Everything from which the content was computed.
+    content
+        The content.
+    """
     with replacing(path) as temporary, temporary.open("wb") as stream:
         stream.write(_checksum(key, content))
         stream.write(content)
 
 
-def kept(path: Path, key: str) -> bytes | None:
-    """What ``keep`` wrote with the same ``key``; None if there is no such file, or another key or a changed bit."""
+def load_checked(path: Path, key: str) -> bytes | None:
+    """Content that `store_checked` wrote with the same key.
+
+    Parameters
+    ----------
+    path
+        The file.
+    key
+        Everything from which the content should have been computed.
+
+    Returns
+    -------
+    bytes | None
+        The content; None if there is no such file, or one of another key or with a changed bit.
+    """
     try:
         stored = path.read_bytes()
     except OSError:
@@ -209,19 +329,37 @@ def kept(path: Path, key: str) -> bytes | None:
 
 
 def _checksum(key: str, content: bytes | memoryview) -> bytes:
+    """SHA-256 of key and content."""
     digest = hashlib.sha256(key.encode())
     digest.update(content)
     return digest.digest()
 
 
 def this_command() -> str:
-    """The command of this process as typed; for a library's caller that of its own program."""
+    """Command of this process as typed.
+
+    Returns
+    -------
+    str
+        Program and arguments, quoted for a shell; in a program that uses this library, the command of that program.
+    """
     name, *arguments = sys.argv or [""]
     program = Path(name)
-    shown = f"python -m {program.parent.name}" if program.name == "__main__.py" else program.name
-    return f"{shown} {shlex.join(arguments)}".strip()
+    program_name = f"python -m {program.parent.name}" if program.name == "__main__.py" else program.name
+    return f"{program_name} {shlex.join(arguments)}".strip()
 
 
 def origin(**further: str) -> dict[str, str]:
-    """Attributes of a file, all of them text: ``further`` ones, ``cboxlab_version`` and ``command``."""
+    """Attributes that state the origin of a file.
+
+    Parameters
+    ----------
+    further
+        Further attributes.
+
+    Returns
+    -------
+    dict[str, str]
+        These, `cboxlab_version` and `command`.
+    """
     return {**further, "cboxlab_version": version("cboxlab"), "command": this_command()}

@@ -1,4 +1,4 @@
-"""Dictionaries in frozen objects: copies that refuse every change."""
+"""Mappings in frozen objects, as copies that refuse every change."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Value = TypeVar("Value")
 
 
 class FrozenDict(dict[Key, Value]):
-    """A dictionary that cannot be changed. It can be pickled, and written as JSON."""
+    """A dictionary that cannot be changed; it can be pickled, and written as JSON."""
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
         raise TypeError("a mapping in a frozen object cannot be changed: make another object with a changed copy")
@@ -26,9 +26,10 @@ class FrozenDict(dict[Key, Value]):
 
 
 class OwnMappings:
-    """Base of frozen dataclasses: dictionaries passed in are copied, nested ones, too, and the copies are frozen.
+    """Base of frozen dataclasses with mappings among their fields.
 
-    A field with ``init=False`` is left as it is: a cache of the object's own, which ``replace`` does not pass on.
+    Dictionaries passed in are copied, nested ones included, and the copies are frozen. A field with ``init=False`` is
+    left as it is: a cache of the object, which `dataclasses.replace` does not pass on.
     """
 
     def __post_init__(self) -> None:
@@ -39,6 +40,7 @@ class OwnMappings:
 
 
 def _frozen(value: Any) -> Any:
+    """Frozen copy of a value: of mappings, also in lists and tuples; others are returned."""
     if isinstance(value, FrozenDict):
         return value
     if isinstance(value, dict | MappingProxyType):

@@ -1,4 +1,7 @@
-"""Reading of files (TOML, JSON, CSV, pictures): regular files of limited size; an InputError for all others."""
+"""Reading of input files (TOML, JSON, CSV, pictures) of limited size.
+
+Everything that is not a regular, readable file of the expected kind raises an InputError.
+"""
 
 from __future__ import annotations
 
@@ -28,27 +31,34 @@ __all__ = [
     "separator_hint",
 ]
 
-#: Characters that other programs write between columns.
+#: Characters that other programs write between columns, by their names in messages.
 _SEPARATORS = {";": "semicolons", "\t": "tabs"}
 
-#: Largest size of files that are read, bytes; a table of 64 bands in steps of 1 nm takes half a megabyte.
-_LARGEST_TOML, _LARGEST_TEXT = 2**20, 2**25
+#: Largest size of a TOML file, bytes: the files of this project take a few kilobytes.
+_MAX_TOML_BYTES = 2**20
+#: Largest size of other text files, bytes: a table of 64 bands in steps of 1 nm takes half a megabyte.
+_MAX_TEXT_BYTES = 2**25
 
 #: Largest depth of nested tables; known files have at most four levels.
-_DEEPEST = 32
+_MAX_DEPTH = 32
 
+#: Integers of TOML are below this, and at least minus this.
 _INT64 = 2**63
 
-#: The largest value of a PNG's mode.
-_FULL = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
+#: Largest value of the modes of a PNG.
+_FULL_SCALE = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
 
-#: The marks with which UTF-16 begins, little and big end first; bytes in which a 0 shows that they are no UTF-8 text.
-_UTF16, _SNIFFED = (b"\xff\xfe", b"\xfe\xff"), 1024
+#: Marks with which UTF-16 begins, little and big end first.
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+#: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
+_PROBED_BYTES = 1024
 
+#: Line number in a message of the TOML reader.
 _LINE = re.compile(r"at line (\d+)")
+#: Characters that no text of a file has.
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
-#: Faults in a line of TOML that are made often, and how they are mended.
+#: Hints at frequent faults in a line of TOML, by patterns of the line.
 _FREQUENT = {
     r"^\[[^\[\]]+\]$": "Tables that occur several times have double brackets, [[flat]], each of them.",
     r"\\": "Paths are written with / in place of \\.",
@@ -60,6 +70,7 @@ _FREQUENT = {
 }
 
 
+#: Hint at a name that a file of TOML has twice.
 _REPEATED = (
     "This name stands in the file before, and may only once; tables that occur several times have double brackets, "
     "[[flat]], each of them."
@@ -67,25 +78,70 @@ _REPEATED = (
 
 
 def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
-    """Raise InputError if ``path`` is not a regular file (reading a pipe or a device might never end)."""
+    """Require that a path is a regular file; reading a pipe or a device might never end.
+
+    Parameters
+    ----------
+    path
+        The path.
+    expected
+        Words for the file that should be there.
+    hint
+        How to correct it; empty for none.
+
+    Raises
+    ------
+    InputError
+        If there is no regular file.
+    """
     try:
-        regular, there = path.is_file(), path.exists()
+        regular, exists = path.is_file(), path.exists()
     except (OSError, ValueError) as error:
         raise InputError(repr(str(path)), str(error), expected, hint) from None
     if not regular:
-        raise InputError(path, kind_of(path) if there else "no such file", expected, hint)
+        raise InputError(path, kind_of(path) if exists else "no such file", expected, hint)
 
 
 def kind_of(path: Path) -> str:
-    """What there is in place of a regular file."""
+    """Words for the kind of something that is no regular file.
+
+    Parameters
+    ----------
+    path
+        An existing path.
+
+    Returns
+    -------
+    str
+        "a folder, not a file", "a pipe, not a file" or "something, not a file".
+    """
     kind = "a folder" if path.is_dir() else "a pipe" if path.is_fifo() else "something"
     return f"{kind}, not a file"
 
 
-def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST_TEXT) -> str:
-    """The text of a UTF-8 file. Raises InputError for anything else, and for files of more than ``largest`` bytes.
+def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEXT_BYTES) -> str:
+    """Text of a UTF-8 file, with or without a byte order mark.
 
-    expected : what the file should be. hint : what to do if it does not exist.
+    Parameters
+    ----------
+    path
+        The file.
+    expected
+        Words for the file that should be there.
+    hint
+        How to correct it if it does not exist; empty for none.
+    largest
+        Largest permitted size, bytes.
+
+    Returns
+    -------
+    str
+        The text, with line ends as "\\n".
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not regular, too large or not UTF-8 text.
     """
     require_regular_file(path, expected, hint)
     try:
@@ -93,9 +149,9 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST
         if size > largest:
             raise InputError(path, f"{size} bytes", f"{expected} of at most {largest} bytes")
         content = path.read_bytes()
-        if content.startswith(_UTF16) or b"\0" in content[:_SNIFFED]:
-            found = "UTF-16 text" if b"\0" in content[1:4:2] else "bytes that are not text"
-            raise InputError(path, found, f"{expected} in UTF-8", "Save it as text in UTF-8.")
+        if content.startswith(_UTF16_MARKS) or b"\0" in content[:_PROBED_BYTES]:
+            fault = "UTF-16 text" if b"\0" in content[1:4:2] else "bytes that are not text"
+            raise InputError(path, fault, f"{expected} in UTF-8", "Save it as text in UTF-8.")
         return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except UnicodeDecodeError:
         hint = "Save it as text in UTF-8."
@@ -105,14 +161,53 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _LARGEST
 
 
 def read_toml(path: Path, expected: str, hint: str = "") -> dict[str, Any]:
-    """The tables of a TOML file. Raises InputError like ``read_text``, for invalid TOML, for integers beyond 64 bits
-    (not allowed in TOML), and for more than 32 levels of nesting.
+    """Tables of a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    expected
+        Words for the file that should be there.
+    hint
+        How to correct it if it does not exist; empty for none.
+
+    Returns
+    -------
+    dict[str, Any]
+        The tables.
+
+    Raises
+    ------
+    InputError
+        As `read_text`; for invalid TOML, integers beyond 64 bits (not allowed in TOML), control characters, and more
+        than 32 levels of nesting.
     """
-    return parse_toml(path, read_text(path, expected, hint, _LARGEST_TOML), expected)
+    return parse_toml(path, read_text(path, expected, hint, _MAX_TOML_BYTES), expected)
 
 
 def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
-    """The tables of the text of a TOML file; see ``read_toml``."""
+    """Tables of the text of a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file, named in faults.
+    text
+        Its text.
+    expected
+        Words for the file that should be there.
+
+    Returns
+    -------
+    dict[str, Any]
+        The tables.
+
+    Raises
+    ------
+    InputError
+        As `read_toml`, for faults of the content.
+    """
     try:
         content = tomllib.loads(text)
     except RecursionError:
@@ -123,7 +218,7 @@ def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
         if isinstance(value, str) and (odd := _CONTROL.search(value)):
             hint = "In double quotes a backslash begins an escape: write paths with /."
             raise InputError(f"{path}: {key}", f"a control character, {odd[0]!r}, in {value!r}", "text", hint)
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             raise InputError(f"{path}: {key[:80]}", "values nested too deeply", expected)
         if isinstance(value, int) and not -_INT64 <= value < _INT64:
             raise InputError(f"{path}: {key}", "an integer beyond 64 bits", "a smaller number")
@@ -131,7 +226,7 @@ def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
 
 
 def _toml_hint(text: str, message: str) -> str:
-    """The line that ``message`` speaks of, and what is mostly wrong with such a line."""
+    """The line to which a message of the TOML reader refers, and the usual fault of such a line."""
     number = _LINE.search(message)
     if number is None:
         return ""
@@ -143,12 +238,12 @@ def _toml_hint(text: str, message: str) -> str:
 
 
 def _values(content: dict[str, Any]) -> Iterator[tuple[str, Any, int]]:
-    """Every key with its value and depth, without recursion."""
+    """Every key with its value and depth, without recursion; nothing below `_MAX_DEPTH`."""
     stack: list[tuple[str, Any, int]] = [("", content, 0)]
     while stack:
         key, value, depth = stack.pop()
         yield key, value, depth
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             continue
         if isinstance(value, dict):
             stack += [(f"{key}.{name}".removeprefix("."), below, depth + 1) for name, below in value.items()]
@@ -157,7 +252,25 @@ def _values(content: dict[str, Any]) -> Iterator[tuple[str, Any, int]]:
 
 
 def read_json(path: Path, expected: str) -> Any:
-    """The content of a JSON file. Raises InputError like ``read_text``, and for invalid JSON."""
+    """Content of a JSON file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    expected
+        Words for the file that should be there.
+
+    Returns
+    -------
+    Any
+        The content.
+
+    Raises
+    ------
+    InputError
+        As `read_text`, and for invalid JSON.
+    """
     try:
         return json.loads(read_text(path, expected))
     except InputError:
@@ -169,7 +282,25 @@ def read_json(path: Path, expected: str) -> Any:
 
 
 def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[str]]]:
-    """(line number, cells) of every line of a CSV file that is not blank. Raises InputError like ``read_text``."""
+    """Lines of a CSV file that are not blank.
+
+    Parameters
+    ----------
+    path
+        The file.
+    expected
+        Words for the file that should be there.
+
+    Returns
+    -------
+    list[tuple[int, list[str]]]
+        Line number and cells of each line.
+
+    Raises
+    ------
+    InputError
+        As `read_text`, and for invalid CSV.
+    """
     try:
         reader = csv.reader(io.StringIO(read_text(path, expected), newline=""))
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
@@ -178,15 +309,39 @@ def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[
 
 
 def separator_hint(header: str) -> str:
-    """How to mend a table whose header's first cell holds another separator than the comma; empty if it holds none."""
+    """Hint at a separator of columns other than the comma.
+
+    Parameters
+    ----------
+    header
+        First cell of the table's header.
+
+    Returns
+    -------
+    str
+        A hint if the cell holds another separator; empty otherwise.
+    """
     used = next((name for mark, name in _SEPARATORS.items() if mark in header), None)
     return f"Its columns are separated by {used}: write commas, and decimal points." if used else ""
 
 
 def read_channels(path: Path) -> NDArray[np.float64]:
-    """(rows, columns, channels) of a grey or RGB PNG, its values over the largest of their type, or of a NumPy array.
+    """Values of a picture (PNG) or of an array (NumPy).
 
-    Raises InputError for a file that is neither, or not finite.
+    Parameters
+    ----------
+    path
+        File of a grey or RGB PNG, or of an array of 2 or 3 axes.
+
+    Returns
+    -------
+    NDArray
+        (rows, columns, channels); of a PNG, values over the largest of their type, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        For a file that is neither, or has values that are not finite.
     """
     expected = "a grey or RGB picture (.png), or an array of (rows, columns) or (rows, columns, channels) (.npy)"
     require_regular_file(path, expected)
@@ -195,9 +350,9 @@ def read_channels(path: Path) -> NDArray[np.float64]:
             values = np.load(path, allow_pickle=False).astype(np.float64)
         else:
             with Image.open(path, formats=["PNG"]) as picture:
-                if picture.mode not in _FULL:
+                if picture.mode not in _FULL_SCALE:
                     raise InputError(path, f"a picture of kind '{picture.mode}'", expected)
-                values = np.asarray(picture, np.float64) / _FULL[picture.mode]
+                values = np.asarray(picture, np.float64) / _FULL_SCALE[picture.mode]
     except InputError:
         raise
     except Exception as error:  # the readers raise exceptions of any type on damaged files

@@ -6,55 +6,98 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["QUIET", "Cancelled", "Progress", "Teller", "share"]
+__all__ = ["NO_PROGRESS", "Cancelled", "Progress", "ProgressReporter", "share"]
 
 
 class Cancelled(Exception):
-    """Raised inside a cancelled computation, which leaves no incomplete files."""
+    """A computation was cancelled; it leaves no incomplete files."""
 
 
 class Progress(Protocol):
-    """Receives the progress of a computation. Each method may raise ``Cancelled``, which ends the computation."""
+    """Receiver of the progress of a computation.
 
-    def stage(self, name: str) -> None:
-        """A stage begins, such as "rendering"."""
-
-    def part(self, done: float) -> None:
-        """The completed share of the whole computation, 0 to 1. It can decrease if more work turns out to be needed."""
-
-
-class Teller:
-    """Passes stage and completed share on to a function; can be cancelled, also from another thread.
-
-    told : called with the name of the stage ("" before the first) and the completed share, 0 to 1.
+    Each method may raise `Cancelled`, which ends the computation.
     """
 
-    def __init__(self, told: Callable[[str, float], object] = lambda stage, done: None) -> None:
-        self._told = told
+    def stage(self, name: str) -> None:
+        """Report that a stage begins.
+
+        Parameters
+        ----------
+        name
+            Name of the stage, such as "rendering".
+        """
+
+    def part(self, done: float) -> None:
+        """Report the completed share of the computation.
+
+        Parameters
+        ----------
+        done
+            Share, 0 to 1. It may decrease if more work turns out to be needed.
+        """
+
+
+class ProgressReporter:
+    """Progress that calls a function, and can be cancelled, also from another thread.
+
+    Parameters
+    ----------
+    callback
+        Function of the name of the stage ("" before the first) and the completed share, 0 to 1. Its result is ignored.
+        By default nothing is called.
+    """
+
+    def __init__(self, callback: Callable[[str, float], object] = lambda stage, done: None) -> None:
+        self._callback = callback
         self._stage, self._done = "", 0.0
         self._stop = threading.Event()
 
     def cancel(self) -> None:
-        """Stop the computation at its next progress report, after a kernel call or a pass."""
+        """Stop the computation at its next report, which follows a kernel call or a pass."""
         self._stop.set()
 
     def stage(self, name: str) -> None:
-        """See ``Progress``. Raises Cancelled."""
+        """Report that a stage begins.
+
+        Parameters
+        ----------
+        name
+            Name of the stage.
+
+        Raises
+        ------
+        Cancelled
+            After `cancel`.
+        """
         self._stage = name
-        self._tell()
+        self._report()
 
     def part(self, done: float) -> None:
-        """See ``Progress``. Raises Cancelled."""
-        self._done = done
-        self._tell()
+        """Report the completed share of the computation.
 
-    def _tell(self) -> None:
+        Parameters
+        ----------
+        done
+            Share, 0 to 1.
+
+        Raises
+        ------
+        Cancelled
+            After `cancel`.
+        """
+        self._done = done
+        self._report()
+
+    def _report(self) -> None:
         if self._stop.is_set():
             raise Cancelled("the computation was stopped")
-        self._told(self._stage, self._done)
+        self._callback(self._stage, self._done)
 
 
-class _Quiet:
+class _NoProgress:
+    """Progress that ignores all reports."""
+
     def stage(self, name: str) -> None:
         pass
 
@@ -62,21 +105,40 @@ class _Quiet:
         pass
 
 
-#: Ignores all reports.
-QUIET: Progress = _Quiet()
+#: Ignores all reports; the default of computations that report progress.
+NO_PROGRESS: Progress = _NoProgress()
 
 
-class _Share:
-    def __init__(self, whole: Progress, first: float, last: float) -> None:
-        self._whole, self._first, self._last = whole, first, last
+class _PartOf:
+    """Progress of a part of a larger computation."""
+
+    def __init__(self, parent: Progress, first: float, last: float) -> None:
+        self._parent, self._first, self._last = parent, first, last
 
     def stage(self, name: str) -> None:
-        self._whole.stage(name)
+        self._parent.stage(name)
 
     def part(self, done: float) -> None:
-        self._whole.part(self._first + (self._last - self._first) * done)
+        self._parent.part(self._first + (self._last - self._first) * done)
 
 
-def share(whole: Progress, first: float, last: float) -> Progress:
-    """Progress of a computation that covers the share from ``first`` to ``last`` (0 to 1) of a larger one."""
-    return _Share(whole, first, last)
+def share(progress: Progress, first: float, last: float) -> Progress:
+    """Progress of a part of a larger computation.
+
+    Its shares from 0 to 1 are reported to the larger one as `first` to `last`; stages are passed on.
+
+    Parameters
+    ----------
+    progress
+        Progress of the larger computation.
+    first
+        Completed share at which the part begins, 0 to 1.
+    last
+        Completed share at which it ends, 0 to 1.
+
+    Returns
+    -------
+    Progress
+        Progress for the part.
+    """
+    return _PartOf(progress, first, last)

@@ -1,4 +1,4 @@
-"""Support for the numerical kernels: their libraries, the Mitsuba variant, sampling points, polynomials."""
+"""Support for the kernels: libraries, Mitsuba variant, sampling points, polynomials."""
 
 from .arrays import device_array
 from .libraries import dr, mi

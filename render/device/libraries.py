@@ -1,8 +1,8 @@
 """Dr.Jit and Mitsuba, imported when they are first used.
 
-Dr.Jit loads LLVM while it is imported, and Mitsuba offers its types only under an active variant, which belongs to one
-thread. Imported beside the code that uses them, they would settle both for the whole process. Instead ``dr`` and ``mi``
-stand for the two modules: every use goes to the module itself, the first one in a thread after ``variant.ensure``.
+Dr.Jit loads LLVM while it is imported. Mitsuba offers its types only under an active variant, which belongs to one
+thread. Imported by the modules that use them, the two would settle both for the whole process. Instead `dr` and `mi`
+stand for the two modules. Every use goes to the module itself, the first one in a thread after `variant.ensure`.
 """
 
 from __future__ import annotations

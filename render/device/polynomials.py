@@ -1,4 +1,4 @@
-"""Polynomial approximations of functions, which are cheaper in the sampling loops than the general functions."""
+"""Polynomial approximations, which are cheaper in sampling loops than general functions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,39 @@ __all__ = ["polynomial", "polynomial_at"]
 
 
 def polynomial(function: Callable[[np.ndarray], np.ndarray], degree: int) -> tuple[float, ...]:
-    """Coefficients, lowest power first, of the interpolation of ``function`` at the Chebyshev points of [0, 1]."""
+    """Polynomial that interpolates a function at the Chebyshev points of [0, 1].
+
+    Parameters
+    ----------
+    function
+        Function of an array.
+    degree
+        Degree of the polynomial.
+
+    Returns
+    -------
+    tuple[float, ...]
+        Coefficients, lowest power first.
+    """
     fitted = Chebyshev.interpolate(function, degree, [0, 1]).convert(kind=Polynomial)
     return tuple(float(c) for c in fitted.coef)
 
 
 def polynomial_at(coefficients: tuple[float, ...], x: mi.Float) -> mi.Float:
-    """The polynomial at x, by Horner's scheme."""
+    """Value of a polynomial, by Horner's scheme.
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients, lowest power first.
+    x
+        Argument of each lane.
+
+    Returns
+    -------
+    Float
+        Value of each lane.
+    """
     value = mi.Float(coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         value = dr.fma(value, x, coefficient)

@@ -16,22 +16,44 @@ __all__ = ["SobolPoints", "cosine_hemisphere", "seed_of_lanes"]
 
 @lru_cache(maxsize=8)
 def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
-    """(2^m * d,) Sobol' points as 32-bit integers (Joe and Kuo's direction numbers, through SciPy)."""
+    """(2^m * d,) Sobol' points as 32-bit integers (SciPy; Joe and Kuo's numbers)."""
     points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
     return (points * 2.0**32).astype(np.uint32).ravel()
 
 
 def seed_of_lanes(seed: int | mi.UInt32) -> mi.UInt32:
-    """A seed of all lanes, or one of each, as numbers that are no part of a kernel's code."""
+    """Seed as data of a kernel, not as a literal in its code.
+
+    Parameters
+    ----------
+    seed
+        One seed for all lanes, or one for each.
+
+    Returns
+    -------
+    UInt32
+        The seed or seeds, modulo 2^32.
+    """
     return seed if isinstance(seed, mi.UInt32) else dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
 
 
 class SobolPoints:
     """Owen-scrambled Sobol' points, scrambled independently for every lane and seed.
 
-    Nested uniform scrambling by hashing after Laine and Karras (2011), constants of Burley, "Practical Hash-based
-    Owen Scrambling", JCGT 9(4), 2020. All lanes use all points, so each lane's estimate is unbiased and its error
-    decreases faster than with independent points.
+    Nested uniform scrambling by hashing after Laine and Karras (2011), constants of Burley, "Practical Hash-based Owen
+    Scrambling", JCGT 9(4), 2020. Each scrambled point is uniformly distributed, so each lane's mean over all points is
+    unbiased. The points of a lane remain stratified, so its error decreases faster than with independent points.
+
+    Parameters
+    ----------
+    dimensions
+        Number of coordinates of a point.
+    count
+        Number of points of each lane; the table is rounded up to a power of two.
+    lane
+        Number of each lane, from which its scrambling is derived.
+    seed
+        Seed of all lanes, or of each.
     """
 
     def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int | mi.UInt32) -> None:
@@ -44,7 +66,20 @@ class SobolPoints:
         ]
 
     def point(self, index: mi.UInt32, dimension: int) -> mi.Float:
-        """Coordinate in [0, 1) of point ``index``."""
+        """One coordinate of one point.
+
+        Parameters
+        ----------
+        index
+            Index of each lane's point.
+        dimension
+            Index of the coordinate.
+
+        Returns
+        -------
+        Float
+            Number in [0, 1), of 24 bits.
+        """
         x = dr.gather(mi.UInt32, self._table, index * self.dimensions + dimension)
         seed = self._seeds[dimension]
         x = dr.brev(x)
@@ -57,16 +92,32 @@ class SobolPoints:
         return mi.Float(x >> 8) * (1.0 / 16777216.0)
 
 
-#: sin(pi / 4 t) / t and cos(pi / 4 t) as polynomials in t^2, for -1 <= t <= 1, with an error below 1e-8.
+#: sin(pi / 4 t) / t as a polynomial in t^2, for -1 <= t <= 1, with an error below 1e-8.
 _SINE = polynomial(lambda s: np.sin(np.pi / 4 * np.sqrt(s)) / np.sqrt(s), 3)
+#: cos(pi / 4 t) as a polynomial in t^2, for -1 <= t <= 1, with an error below 1e-8.
 _COSINE = polynomial(lambda s: np.cos(np.pi / 4 * np.sqrt(s)), 3)
 
 
 def cosine_hemisphere(normal: mi.Vector3f, u: mi.Float, v: mi.Float) -> mi.Vector3f:
-    """Direction about ``normal`` with density cos(theta) / pi, from u and v in [0, 1).
+    """Direction around a normal with density cos(theta) / pi.
 
-    Malley's method with Shirley and Chiu's concentric map to the disk (Journal of Graphics Tools 2(3), 1997), which
-    preserves stratification: with the polar map the variance of a gather with 2048 Sobol' points is 8% larger.
+    Malley's method: a uniform point of the unit disk is projected up to the hemisphere. The map to the disk is the
+    concentric one of Shirley and Chiu (Journal of Graphics Tools 2(3), 1997), which preserves stratification. With the
+    polar map the variance of a gather with 2048 Sobol' points is 8% larger.
+
+    Parameters
+    ----------
+    normal
+        Unit normal of each lane.
+    u
+        First random number, in [0, 1).
+    v
+        Second random number, in [0, 1).
+
+    Returns
+    -------
+    Vector3f
+        Unit directions.
     """
     a, b = 2 * u - 1, 2 * v - 1
     upright = dr.abs(a) < dr.abs(b)

@@ -1,8 +1,8 @@
-"""Which Mitsuba variant computes, and with it on which device.
+"""Choice of the Mitsuba variant, and with it of the device that computes.
 
-Mitsuba's variant belongs to one thread. Nothing is chosen by importing this package: the first computation of a thread
-takes the device of the last ``use``, else that of the environment variable CBOX_DEVICE, else the CPU. A variant that
-the caller has set stays.
+Mitsuba's variant belongs to one thread. Importing this package chooses nothing. The first computation of a thread takes
+the device of the last `use`, else that of the environment variable CBOX_DEVICE, else the CPU. A variant that the caller
+has set stays.
 """
 
 from __future__ import annotations
@@ -20,26 +20,42 @@ from .llvm import OLDEST_RELEASE, usable_llvm
 
 __all__ = ["HINT", "compiled", "ensure", "not_compiled", "require_compiled", "use"]
 
+#: How to install LLVM, in messages.
 _INSTALL = "Debian/Ubuntu: apt install libllvm19"
 
+#: Warning before a render without a compiled variant.
 HINT = f"no LLVM 16 or newer found: rendering falls back to the slow scalar variant ({_INSTALL})"
 
-_used: list[str] = []
-_importing, _thread = threading.Lock(), threading.local()
+#: Device of the last `use`; empty before the first.
+_devices: list[str] = []
+#: Held while Dr.Jit and Mitsuba are imported.
+_import_lock = threading.Lock()
+#: `active` is True in threads that have a variant.
+_thread = threading.local()
 
 
 def use(device: str = "cpu") -> str:
-    """Activate and return the variant for ``device`` ("cpu", "cuda", or "scalar": nothing compiled).
+    """Activate the variant for a device.
 
-    It holds for this thread, and for others that compute for the first time later. Without a GPU "cuda" means "cpu".
-    The compiled variants are monochrome, since this package's integrators handle wavelengths themselves. Dr.Jit aborts
-    the process with LLVM releases before 16, so the loaded release is checked first.
+    It holds for this thread, and for others that compute for the first time later. The compiled variants are
+    monochrome, since this package's integrators handle wavelengths themselves. Dr.Jit aborts the process with LLVM
+    releases before 16, so the loaded release is checked first.
+
+    Parameters
+    ----------
+    device
+        "cpu", "cuda" (without a GPU the same as "cpu"), or "scalar" (nothing compiled).
+
+    Returns
+    -------
+    str
+        Name of the variant; a scalar one if nothing can be compiled.
     """
     _import_libraries()
     import drjit as dr
     import mitsuba as mi
 
-    _used[:] = [device]
+    _devices[:] = [device]
     works = dr.has_backend(dr.JitBackend.LLVM) and dr.detail.llvm_version()[0] >= OLDEST_RELEASE
     if device == "cuda" and dr.has_backend(dr.JitBackend.CUDA):
         mi.set_variant("cuda_ad_mono")
@@ -58,30 +74,63 @@ def ensure() -> None:
     import mitsuba as mi
 
     if mi.variant() is None:
-        use(_used[0] if _used else os.environ.get("CBOX_DEVICE", "cpu"))
+        use(_devices[0] if _devices else os.environ.get("CBOX_DEVICE", "cpu"))
     _thread.active = True
 
 
 def compiled() -> bool:
-    """Whether the active variant is compiled; otherwise only Mitsuba's scalar path integrator is available."""
+    """Whether the active variant is compiled.
+
+    Otherwise only Mitsuba's scalar path integrator is available.
+
+    Returns
+    -------
+    bool
+        True for a compiled variant.
+    """
     ensure()
     return not sys.modules["mitsuba"].variant().startswith("scalar")
 
 
 def not_compiled(where: str) -> InputError:
-    """What to raise where the scalar variant is not enough. where : the computation or option that needs more."""
+    """Error for a computation that the scalar variant cannot do.
+
+    Parameters
+    ----------
+    where
+        The computation or option that needs a compiled variant.
+
+    Returns
+    -------
+    InputError
+        The error, to be raised.
+    """
     return InputError(where, "no compiled variant", "LLVM 16 or newer, or a GPU", _INSTALL)
 
 
 def require_compiled(where: str) -> None:
-    """Raise ``not_compiled`` unless the active variant is compiled."""
+    """Require a compiled variant.
+
+    Parameters
+    ----------
+    where
+        The computation or option that needs it.
+
+    Raises
+    ------
+    InputError
+        If the active variant is a scalar one.
+    """
     if not compiled():
         raise not_compiled(where)
 
 
 @contextmanager
 def _interrupts_later() -> Iterator[None]:
-    """Ctrl-C takes effect after the block: Dr.Jit loses one during its import, and is then half imported."""
+    """Delay Ctrl-C until the end of the block.
+
+    Dr.Jit loses an interrupt during its import, and is then half imported.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -96,8 +145,11 @@ def _interrupts_later() -> Iterator[None]:
 
 
 def _import_libraries() -> None:
-    """Import Dr.Jit with a usable LLVM: it takes the path from the environment, which is then as it was before."""
-    with _importing:
+    """Import Dr.Jit with a usable LLVM, and Mitsuba.
+
+    Dr.Jit takes the path of LLVM from the environment, which is restored.
+    """
+    with _import_lock:
         if "drjit" in sys.modules:
             return
         before = os.environ.get("DRJIT_LIBLLVM_PATH")

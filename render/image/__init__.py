@@ -1,17 +1,20 @@
-"""The images that integrators return: radiance by pixel and wavelength, their blur, basis, noise and light shares."""
+"""The images that integrators return, their blur, basis, noise and shares of light."""
 
 from .blur import blur
 from .film import means_by_strips
 from .image import LAMP, NOTHING, RenderedImage
 from .light_shares import LightShares, light_shares
 from .pixel_noise import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
+from .render_job import BATCH_SEED_STEP, RenderJob
 from .spectral_basis import from_basis
 
 __all__ = [
+    "BATCH_SEED_STEP",
     "ESTIMATE_DEGREES",
     "LAMP",
     "NOTHING",
     "LightShares",
+    "RenderJob",
     "RenderedImage",
     "blur",
     "from_basis",

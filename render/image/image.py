@@ -1,4 +1,4 @@
-"""A rendered image: radiance in every pixel at every wavelength, stored in a short spectral basis."""
+"""A rendered image: spectral radiance of every pixel, in a short spectral basis."""
 
 from __future__ import annotations
 
@@ -13,31 +13,38 @@ if TYPE_CHECKING:
 
 __all__ = ["LAMP", "NOTHING", "RenderedImage"]
 
-#: Surface ids of pixels that see a lamp, or no surface.
-LAMP, NOTHING = -1, -2
+#: Index of surface of pixels that show a lamp.
+LAMP = -1
+#: Index of surface of pixels that show no surface.
+NOTHING = -2
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedImage:
     """Spectral radiance as coefficients of spectra, in independent batches.
 
-    coefficients : (batch, y, x, n). spectra : (n, w), W m^-2 sr^-1 nm^-1. wavelength_nm : (w,).
-    coverage : (y, x, f) share of the pixel that each flat face covers, 0 to 1, the lamps last.
-    facet_surface : (f,) index into surface_names of each face; len(surface_names) for those of lamps.
+    The radiance of a batch is ``coefficients @ spectra``, W m^-2 sr^-1 nm^-1.
     """
 
+    #: (batch, y, x, n) coefficients.
     coefficients: NDArray[np.float32]
+    #: (n, w) spectra, W m^-2 sr^-1 nm^-1.
     spectra: NDArray[np.float64]
+    #: (w,) wavelengths, nm.
     wavelength_nm: NDArray[np.float64]
+    #: (y, x, f) share of the pixel that each flat face covers, 0 to 1, the lamps last.
     coverage: NDArray[np.float32]
+    #: (f,) index into `surface_names` of each face; their number for faces of lamps.
     facet_surface: NDArray[np.int64]
+    #: Names of the surfaces without the lamps.
     surface_names: tuple[str, ...]
 
     @property
     def surface(self) -> NDArray[np.int16]:
-        """(y, x) index into surface_names of the surface that covers most of the pixel, or LAMP or NOTHING.
+        """(y, x) index into `surface_names` of the surface with the largest share of the pixel.
 
-        Pixels at edges see other surfaces, too, or a part of a lamp: no mean of a surface may contain them.
+        LAMP where a lamp has it, NOTHING where less than half of the pixel is covered. Pixels at edges show other
+        surfaces, too, or a part of a lamp: no mean of a surface may contain them.
         """
         each = [self.coverage[..., self.facet_surface == s].sum(-1) for s in range(len(self.surface_names) + 1)]
         most = np.argmax(np.stack(each, axis=-1), axis=-1).astype(np.int16)
@@ -47,12 +54,12 @@ class RenderedImage:
 
     @property
     def sees_lamp(self) -> NDArray[np.bool_]:
-        """(y, x) whether any part of the pixel sees a lamp."""
+        """(y, x) whether any part of the pixel shows a lamp."""
         return np.asarray((self.coverage[..., self._faces :] > 0).any(axis=-1))
 
     @property
     def sees_surfaces(self) -> NDArray[np.bool_]:
-        """(y, x) whether any part of the pixel sees a surface that is no lamp."""
+        """(y, x) whether any part of the pixel shows a surface that is no lamp."""
         return np.asarray((self.coverage[..., : self._faces] > 0).any(axis=-1))
 
     @property
@@ -62,16 +69,35 @@ class RenderedImage:
 
     @property
     def single_surface(self) -> NDArray[np.bool_]:
-        """(y, x) whether the pixel sees one flat face only."""
+        """(y, x) whether the pixel shows one flat face only."""
         return self.coverage.max(axis=-1) == 1
 
     def averaged(self) -> RenderedImage:
-        """The same with the mean of its batches as the only one: a batch's part of the memory, and no variance."""
+        """The image with the mean of its batches as the only batch.
+
+        It takes a batch's part of the memory, and has no variance.
+
+        Returns
+        -------
+        RenderedImage
+            Image of one batch.
+        """
         rows = (self.coefficients[:, row].mean(axis=0, dtype=np.float64) for row in range(len(self.coverage)))
         return replace(self, coefficients=np.stack([row.astype(np.float32) for row in rows])[None])
 
     def mean(self, weights: NDArray) -> NDArray[np.float64]:
-        """Mean (y, x, q) of ``project`` alone, which takes a tenth of its time."""
+        """Mean over batches of the weighted radiance, in a tenth of the time of `project`.
+
+        Parameters
+        ----------
+        weights
+            (w, q) weights of the wavelengths in q signals.
+
+        Returns
+        -------
+        NDArray
+            (y, x, q) mean.
+        """
         mixed = self.spectra @ weights
         mean = np.empty((*self.coefficients.shape[1:3], mixed.shape[1]))
         for row in range(len(mean)):  # all rows at once would need a batch in double precision
@@ -79,9 +105,20 @@ class RenderedImage:
         return mean
 
     def project(self, weights: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and variance of the mean (y, x, q) of the radiance times ``weights`` (w, q).
+        """Mean over batches of the weighted radiance, and the variance of this mean.
 
-        The variance is estimated from the scatter of the batches; NaN with a single batch.
+        The variance is the scatter of the batches over their number. Since wavelengths are weighted within each batch,
+        the correlation of their errors is taken into account.
+
+        Parameters
+        ----------
+        weights
+            (w, q) weights of the wavelengths in q signals.
+
+        Returns
+        -------
+        tuple[NDArray, NDArray]
+            (y, x, q) mean and variance; the variance is NaN with a single batch.
         """
         mixed = self.spectra @ weights
         count, *shape = self.coefficients.shape[:-1]
@@ -95,7 +132,13 @@ class RenderedImage:
         return mean, variance
 
     def cube(self) -> xr.Dataset:
-        """The spectral cube: radiance and standard_error (y, x, wavelength), surface (y, x)."""
+        """Spectral cube of the image.
+
+        Returns
+        -------
+        Dataset
+            radiance and standard_error (y, x, wavelength), surface (y, x).
+        """
         import xarray as xr  # slow to import (0.5 s), and only needed here
 
         mean, variance = self.project(np.eye(len(self.wavelength_nm)))

@@ -1,4 +1,4 @@
-"""Noise of a picture from the scatter of neighbouring pixels, where nothing states it."""
+"""Noise of an image from the scatter of neighbouring pixels, where nothing states it."""
 
 from __future__ import annotations
 
@@ -10,24 +10,50 @@ __all__ = ["ESTIMATE_DEGREES", "high_pass", "variance_of_neighbours"]
 
 #: Second differences along rows and columns, over 6: white noise keeps its variance, a plane disappears.
 _KERNEL = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]) / 6.0
-#: Pixels a side of the window over which estimated variances are averaged.
+#: Side of the window over which estimated variances are averaged, px.
 _WINDOW = 9
-#: Degrees of freedom of an estimated variance; second differences of neighbours share pixels.
+#: Degrees of freedom of an estimated variance: half the pixels of the window, since second differences of neighbours
+#: share pixels.
 ESTIMATE_DEGREES = _WINDOW**2 / 2
 
 
 def high_pass(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) second differences, scaled so that white noise keeps its variance."""
+    """Second differences of an image, scaled so that white noise keeps its variance.
+
+    Parameters
+    ----------
+    picture
+        (y, x) image.
+
+    Returns
+    -------
+    NDArray
+        (y, x) differences; the image is mirrored at its border.
+    """
     return convolve(picture, _KERNEL, mode="mirror")
 
 
 def variance_of_neighbours(
     picture: NDArray[np.float64], level: NDArray[np.float64], smooth: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """(y, x, w) variance of ``picture`` (y, x, w) from second differences inside smooth parts, averaged over a window.
+    """Variance of an image by second differences inside smooth parts, averaged over a window.
 
-    level : (y, x, w) radiance that the noise is proportional to. smooth : (y, x) pixels away from edges; elsewhere the
-    smooth parts' mean relative variance counts. Outliers are cut at 30 times the median square of their part.
+    The noise is taken as proportional to `level`, so relative variances are averaged. Outliers are cut at 30 times the
+    median square of their part.
+
+    Parameters
+    ----------
+    picture
+        (y, x, w) image.
+    level
+        (y, x, w) radiance that the noise is proportional to.
+    smooth
+        (y, x) True for pixels away from edges. Elsewhere the mean relative variance of the smooth parts counts.
+
+    Returns
+    -------
+    NDArray
+        (y, x, w) variance.
     """
     inner = minimum_filter(smooth, 3)
     parts, count = label(inner)

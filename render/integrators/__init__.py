@@ -1,7 +1,7 @@
 """The integrators, the choice among them, and rendering to a stated error."""
 
+from ..image import RenderJob
 from .choice import render
-from .passes import Job
 from .precision import (
     BATCHES,
     MOST_PASSES,
@@ -15,7 +15,7 @@ from .stock import render_stock
 __all__ = [
     "BATCHES",
     "MOST_PASSES",
-    "Job",
+    "RenderJob",
     "fireflies",
     "relative_error",
     "render",

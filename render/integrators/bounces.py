@@ -1,14 +1,13 @@
-"""A picture split by the number of reflections of its light."""
+"""An image split by the number of reflections of its light."""
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
+from ..image import RenderJob
 from ..visibility import build_tracer, facet_coverage
 from .path_tracer import trace_paths
 
@@ -16,57 +15,60 @@ __all__ = ["render_bounces"]
 
 
 def render_bounces(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
+    job: RenderJob,
     bounces: int = 4,
-    samples: int = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> xr.DataArray:
-    """Radiance (batch, part, y, x, wavelength) of a diffuse scene by path tracing, W m^-2 sr^-1 nm^-1.
+    """Radiance of a diffuse scene by path tracing, split by the number of reflections.
 
-    part : "0" the visible lamp, "1" to ``bounces`` light reflected so many times, "more" the rest. The parts share
-    their paths and add up to the path tracer's picture. The coordinate ``surface`` (y, x) names the surface that
-    covers most of a pixel. Raises InputError for a scene that is not diffuse.
+    The parts share their paths, so they add up to the path tracer's image.
+
+    Parameters
+    ----------
+    job
+        The image to render.
+    bounces
+        Largest number of reflections with a part for itself.
+    progress
+        Receives the completed share after each kernel call.
+
+    Returns
+    -------
+    DataArray
+        (batch, part, y, x, wavelength) radiance, W m^-2 sr^-1 nm^-1. Part "0" is the visible lamp, "1" to `bounces` is
+        light reflected that often, "more" is the rest. The coordinate ``surface`` (y, x) names the surface that covers
+        most of a pixel; it is empty where less than half is covered.
+
+    Raises
+    ------
+    InputError
+        For a scene that is not diffuse.
     """
+    scene, wavelengths = job.scene, job.wavelength_nm
     if not scene.diffuse:
         raise InputError(
             f"scene {scene.name}",
             "a surface that is not diffuse or has a texture, or a medium",
             "a diffuse scene",
         )
-    wavelengths = np.asarray(wavelength_nm, float)
     tracer = build_tracer(scene)
-    sums = trace_paths(
-        tracer,
-        camera,
-        wavelengths,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=None,
-        progress=progress,
-        split=bounces,
-    )
+    sums = trace_paths(tracer, job, progress, split=bounces)
     count = len(wavelengths)
     lamps = len(scene.lamps)
     parts = sums[..., lamps:].reshape(*sums.shape[:3], 1 + bounces, count)
     rest = parts[..., :1, :] - parts[..., 1:, :].sum(axis=-2, keepdims=True)
-    seen = (sums[..., :lamps] @ scene.lamp_shares(wavelengths))[..., None, :]
-    values = np.concatenate([seen, parts[..., 1:, :], rest], axis=-2) * scene.lamp_radiance(wavelengths)
+    emitted = (sums[..., :lamps] @ scene.lamp_shares(wavelengths))[..., None, :]
+    values = np.concatenate([emitted, parts[..., 1:, :], rest], axis=-2) * scene.lamp_radiance(wavelengths)
     names = np.array([s.name for s in scene.surfaces] + [scene.lamp.surface.name, ""])
-    coverage = facet_coverage(tracer, camera)
-    most = np.where(coverage.sum(axis=-1) < 0.5, -1, tracer.facet_surface[coverage.argmax(axis=-1)])
+    coverage = facet_coverage(tracer, job.camera)
+    surface_index = np.where(coverage.sum(axis=-1) < 0.5, -1, tracer.facet_surface[coverage.argmax(axis=-1)])
     return xr.DataArray(
         np.moveaxis(values, 3, 1).astype(np.float32),
         dims=("batch", "part", "y", "x", "wavelength"),
         coords={
             "part": [*map(str, range(1 + bounces)), "more"],
             "wavelength": ("wavelength", wavelengths, {"units": "nm"}),
-            "surface": (("y", "x"), names[most]),
+            "surface": (("y", "x"), names[surface_index]),
         },
         attrs={"units": "W m^-2 sr^-1 nm^-1"},
     )

@@ -1,4 +1,4 @@
-"""Renders an image with a chosen integrator, or with the best one available."""
+"""Rendering with a chosen integrator, or with the best one available."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import warnings
 from collections.abc import Callable
 from typing import Literal
 
-import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
-from ..image import RenderedImage
+from ..image import RenderedImage, RenderJob
 from ..radiosity import render_final_gather
 from .general_path_tracer import render_general_path_tracer
 from .path_tracer import render_path_tracer
@@ -20,47 +17,48 @@ from .stock import render_stock
 
 __all__ = ["Integrator", "render"]
 
+#: Names of the integrators.
 Integrator = Literal["default", "final-gather", "path", "stock"]
 
 
 def render(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
+    job: RenderJob,
     *,
-    seed: int = 0,
-    max_bounces: int | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     integrator: Integrator = "default",
 ) -> RenderedImage:
-    """Render the scene through the camera; the integrators agree within their standard errors.
+    """Render an image; the integrators agree within their standard errors.
 
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : per pixel and batch; of each pixel
-    where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces : largest
-    number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit). seed :
-    results are repeatable.
-    progress : called with the completed share, 0 to 1. integrator : "default" is the final gather, or, with a
-    warning, Mitsuba's own integrator ("stock") if no compiled variant is available. For scenes with non-Lambertian
-    surfaces or a medium, the general path tracer replaces the final gather and "path".
+    "default" is the final gather. "path" is the path tracer. For scenes with textures, surfaces that are not
+    Lambertian, or a medium, the general path tracer replaces both. "final-gather" is the final gather in any case.
+    "stock" is Mitsuba's own integrator; it replaces all others, with a warning, if no compiled variant is available.
+
+    Parameters
+    ----------
+    job
+        The image to render.
+    progress
+        Receives the completed share, 0 to 1.
+    integrator
+        Name of the integrator.
+
+    Returns
+    -------
+    RenderedImage
+        The image.
+
+    Raises
+    ------
+    InputError
+        If the integrator does not support the scene.
     """
     if not variant.compiled() and integrator != "stock":
         warnings.warn(variant.HINT, RuntimeWarning, stacklevel=2)
         integrator = "stock"
     integrators: dict[str, Callable[..., RenderedImage]] = {
-        "default": render_final_gather if scene.diffuse else render_general_path_tracer,
+        "default": render_final_gather if job.scene.diffuse else render_general_path_tracer,
         "final-gather": render_final_gather,
-        "path": render_path_tracer if scene.diffuse else render_general_path_tracer,
+        "path": render_path_tracer if job.scene.diffuse else render_general_path_tracer,
         "stock": render_stock,
     }
-    return integrators[integrator](
-        scene,
-        camera,
-        wavelength_nm,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=max_bounces,
-        progress=progress,
-    )
+    return integrators[integrator](job, progress=progress)

@@ -1,91 +1,79 @@
-"""A picture split into passes with different random numbers, rendered in sequence or on several machines."""
+"""Images rendered one batch at a time ("passes"), in sequence or on several machines."""
 
 from __future__ import annotations
 
 import pickle
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
-from numpy.typing import NDArray
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
-from ..image import RenderedImage
+from ..image import RenderedImage, RenderJob
 from ..radiosity import LightField, gather, solve_light
 from .choice import render
 
-__all__ = ["PILOT_SAMPLES", "Job", "combined", "distributed", "render_pass"]
+__all__ = ["TIMEOUT_S", "combined", "distributed", "render_pass"]
 
-#: Samples of a pass of the pilot that tells how many are needed.
-PILOT_SAMPLES = 64
+#: Held by the pass that is rendered: the threads of a worker render one after another.
 _RENDER_LOCK = threading.Lock()
-#: Time allowed for a scheduler to answer.
+#: Time that a scheduler has to answer, s.
 TIMEOUT_S = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One pass of a picture. seed : of the picture. number : of the pass; passes share no random numbers.
+def render_pass(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedImage:
+    """Image of a job by the default integrator, with the radiosity solution kept for others.
 
-    samples : of a pixel. halvings : (y, x) how many times they are halved in each; None for nowhere. All passes of a
-    picture share one radiosity solution, which depends on the picture's seed.
+    Parameters
+    ----------
+    job
+        The image to render, usually of one batch. Jobs that differ in camera, samples and batches alone share the last
+        radiosity solution.
+    progress
+        Receives the completed share of this job.
+
+    Returns
+    -------
+    RenderedImage
+        The same image as that of `render`, on any machine.
     """
-
-    scene: Scene
-    camera: Camera
-    wavelength_nm: NDArray[np.float64]
-    samples: int = PILOT_SAMPLES
-    seed: int = 0
-    max_bounces: int | None = None
-    number: int = 0
-    halvings: NDArray[np.uint8] | None = None
-
-    @property
-    def samples_of_pixels(self) -> int | NDArray[np.int64]:
-        """Samples of all pixels, or (y, x) of each."""
-        return self.samples if self.halvings is None else self.samples >> self.halvings.astype(np.int64)
-
-    def numbered(self, number: int) -> Job:
-        """Another pass of the same picture."""
-        return replace(self, number=number)
-
-
-def render_pass(job: Job, progress: Progress = QUIET) -> RenderedImage:
-    """One pass with the default integrator: an image of one batch. Repeatable on any machine."""
     with _RENDER_LOCK:
-        own_seed = job.seed + 7919 * job.number
         if job.scene.diffuse and variant.compiled():
             light = _light(pickle.dumps((job.scene, job.wavelength_nm, job.max_bounces, job.seed)))
-            return gather(light, job.camera, job.samples_of_pixels, 1, own_seed, progress)
-        return render(
-            job.scene,
-            job.camera,
-            job.wavelength_nm,
-            job.samples_of_pixels,
-            1,
-            seed=own_seed,
-            max_bounces=job.max_bounces,
-            progress=progress,
-        )
+            return gather(light, job.camera, job.samples, job.batches, job.batch_seed, progress)
+        return render(job, progress=progress)
 
 
 @lru_cache(maxsize=1)
 def _light(pickled: bytes) -> LightField:
+    """Radiosity solution for a pickled scene, wavelengths, limit of bounces and seed.
+
+    They are pickled since bytes compare by value.
+    """
     scene, wavelengths, max_bounces, seed = pickle.loads(pickled)
     return solve_light(scene, wavelengths, max_bounces, seed=seed)
 
 
 def combined(images: list[RenderedImage]) -> RenderedImage:
-    """All batches of the passes of one picture as one image.
+    """One image of all batches of the passes of one picture.
 
-    The spectral basis of another machine may differ by signs and rounding: coefficients are converted to the first.
+    The spectral basis of another machine may differ by signs and rounding. Coefficients c of basis S are then
+    converted to the first image's basis S0 by least squares, c S S0^+ (pseudoinverse).
+
+    Parameters
+    ----------
+    images
+        Images of the same scene, camera and wavelengths, at least one.
+
+    Returns
+    -------
+    RenderedImage
+        Image with the batches of all images in their order, and everything else of the first.
     """
     first = images[0]
     parts = []
@@ -96,11 +84,27 @@ def combined(images: list[RenderedImage]) -> RenderedImage:
     return replace(first, coefficients=np.concatenate(parts, dtype=np.float32))
 
 
-def distributed(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, RenderedImage]]:
-    """The jobs with their images, in order of completion, from the workers of a Dask scheduler.
+def distributed(jobs: list[RenderJob], scheduler: str) -> Iterator[tuple[RenderJob, RenderedImage]]:
+    """Render jobs on the workers of a Dask scheduler.
 
-    scheduler : an address such as tcp://host:8786. Dask repeats the pass of a failed worker on another one. Raises
-    InputError if Dask is not installed or no scheduler answers.
+    The scheduler repeats the jobs of a failed worker on another one.
+
+    Parameters
+    ----------
+    jobs
+        The passes to render.
+    scheduler
+        Address such as ``tcp://host:8786``.
+
+    Yields
+    ------
+    tuple[RenderJob, RenderedImage]
+        Each job with its image, in order of completion.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed or no scheduler answers.
     """
     try:
         import distributed as dask

@@ -1,26 +1,33 @@
-"""Path tracer with all wavelengths along each path: the unbiased reference for diffuse scenes.
+"""Path tracer with all wavelengths along each path: the reference for diffuse scenes.
 
-Each path is traced once. Its geometry and Russian roulette do not depend on the wavelength; it has one throughput
-per wavelength, so reflectances are exact at every wavelength. At every vertex the direct light of each lamp is added
-(next-event estimation); emission is added only where the camera sees a lamp. Wavelengths share their paths, so the
-errors of neighbouring wavelengths are strongly correlated.
+Each path is traced once. Its geometry and Russian roulette do not depend on the wavelength. It has one throughput per
+wavelength, so reflectances are exact at every wavelength. For a path with the reflectances rho_1, rho_2, ... of its
+vertices the estimate of reflected light at one wavelength is
+
+    Sum_n (rho_1 ... rho_n) D_n / (q_1 ... q_(n-1))
+
+where D_n is the direct light at vertex n, as a form factor (`direct_light`), and q_n the probability with which the
+path survives vertex n. Directions have the density cos(theta) / pi, which cancels the cosine and 1 / pi of Lambert's
+law. So the estimate is unbiased, apart from the rounding of single precision.
+
+Direct light is added at every vertex (next-event estimation). Emission is added only where the camera sees a lamp.
+Wavelengths share their paths, so the errors of neighbouring wavelengths are strongly correlated.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import cosine_hemisphere, device_array, dr, mi
-from ..image import RenderedImage, means_by_strips
+from ..image import RenderedImage, RenderJob, means_by_strips
 from ..radiosity import LampSampler, build_lamp_samplers, direct_light, lamp_seen
 from ..visibility import RAY_OFFSET_MM, Tracer, build_tracer, facet_coverage, intersect, pixel_rays
 from .path_points import PathPoints
 
 __all__ = ["render_path_tracer", "trace_paths"]
 
+#: Number of bounces that stands for no limit.
 UNLIMITED = 2**32 - 1
 #: Number of reflections before Russian roulette starts. With 2 the product of time and variance is smallest in the
 #: published box (with 0, 1 and 3 it is 60, 20 and 1% larger).
@@ -29,40 +36,28 @@ ROULETTE_START = 2
 HIGHEST_SURVIVAL = 0.95
 
 
-def render_path_tracer(
-    scene: Scene,
-    camera: Camera,
-    wavelength_nm: np.ndarray,
-    samples: int | np.ndarray = 256,
-    batches: int = 4,
-    *,
-    seed: int = 0,
-    max_bounces: int | None = None,
-    progress: Progress = QUIET,
-) -> RenderedImage:
-    """Render the scene through the camera by path tracing.
-
-    wavelength_nm : (w,) at which reflectances and lamp are evaluated. samples : paths per pixel and batch; of each
-    pixel where (y, x). batches : independent randomisations, whose scatter gives the standard error. max_bounces :
-    largest number of reflections between lamp and camera (0 the visible lamp, 1 direct light; None for no limit).
-    seed : results are repeatable.
+def render_path_tracer(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedImage:
+    """Image of a diffuse scene by path tracing.
 
     The coefficients are radiance relative to the lamps': of each visible lamp relative to its own, then of reflected
-    light at each wavelength relative to the lamps' mean (``Scene.lamp_radiance``).
+    light at each wavelength relative to the lamps' mean (`Scene.lamp_radiance`).
+
+    Parameters
+    ----------
+    job
+        The image to render; its scene is diffuse.
+    progress
+        Receives the completed share after each kernel call.
+
+    Returns
+    -------
+    RenderedImage
+        Image with one coefficient per lamp and one per wavelength.
     """
-    wavelengths = np.asarray(wavelength_nm, float)
+    scene, wavelengths = job.scene, job.wavelength_nm
     tracer = build_tracer(scene)
-    coverage = facet_coverage(tracer, camera)
-    sums = trace_paths(
-        tracer,
-        camera,
-        wavelengths,
-        samples=samples,
-        batches=batches,
-        seed=seed,
-        max_bounces=max_bounces,
-        progress=progress,
-    )
+    coverage = facet_coverage(tracer, job.camera)
+    sums = trace_paths(tracer, job, progress)
     lamp_radiance = scene.lamp_radiance(wavelengths)
     return RenderedImage(
         coefficients=sums,
@@ -76,74 +71,87 @@ def render_path_tracer(
 
 def trace_paths(
     tracer: Tracer,
-    camera: Camera,
-    wavelengths: np.ndarray,
+    job: RenderJob,
+    progress: Progress = NO_PROGRESS,
     *,
-    samples: int | np.ndarray,
-    batches: int,
-    seed: int,
-    max_bounces: int | None,
-    progress: Progress = QUIET,
     counted: bool = False,
     split: int = 0,
 ) -> np.ndarray:
-    """(batch, y, x, n) means over paths: each visible lamp, then light at each wavelength, see ``render_path_tracer``.
+    """Means over paths of the relative radiance, and of its parts.
 
-    counted : also, for each material (not the lamps), light at each wavelength times the number of reflections by it.
-    split : also light reflected once, twice, ... up to ``split`` times, at each wavelength.
+    Parameters
+    ----------
+    tracer
+        Tracer of the job's scene.
+    job
+        The image to render; its scene is diffuse.
+    progress
+        Receives the completed share after each kernel call.
+    counted
+        Whether to return, too, for each material (not the lamps) the light at each wavelength times the number of
+        reflections by that material.
+    split
+        Number of reflections up to which the light reflected once, twice, ... is returned, too, at each wavelength.
+
+    Returns
+    -------
+    NDArray
+        (batch, y, x, n): each visible lamp, the light at each wavelength (see `render_path_tracer`), then the light
+        of `counted` (material, w) and of `split` (reflections, w).
     """
     lamps = build_lamp_samplers(tracer)
 
-    def strip(pixels: mi.UInt32, own_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
+    def strip(pixels: mi.UInt32, lane_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         return _strip(
             tracer,
             lamps,
-            wavelengths,
-            camera,
+            job,
             pixels,
-            samples=own_samples,
+            samples=lane_samples,
             seeds=seeds,
-            max_bounces=max_bounces,
             counted=counted,
             split=split,
         )
 
-    return means_by_strips(strip, camera, samples, batches, seed, progress)
+    return means_by_strips(strip, job, progress)
 
 
 def _strip(
     tracer: Tracer,
     lamps: tuple[LampSampler, ...],
-    wavelengths: np.ndarray,
-    camera: Camera,
+    job: RenderJob,
     pixels: mi.UInt32,
     *,
     samples: int,
     seeds: mi.UInt32,
-    max_bounces: int | None,
     counted: bool = False,
     split: int = 0,
 ) -> list[mi.Float]:
-    """Sums over the paths of each of some pixels, see ``trace_paths``.
+    """Sums over the paths of each of some pixels, see `trace_paths`.
 
-    One lane per pixel and one symbolic loop over path segments. A lane whose path has ended starts its next path in
-    the same step, so lanes do not wait for the longest path of their neighbours. For speed, the state of a path is
-    reset when the next path meets its first surface, and the throughputs and sums of all wavelengths are updated one
-    step after the vertex.
+    One lane per pixel and one symbolic loop over path segments. A lane whose path has ended starts its next path in the
+    same step, so lanes do not wait for the longest path of their neighbours.
+
+    Two devices save time. The state of a path is reset when the next path meets its first surface. The throughputs and
+    sums of all wavelengths are updated one step after the vertex.
+
+    The survival probability of a vertex is the largest reflectance of its material over the wavelengths, between 0.05
+    and HIGHEST_SURVIVAL.
     """
     count = dr.width(pixels)
-    rays = pixel_rays(camera, pixels)
+    wavelengths, max_bounces = job.wavelength_nm, job.max_bounces
+    rays = pixel_rays(job.camera, pixels)
     points = PathPoints(samples, pixels, seeds)
     reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
     reflectance_of = _MaterialTable(reflectances)
     survival_of = _MaterialTable(np.column_stack([survival, 1 / survival]))
     total = dr.opaque(mi.UInt32, samples)
-    last = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
-    one = mi.Float(1)
-    mixed = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
+    max_depth = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
+    full = mi.Float(1)
+    lamp_shares = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
 
-    def carried(
+    def updated(
         throughput: list[mi.Float],
         sums: list[mi.Float],
         counted_sums: list[list[mi.Float]],
@@ -152,12 +160,19 @@ def _strip(
         lights: list[mi.Float],
         counts: list[mi.Float],
     ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
-        """Throughputs and sums of all wavelengths after a vertex with its material and direct light of each lamp."""
+        """Throughputs and sums of all wavelengths after a vertex.
+
+        The vertex is given by its material and the direct light of each lamp. `begun` marks first vertices of paths, at
+        which the throughput is reset. `counts` are the factors of `counted_sums`.
+        """
         throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)]
         if len(lights) == 1:  # of share 1 at every wavelength
             light = lights * len(sums)
         else:
-            light = [sum(m * x for m, x in zip(own, lights, strict=True)) for own in zip(*mixed, strict=True)]
+            light = [
+                sum(m * x for m, x in zip(shares_at, lights, strict=True))
+                for shares_at in zip(*lamp_shares, strict=True)
+            ]
         sums = [dr.fma(t, x, s) for t, x, s in zip(throughput, light, sums, strict=True)]
         counted_sums = [
             [dr.fma(c * x, t, s) for t, x, s in zip(throughput, light, row, strict=True)]
@@ -166,30 +181,31 @@ def _strip(
         return throughput, sums, counted_sums
 
     def body(spectral: tuple, path: tuple) -> tuple[tuple, tuple]:
-        carried_on, counts = carried(*spectral), spectral[-1]
-        index, depth, origin, direction, seen, weight = path
+        """One path segment: the update for the vertex before, then the vertex at its end."""
+        spectra, counts = updated(*spectral), spectral[-1]
+        index, depth, origin, direction, emitted, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
-        material, shaded = hit.material, hit.reflecting & (depth < last)
+        material, shaded = hit.material, hit.reflecting & (depth < max_depth)
         vertex = points.at_vertex(index, depth)
         begun = depth == 0
-        weight = dr.select(begun, one, weight)
+        weight = dr.select(begun, full, weight)
         u, v = vertex.light_u, vertex.light_v
         lights = [weight * direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded) for lamp in lamps]
         reflected = [
-            dr.select(begun, 0, c) + dr.select(shaded & (material == m), one, 0)
+            dr.select(begun, 0, c) + dr.select(shaded & (material == m), full, 0)
             for m, c in enumerate(counts[:followed])
         ]
-        reached = [dr.select(depth == n, one, 0) for n in range(split)]
-        survives, raised = (dr.select(depth < ROULETTE_START, one, x) for x in survival_of(material))
-        ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < last))
+        reached = [dr.select(depth == n, full, 0) for n in range(split)]
+        survives, raised = (dr.select(depth < ROULETTE_START, full, x) for x in survival_of(material))
+        ended = ~(shaded & (vertex.roulette < survives) & (depth + 1 < max_depth))
         u, v = points.onward(index, depth, ended)
         turned, fresh = cosine_hemisphere(hit.normal, u, v), rays(u, v)
-        return (*carried_on, begun, material, lights, reflected + reached), (
+        return (*spectra, begun, material, lights, reflected + reached), (
             index + dr.select(ended, mi.UInt32(1), mi.UInt32(0)),
             dr.select(ended, mi.UInt32(0), depth + 1),
             mi.Point3f(dr.select(ended, fresh.o, hit.position + hit.normal * RAY_OFFSET_MM)),
             dr.select(ended, fresh.d, turned),
-            [s + dr.select(begun, lamp_seen(lamp, hit, direction), 0) for s, lamp in zip(seen, lamps, strict=True)],
+            [s + dr.select(begun, lamp_seen(lamp, hit, direction), 0) for s, lamp in zip(emitted, lamps, strict=True)],
             weight * raised,
         )
 
@@ -217,13 +233,16 @@ def _strip(
         zeros(len(lamps)),
         dr.zeros(mi.Float, count),
     )
-    spectral, (*_, seen, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
-    _, sums, counted_sums = carried(*spectral)
-    return [*seen, *sums, *(s for row in counted_sums for s in row)]
+    spectral, (*_, emitted, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
+    _, sums, counted_sums = updated(*spectral)
+    return [*emitted, *sums, *(s for row in counted_sums for s in row)]
 
 
 class _MaterialTable:
-    """A table (material, w), the lamps' rows last, of which each lane reads the row of its material, four at a time."""
+    """A table (material, w) from which each lane reads the row of its material.
+
+    Four values are read at a time. The rows of lamps are last.
+    """
 
     def __init__(self, table: np.ndarray) -> None:
         self._wavelengths = table.shape[1]

@@ -11,16 +11,25 @@ from ..visibility import Hit, Tracer
 
 __all__ = ["SpectralMedia"]
 
-#: Anisotropies nearer to 0 than this are isotropic.
+#: Anisotropy below which a medium is taken as isotropic.
 _ISOTROPIC = 1e-3
 
 
 class SpectralMedia:
-    """What is around the surfaces, number 0, and what fills the insides of closed ones.
+    """Media of a scene: number 0 around the surfaces, others inside closed surfaces.
 
-    Distances are sampled for all wavelengths from one exponential density, with one weight per wavelength. The rate of
-    the density is the smallest extinction of all wavelengths, but at least a quarter of their mean, which bounds the
-    weights.
+    Distances t are sampled for all wavelengths from one density r exp(-r t), with one weight per wavelength. Let s be
+    the extinction and k the scattering coefficient. A scattering at t has the weight exp(-s t) k / (r exp(-r t)) = (k /
+    r) exp((r - s) t), so the estimate is unbiased for every rate r > 0. A path that reaches the limit d has the weight
+    exp(-s d) / exp(-r d). The rate is the smallest extinction of all wavelengths, but at least a quarter of their mean,
+    which bounds the weights.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    wavelengths
+        (w,) wavelengths, nm.
     """
 
     def __init__(self, tracer: Tracer, wavelengths: NDArray[np.float64]) -> None:
@@ -37,11 +46,30 @@ class SpectralMedia:
         self._inside = device_array(mi.UInt32, behind)
 
     def _at(self, column: int, which: mi.UInt32) -> mi.Float:
+        """A column's value for the medium of each lane."""
         values = self._columns[column]
         return dr.gather(mi.Float, values, which) if self.bounded else values
 
     def behind(self, hit: Hit, direction: mi.Vector3f, which: mi.UInt32, met: mi.Bool) -> mi.UInt32:
-        """The medium in which a path goes on along ``direction`` from where it met a surface in medium ``which``."""
+        """Medium in which a path continues from a surface.
+
+        Parameters
+        ----------
+        hit
+            The hits.
+        direction
+            Directions in which the paths continue.
+        which
+            Number of the medium in which each path met the surface.
+        met
+            Lanes that met a surface.
+
+        Returns
+        -------
+        UInt32
+            Number of the medium behind a filled surface if the direction goes into it, 0 if it goes out; otherwise
+            `which`.
+        """
         if not self.bounded:
             return which
         inside = dr.gather(mi.UInt32, self._inside, hit.triangle, met)
@@ -51,7 +79,25 @@ class SpectralMedia:
     def sample_distance(
         self, which: mi.UInt32, chance: mi.Float, limit: mi.Float, throughput: list[mi.Float]
     ) -> tuple[mi.Float, mi.Bool, list[mi.Float]]:
-        """Distance to the next event (mm, at most ``limit``), whether it is a scattering, and the new throughput."""
+        """Sampled distance to the next event of a path.
+
+        Parameters
+        ----------
+        which
+            Number of the medium.
+        chance
+            Random number, in [0, 1).
+        limit
+            Distance of the next surface, mm; infinite for none.
+        throughput
+            Throughput of the path at each wavelength.
+
+        Returns
+        -------
+        tuple[Float, Bool, list[Float]]
+            Distance, mm, at most `limit`; whether a scattering ends it; and the new throughput, 0 for a path that
+            leaves to infinity.
+        """
         rate = self._at(0, which)
         free = -dr.log(1 - chance) / rate
         scattered = free < limit
@@ -63,11 +109,39 @@ class SpectralMedia:
         return distance, scattered, [dr.select(dr.isfinite(distance), t, 0) for t in carried]
 
     def transmittance(self, which: mi.UInt32, distance: mi.Float) -> list[mi.Float]:
-        """Transmittance (0 to 1) over a distance (mm), at each wavelength."""
+        """Transmittance over a distance, by Beer's law.
+
+        Parameters
+        ----------
+        which
+            Number of the medium.
+        distance
+            Distance, mm.
+
+        Returns
+        -------
+        list[Float]
+            exp(-extinction times distance), 0 to 1, at each wavelength.
+        """
         return [dr.exp(-self._at(2 + k, which) * distance) for k in range(self._bands)]
 
     def phase(self, which: mi.UInt32, cosine: mi.Float) -> mi.Float:
-        """Henyey and Greenstein's phase function, 1/sr. cosine : between old and new direction."""
+        """Phase function of Henyey and Greenstein.
+
+        It is (1 - g^2) / (4 pi (1 + g^2 - 2 g cosine)^(3/2)), with the anisotropy g of the medium.
+
+        Parameters
+        ----------
+        which
+            Number of the medium.
+        cosine
+            Cosine of the angle between old and new direction.
+
+        Returns
+        -------
+        Float
+            Phase function, 1/sr.
+        """
         g = self._at(1, which)
         root = dr.maximum(1 + g * g - 2 * g * cosine, 1e-12)
         return (1 - g * g) / (4 * dr.pi * root * dr.sqrt(root))
@@ -75,7 +149,24 @@ class SpectralMedia:
     def sample(
         self, which: mi.UInt32, direction: mi.Vector3f, u: mi.Float, v: mi.Float
     ) -> tuple[mi.Vector3f, mi.Float]:
-        """A new direction, sampled from the phase function, and its density, 1/sr."""
+        """Direction sampled from the phase function, and its density.
+
+        Parameters
+        ----------
+        which
+            Number of the medium.
+        direction
+            Unit direction of the path before the scattering.
+        u
+            Random number for the angle of scattering, in [0, 1).
+        v
+            Random number for the azimuth, in [0, 1).
+
+        Returns
+        -------
+        tuple[Vector3f, Float]
+            Unit direction, and the density, 1/sr, equal to the phase function.
+        """
         g = self._at(1, which)
         even = dr.abs(g) < _ISOTROPIC
         bent = dr.select(even, 1, g)
@@ -88,7 +179,10 @@ class SpectralMedia:
 
 
 def _row(medium: Medium | None, wavelengths: NDArray[np.float64]) -> list[float]:
-    """Rate, anisotropy, extinctions, scattering over the rate; of clear air where there is no medium."""
+    """Rate, anisotropy, extinctions, and scattering over the rate, of one medium.
+
+    None stands for clear air, with a rate of 1e-12 per mm.
+    """
     if medium is None:
         return [1e-12, 0.0, *np.zeros(2 * len(wavelengths)).tolist()]
     scattering = medium.scattering_per_mm.at(wavelengths)
@@ -99,4 +193,5 @@ def _row(medium: Medium | None, wavelengths: NDArray[np.float64]) -> list[float]
 
 
 def _column(values: tuple[float, ...]) -> mi.Float:
+    """Values of all media as one array; of one medium as data, not as a literal."""
     return device_array(mi.Float, np.array(values)) if len(values) > 1 else dr.opaque(mi.Float, values[0])

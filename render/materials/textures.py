@@ -1,4 +1,4 @@
-"""Textures at the places that rays hit, for all wavelengths at once."""
+"""Textures at the points that rays hit, for all wavelengths at once."""
 
 from __future__ import annotations
 
@@ -16,15 +16,19 @@ __all__ = ["SpectralTextures"]
 
 @dataclass(frozen=True, eq=False)
 class _Bitmap:
-    """A texture's weights row by row, and its spectra (k, w). material : the index by which hits name it."""
+    """One texture: at each pixel a weighted sum of k spectra."""
 
+    #: Index of its material in hits.
     material: int
+    #: (rows, columns, k) weights, flattened.
     weights: mi.Float
+    #: Rows, columns and k.
     shape: tuple[int, int, int]
+    #: (k, w) reflectance spectra.
     spectra: list[list[mi.Float]]
 
     def at(self, u: mi.Float, v: mi.Float, active: mi.Bool) -> list[mi.Float]:
-        """The reflectance at each wavelength, bilinear between the centres of four pixels."""
+        """Reflectance at each wavelength, bilinear between the centres of four pixels."""
         rows, columns, channels = self.shape
         x, y = u * columns - 0.5, v * rows - 0.5
         left, top = dr.floor(x), dr.floor(y)
@@ -45,6 +49,7 @@ class _Bitmap:
 
 
 def _bitmap(material: int, texture: Texture, wavelengths: NDArray[np.float64]) -> _Bitmap:
+    """The bitmap of a texture, with its spectra at the wavelengths."""
     rows, columns, channels = texture.weights.shape
     spectra = [
         [dr.opaque(mi.Float, float(value)) for value in spectrum.at(wavelengths)] for spectrum in texture.spectra
@@ -53,7 +58,15 @@ def _bitmap(material: int, texture: Texture, wavelengths: NDArray[np.float64]) -
 
 
 class SpectralTextures:
-    """The textures in a scene."""
+    """The textures of a scene.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    wavelengths
+        (w,) wavelengths, nm.
+    """
 
     def __init__(self, tracer: Tracer, wavelengths: NDArray[np.float64]) -> None:
         scene = tracer.scene
@@ -70,11 +83,26 @@ class SpectralTextures:
         self._corners = device_array(mi.Float, corners)
 
     def reflectance(self, hit: Hit, rho: list[mi.Float], active: mi.Bool) -> list[mi.Float]:
-        """``rho`` at each wavelength, or what a texture says at the hit."""
+        """Reflectance at hits, by the textures where there are any.
+
+        Parameters
+        ----------
+        hit
+            The hits.
+        rho
+            Reflectance of the material at each wavelength, returned where there is no texture.
+        active
+            Lanes that are evaluated.
+
+        Returns
+        -------
+        list[Float]
+            Reflectance at each wavelength.
+        """
         for bitmap in self._bitmaps:
-            here = active & (hit.material == bitmap.material)
-            a, b, c = (dr.gather(mi.Point2f, self._corners, hit.triangle * 3 + k, here) for k in range(3))
-            place = a + (b - a) * hit.uv.x + (c - a) * hit.uv.y
-            painted = bitmap.at(place.x, place.y, here)
-            rho = [dr.select(here, new, old) for new, old in zip(painted, rho, strict=True)]
+            textured = active & (hit.material == bitmap.material)
+            a, b, c = (dr.gather(mi.Point2f, self._corners, hit.triangle * 3 + k, textured) for k in range(3))
+            coordinates = a + (b - a) * hit.uv.x + (c - a) * hit.uv.y
+            painted = bitmap.at(coordinates.x, coordinates.y, textured)
+            rho = [dr.select(textured, new, old) for new, old in zip(painted, rho, strict=True)]
         return rho

@@ -1,4 +1,7 @@
-"""Pixels crossed by the edge of a face, by projection; all other pixels see one face or none."""
+"""Pixels crossed by the edge of a face, by projection.
+
+All other pixels show one face or none.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,21 @@ _STEP_PX = 0.25
 
 
 def face_edges(vertices: NDArray, facet: NDArray) -> NDArray[np.float64]:
-    """(n, 2, 3) ends in mm of the triangles' edges that are not between two triangles of one face.
+    """Edges of triangles that are not between two triangles of one face.
 
-    vertices : (t, 3, 3) mm. facet : (t,) the face of each triangle.
+    Parameters
+    ----------
+    vertices
+        (t, 3, 3) corners of triangles, mm.
+    facet
+        (t,) flat face of each triangle.
+
+    Returns
+    -------
+    NDArray
+        (n, 2, 3) ends, mm.
     """
-    places, corner = np.unique(vertices.reshape(-1, 3), axis=0, return_inverse=True)
+    points, corner = np.unique(vertices.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     edges, which, uses = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
@@ -25,13 +38,25 @@ def face_edges(vertices: NDArray, facet: NDArray) -> NDArray[np.float64]:
     low, high = np.full(len(edges), facet.max()), np.zeros(len(edges), int)
     np.minimum.at(low, which.ravel(), owners)
     np.maximum.at(high, which.ravel(), owners)
-    return places[edges[(uses == 1) | (low < high)]]
+    return points[edges[(uses == 1) | (low < high)]]
 
 
 def pixels_on_edges(camera: Camera, edges: NDArray) -> NDArray[np.bool_]:
-    """(y, x) True where an edge, visible or not, crosses or nearly touches the pixel.
+    """Pixels that an edge, visible or not, crosses or nearly touches.
 
-    edges : (n, 2, 3) ends, mm.
+    Points along the projected edges are marked, with a margin of half their distance.
+
+    Parameters
+    ----------
+    camera
+        Camera of the image.
+    edges
+        (n, 2, 3) ends, mm.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for pixels on an edge.
     """
     ends = _clipped(camera, edges)
     flat = ends[..., :2] / ends[..., 2:]
@@ -51,19 +76,23 @@ def pixels_on_edges(camera: Camera, edges: NDArray) -> NDArray[np.bool_]:
 
 
 def _clipped(camera: Camera, edges: NDArray) -> NDArray[np.float64]:
-    """(m, 2, 3) segments in camera coordinates, clipped to a pyramid around the field of view."""
+    """(m, 2, 3) segments in camera coordinates, clipped to a pyramid around the field of view.
+
+    The pyramid |x| < r_x z, |y| < r_y z contains the rays of all pixels of the border and of one more row and column on
+    each side. Segments outside are left out.
+    """
     local = (edges - camera.position_mm) @ camera.rotation.T
     rows, columns = (np.arange(-1, size + 1) for size in (camera.height_px, camera.width_px))
     outline = [(columns, rows[0]), (columns, rows[-1]), (columns[0], rows), (columns[-1], rows)]
-    seen = np.concatenate([camera.directions(*places) for places in outline]) @ camera.rotation.T
-    reach = np.nanmax(np.abs(seen[:, :2] / seen[:, 2:]), axis=0)
+    directions = np.concatenate([camera.directions(*pixels) for pixels in outline]) @ camera.rotation.T
+    reach = np.nanmax(np.abs(directions[:, :2] / directions[:, 2:]), axis=0)
     inside = np.concatenate([reach * local[..., 2:] - local[..., :2], reach * local[..., 2:] + local[..., :2]], -1)
     start, end = np.moveaxis(inside, 1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start / (start - end)
     first = np.where(start < 0, crossing, 0.0).max(axis=-1)
     last = np.where(end < 0, crossing, 1.0).min(axis=-1)
-    kept = first < last
-    a, b = local[kept, 0], local[kept, 1]
-    part = np.stack([first[kept], last[kept]], axis=-1)[..., None]
+    visible = first < last
+    a, b = local[visible, 0], local[visible, 1]
+    part = np.stack([first[visible], last[visible]], axis=-1)[..., None]
     return a[:, None] + part * (b - a)[:, None]

@@ -1,5 +1,8 @@
-"""What rays are asked of: flat faces in the kernel, a tree of many triangles, or, where balls and meshes are among
-walls, faces and balls in the kernel and the meshes in a tree."""
+"""Intersection of rays with flat faces and balls in the kernel, and with meshes in a tree.
+
+A scene of a few flat faces needs no tree, and one of meshes alone is a tree. Where both occur, faces and balls are
+tried first, and the tree by those rays only that reach a box around a mesh.
+"""
 
 from __future__ import annotations
 
@@ -14,82 +17,119 @@ from ..device import device_array, dr, mi
 from .balls import Balls, NearestOnBall, build_balls
 from .flat_faces import FlatFaces, flat_faces
 
-__all__ = ["FacesAndTree", "build_accelerator", "in_a_tree"]
+__all__ = ["FacesAndTree", "build_accelerator", "triangle_tree"]
 
-#: Beside a tree, more flat faces than this do not pay.
-_MOST_BESIDE = 32
+#: Largest number of flat faces tried in the kernel together with a tree; with more of them the tree alone is faster.
+_MOST_WITH_TREE = 32
 
-#: Surfaces in a tree that have a bounding box of their own; more of them share one.
+#: Largest number of surfaces in a tree with one bounding box each; more of them share one box.
 _MOST_BOXES = 4
 
-#: Every ray tries all balls; where there are more than this they stay triangles in the tree.
+#: Largest number of balls tried in the kernel, by every ray; more of them stay triangles in the tree.
 _MOST_BALLS = 16
 
-#: Bounding boxes reach so much further than their corners, mm.
+#: Distance by which bounding boxes are enlarged, mm.
 _MARGIN_MM = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class FacesAndTree:
-    """Rays against flat faces and balls first; only those that reach a box about the other triangles are asked of the
-    tree. balls, tree : None where there are none.
+    """Flat faces and balls in the kernel, and a tree for the other triangles.
 
-    boxes : the lower and upper corners, in numbers of one lane. of_faces, of_tree : the scene's triangle of each one of
-    the faces' and of the tree's.
+    Rays try faces and balls first. Only those that then reach a box around the other triangles are traced through the
+    tree.
     """
 
+    #: The flat faces.
     faces: FlatFaces
+    #: The balls; None where there are none.
     balls: Balls | None
+    #: The other triangles; None where there are none.
     tree: mi.Scene | None
+    #: Lower and upper corners of the boxes around them, mm, in numbers of one lane.
     boxes: tuple[tuple[mi.Point3f, mi.Point3f], ...]
-    of_faces: mi.UInt32
-    of_tree: mi.UInt32
+    #: For each triangle of `faces`, its index in the scene.
+    face_triangles: mi.UInt32
+    #: For each triangle of `tree`, its index in the scene.
+    tree_triangles: mi.UInt32
 
     def ray_intersect_preliminary(
         self, ray: mi.Ray3f, coherent: bool = False, active: mi.Bool | bool = True
     ) -> NearestOnBall:
-        """The nearest triangle of each lane's ray; on a ball, that which stands for the place met, at its middle."""
+        """Nearest triangle of each lane's ray, in the form of Mitsuba's method of this name.
+
+        Parameters
+        ----------
+        ray
+            One ray per lane.
+        coherent
+            Whether neighbouring lanes have similar rays.
+        active
+            Lanes whose rays are traced.
+
+        Returns
+        -------
+        NearestOnBall
+            On a ball, the triangle that stands for the point, with the coordinates of its centre.
+        """
         flat = self.faces.ray_intersect_preliminary(ray, coherent, active)
         distance, uv = dr.select(active, dr.minimum(ray.maxt, flat.t), -1.0), flat.prim_uv
-        triangle = dr.gather(mi.UInt32, self.of_faces, flat.prim_index, flat.valid)
+        triangle = dr.gather(mi.UInt32, self.face_triangles, flat.prim_index, flat.valid)
         valid, on_ball, normal = flat.valid, mi.Bool(False), mi.Vector3f(0)
         if self.balls is not None:
-            distance, ball = self.balls.met(ray, distance)
+            distance, ball = self.balls.first_hit(ray, distance)
             on_ball = ball < len(self.balls.spheres)
-            there, normal = self.balls.at(ray(distance), ball, on_ball)
-            triangle, uv = dr.select(on_ball, there, triangle), dr.select(on_ball, mi.Point2f(1 / 3), uv)
+            ball_triangle, normal = self.balls.surface_at(ray(distance), ball, on_ball)
+            triangle, uv = dr.select(on_ball, ball_triangle, triangle), dr.select(on_ball, mi.Point2f(1 / 3), uv)
             valid = valid | on_ball
         if self.tree is not None:
             shorter = mi.Ray3f(ray.o, ray.d)
             shorter.maxt = distance
-            asked = self._reached(shorter) & active
-            found = self.tree.ray_intersect_preliminary(shorter, coherent=coherent, active=asked)
-            met = found.is_valid() & asked
-            distance, uv = dr.select(met, found.t, distance), dr.select(met, found.prim_uv, uv)
-            triangle = dr.select(met, dr.gather(mi.UInt32, self.of_tree, found.prim_index, met), triangle)
-            valid, on_ball = valid | met, on_ball & ~met
+            searched = self._meets_box(shorter) & active
+            in_tree = self.tree.ray_intersect_preliminary(shorter, coherent=coherent, active=searched)
+            nearer = in_tree.is_valid() & searched
+            distance, uv = dr.select(nearer, in_tree.t, distance), dr.select(nearer, in_tree.prim_uv, uv)
+            triangle = dr.select(
+                nearer, dr.gather(mi.UInt32, self.tree_triangles, in_tree.prim_index, nearer), triangle
+            )
+            valid, on_ball = valid | nearer, on_ball & ~nearer
         return NearestOnBall(dr.select(valid, distance, dr.inf), triangle, uv, valid, on_ball, normal)
 
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
-        """Whether anything is met before the ray's end; ``enclosed`` as for ``FlatFaces``."""
+        """Whether a ray hits anything before its end.
+
+        Parameters
+        ----------
+        ray
+            One ray per lane.
+        active
+            Lanes whose rays are traced.
+        enclosed
+            Whether both ends lie within the scene's convex hull, see `FlatFaces.ray_test`.
+
+        Returns
+        -------
+        Bool
+            True for a hit.
+        """
         blocked = self.faces.ray_test(ray, active, enclosed)
         if self.balls is not None:
-            _, ball = self.balls.met(ray, ray.maxt)
+            _, ball = self.balls.first_hit(ray, ray.maxt)
             blocked |= (ball < len(self.balls.spheres)) & active
         if self.tree is None:
             return blocked
-        asked = self._reached(ray) & active & ~blocked
-        return blocked | (self.tree.ray_test(ray, active=asked) & asked)
+        searched = self._meets_box(ray) & active & ~blocked
+        return blocked | (self.tree.ray_test(ray, active=searched) & searched)
 
-    def _reached(self, ray: mi.Ray3f) -> mi.Bool:
-        """Whether a ray passes a box before its end."""
+    def _meets_box(self, ray: mi.Ray3f) -> mi.Bool:
+        """Whether a ray passes a box before its end, by the slab method."""
         slowness = dr.rcp(ray.d)
-        found = mi.Bool(False)
+        met = mi.Bool(False)
         for low, high in self.boxes:
-            one, other = (low - ray.o) * slowness, (high - ray.o) * slowness
-            enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
-            found |= (enter <= leave) & (leave >= 0) & (enter <= ray.maxt)
-        return found
+            first, second = (low - ray.o) * slowness, (high - ray.o) * slowness
+            enter, leave = dr.max(dr.minimum(first, second)), dr.min(dr.maximum(first, second))
+            met |= (enter <= leave) & (leave >= 0) & (enter <= ray.maxt)
+        return met
 
 
 def build_accelerator(
@@ -98,29 +138,47 @@ def build_accelerator(
     surface: NDArray[np.int64],
     balls: Mapping[int, Surface],
 ) -> mi.Scene | FlatFaces | FacesAndTree:
-    """What rays are asked of. vertices : (t, 3, 3) mm. facet, surface : (t,) of each triangle. balls : the opaque ones,
-    by their index among surfaces.
+    """Accelerator for the triangles of a scene.
+
+    On a GPU always a tree (OptiX). Otherwise `FlatFaces` if all triangles form few flat faces; a tree if no or too many
+    surfaces are of few triangles; else `FacesAndTree`.
+
+    Parameters
+    ----------
+    vertices
+        (t, 3, 3) corners, mm.
+    facet
+        (t,) flat face of each triangle.
+    surface
+        (t,) surface of each triangle, each lamp counted as one.
+    balls
+        Opaque balls, by their index among surfaces.
+
+    Returns
+    -------
+    Scene | FlatFaces | FacesAndTree
+        The accelerator.
     """
     if mi.variant().startswith("cuda"):
-        return in_a_tree(vertices)
+        return triangle_tree(vertices)
     faces = flat_faces(vertices, facet)
     if faces is not None:
         return faces
     sizes = np.bincount(surface)
-    few = np.isin(surface, np.flatnonzero(sizes <= _MOST_BESIDE))
+    few = np.isin(surface, np.flatnonzero(sizes <= _MOST_WITH_TREE))
     faces = flat_faces(vertices[few], facet[few], vertices.reshape(-1, 3)) if few.any() else None
-    if faces is None or len(faces.outlines) > _MOST_BESIDE:
-        return in_a_tree(vertices)
+    if faces is None or len(faces.outlines) > _MOST_WITH_TREE:
+        return triangle_tree(vertices)
     if len(balls) > _MOST_BALLS:
         balls = {}
     many = ~few & ~np.isin(surface, list(balls))
     others = np.unique(surface[many])
-    groups = [] if not len(others) else [[one] for one in others] if len(others) <= _MOST_BOXES else [others]
+    groups = [] if not len(others) else [[index] for index in others] if len(others) <= _MOST_BOXES else [others]
     corners = [vertices[np.isin(surface, group)].reshape(-1, 3) for group in groups]
     return FacesAndTree(
         faces,
         build_balls({int(np.argmax(surface == index)): b for index, b in balls.items()}) if balls else None,
-        in_a_tree(vertices[many]) if many.any() else None,
+        triangle_tree(vertices[many]) if many.any() else None,
         tuple((_point(c.min(axis=0) - _MARGIN_MM), _point(c.max(axis=0) + _MARGIN_MM)) for c in corners),
         device_array(mi.UInt32, np.flatnonzero(few)),
         device_array(mi.UInt32, np.flatnonzero(many)),
@@ -128,11 +186,23 @@ def build_accelerator(
 
 
 def _point(values: NDArray[np.float64]) -> mi.Point3f:
+    """A point in numbers of one lane, which are data of the kernel, not literals in it."""
     return mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in values))
 
 
-def in_a_tree(vertices: NDArray[np.float64]) -> mi.Scene:
-    """Triangles (t, 3, 3) in Embree's tree, or OptiX's on a GPU."""
+def triangle_tree(vertices: NDArray[np.float64]) -> mi.Scene:
+    """Triangles in Embree's tree, or in OptiX's on a GPU.
+
+    Parameters
+    ----------
+    vertices
+        (t, 3, 3) corners, mm.
+
+    Returns
+    -------
+    Scene
+        A Mitsuba scene of one mesh, for intersections only.
+    """
     mesh = mi.Mesh("scene", 3 * len(vertices), len(vertices))
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = device_array(mi.Float, vertices)

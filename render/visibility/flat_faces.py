@@ -1,9 +1,14 @@
 """Rays against a few dozen flat faces inside the compiled kernel, without a tree.
 
-Each face is a convex polygon of one or two triangles. A ray meets its plane at t; the point is inside where four
-linear functions of its two coordinates in the plane, distances from the edges in mm, are positive. Faces that bound a
-convex body, as a block or the room, need no such functions, see ``convex_bodies``. All faces are tried one after the
-other, without branches: for a few dozen that takes less time than Embree's tree.
+Each face is a convex polygon of one or two triangles. A ray o + t d meets its plane n . p = c at t = (c - n . o) /
+(n . d). The point is inside where four linear functions of its two coordinates in the plane are positive: its distances
+from the four edges, mm. A triangle has one of its edges twice.
+
+Two kinds of faces need no such functions: those that bound a convex body, as a block, and those on the scene's convex
+hull, as the walls of the room; see `convex_bodies`.
+
+All faces are tried one after the other, without branches, so all lanes take the same path. For a few dozen faces this
+takes less time than Embree's tree.
 """
 
 from __future__ import annotations
@@ -19,24 +24,28 @@ from .convex_bodies import ConvexBody, convex_bodies, convex_room
 
 __all__ = ["MOST_FACES", "FlatFaces", "Nearest", "NearestFace", "flat_faces"]
 
-#: More faces than this are cheaper in a tree.
+#: Largest number of faces; more are cheaper in a tree.
 MOST_FACES = 64
 
-#: Two triangles are one face where the second lies in the plane of the first within this, mm.
+#: Largest distance of one triangle from the plane of another with which it forms one face, mm.
 _FLAT_MM = 1e-4
 
-#: Faces reach this part of the scene's size further than their edges, so that no ray passes between two of them. It
-#: is a few roundings of a coordinate.
+#: Distance by which faces are enlarged beyond their edges, as a part of the scene's size: a few roundings of a
+#: coordinate, so that no ray passes between two faces.
 _OVERLAP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """What Mitsuba's preliminary intersection tells: t, infinite for none, the triangle, barycentric coordinates."""
+    """The nearest triangle of each lane's ray, as Mitsuba's preliminary intersection."""
 
+    #: Distance in lengths of the ray's direction; infinite without a hit.
     t: mi.Float
+    #: Index of the triangle.
     prim_index: mi.UInt32
+    #: Barycentric coordinates of its second and third corner.
     prim_uv: mi.Point2f
+    #: Whether the ray hits anything.
     valid: mi.Bool
 
     def is_valid(self) -> mi.Bool:
@@ -45,54 +54,77 @@ class Nearest:
 
 @dataclass(frozen=True, eq=False)
 class NearestFace(Nearest):
-    """Also tells the face, whose normal and material need no triangle."""
+    """The nearest triangle and its face.
 
+    Normal and material are read by the face, without the triangle.
+    """
+
+    #: Index of the face; the number of faces without a hit.
     face: mi.UInt32
 
 
 @dataclass(frozen=True, eq=False)
 class FlatFaces:
-    """Faces for ``ray_intersect_preliminary`` and ``ray_test``, which answer as Mitsuba's scene does.
+    """A few flat faces, with two methods of a Mitsuba scene.
 
-    outlines : (3 or 4, 3) corners of each face, mm, counterclockwise seen from the lit side.
-    planes : (f, 5, 4) rows (a, b) of the plane and of four sides, a . p = b on them, a . p > b inside, a of length 1;
-    the plane's a is the face's normal. Triangles have a side twice. bodies : of the faces that bound convex ones,
-    outwards. room : of those that fill sides of the scene's convex hull; None where they are few.
-    rows : of each other face its index and 18 numbers of one lane: plane (n, n . p), axes (u, u . p), (v, v . p), and
-    two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for directions. hull : for each face, whether it lies on
-    the scene's convex hull. overlap_mm : how far faces of ``rows`` reach beyond edges. triangles : (f, 2) of each face,
-    the second where the diagonal's line, a row (f, 4) of the position, is positive. coordinates : (t, 2, 4) rows of
-    barycentric coordinates.
+    These are `ray_intersect_preliminary` and `ray_test`.
     """
 
+    #: (3 or 4, 3) corners of each of the f faces, mm, counterclockwise seen from the lit side.
     outlines: tuple[NDArray[np.float64], ...]
+    #: (f, 5, 4) rows (a, b) of the plane and of four sides: a . p = b on them, a . p > b inside, a of length 1. The
+    #: plane's a is the face's normal; triangles have a side twice.
     planes: NDArray[np.float64]
+    #: Convex bodies that some faces bound, outwards.
     bodies: tuple[ConvexBody, ...]
+    #: The scene's convex hull, if enough of the remaining faces fill sides of it; otherwise None.
     room: ConvexBody | None
+    #: Index and 18 numbers of one lane of each face that is neither of a body nor of the room: plane (n, n . p), axes
+    #: (u, u . p) and (v, v . p), and two lines (a, b, c) with a u + b v + c >= 0 inside, mm but for directions.
     rows: tuple[tuple[int, tuple[mi.Float, ...]], ...]
+    #: For each face, whether it lies on the scene's convex hull.
     hull: tuple[bool, ...]
+    #: Distance by which the faces of `rows` extend beyond their edges, mm.
     overlap_mm: float
+    #: (f, 4) line (a, b) of each face's diagonal: a . p + b > 0 in its second triangle.
     diagonals: mi.Float
+    #: (f, 2) triangles of each face; twice the same for a single triangle.
     triangles: mi.UInt32
+    #: (t, 2, 4) rows (a, b) of each triangle's barycentric coordinates a . p + b.
     coordinates: mi.Float
 
     def ray_intersect_preliminary(
         self, ray: mi.Ray3f, coherent: bool = False, active: mi.Bool | bool = True
     ) -> NearestFace:
-        """The nearest face of each lane's ray; of one at the same distance as another the first."""
+        """Nearest face of each lane's ray, in the form of Mitsuba's method of this name.
+
+        Parameters
+        ----------
+        ray
+            One ray per lane.
+        coherent
+            Not used; Mitsuba's method has it.
+        active
+            Lanes whose rays are traced.
+
+        Returns
+        -------
+        NearestFace
+            The hits; of several faces at the same distance the first counts.
+        """
         nearest = dr.select(mi.Bool(active), ray.maxt, -1.0)
         none = len(self.planes)
         face = dr.full(mi.UInt32, none, 1)
         for index, row in self.rows:
-            t, inside = self._met(row, ray)
+            t, inside = self._plane_hit(row, ray)
             hit = inside & (t > 0) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
             face = dr.select(hit, index, face)
         for body in (*self.bodies, *([self.room] if self.room else [])):
-            t, own = body.met(ray, none)
-            hit = (own < none) & (t < nearest)
+            t, body_face = body.nearest_face(ray, none)
+            hit = (body_face < none) & (t < nearest)
             nearest = dr.select(hit, t, nearest)
-            face = dr.select(hit, own, face)
+            face = dr.select(hit, body_face, face)
         valid = face < none
         position = ray(nearest)
         line = dr.gather(mi.Vector4f, self.diagonals, face, valid)
@@ -103,45 +135,71 @@ class FlatFaces:
         return NearestFace(dr.select(valid, nearest, dr.inf), triangle, uv, valid, face)
 
     def ray_test(self, ray: mi.Ray3f, active: mi.Bool | bool = True, enclosed: bool = False) -> mi.Bool:
-        """Whether any face is met before the ray's end.
+        """Whether a ray hits any face before its end.
 
-        enclosed : both ends lie within the scene's convex hull, whose faces then cannot be between them.
+        Parameters
+        ----------
+        ray
+            One ray per lane.
+        active
+            Lanes whose rays are traced.
+        enclosed
+            Whether both ends lie within the scene's convex hull. Faces on the hull cannot be between them and are left
+            out.
+
+        Returns
+        -------
+        Bool
+            True for a hit.
         """
         blocked = mi.Bool(False)
         for index, row in self.rows:
             if not (enclosed and self.hull[index]):
-                t, inside = self._met(row, ray)
+                t, inside = self._plane_hit(row, ray)
                 blocked |= inside & (t > 0) & (t < ray.maxt)
         for body in self.bodies:
-            if enclosed and body.shut:
-                blocked |= body.blocks(ray)
+            if enclosed and body.closed:
+                blocked |= body.occludes(ray)
             else:
-                blocked |= self._met_by(body, ray)
+                blocked |= self._hits_body(body, ray)
         if self.room and not enclosed:
-            blocked |= self._met_by(self.room, ray)
+            blocked |= self._hits_body(self.room, ray)
         return blocked & active
 
-    def _met_by(self, body: ConvexBody, ray: mi.Ray3f) -> mi.Bool:
-        t, own = body.met(ray, len(self.planes))
-        return (own < len(self.planes)) & (t < ray.maxt)
+    def _hits_body(self, body: ConvexBody, ray: mi.Ray3f) -> mi.Bool:
+        """Whether a ray hits a face of a body before its end."""
+        t, face = body.nearest_face(ray, len(self.planes))
+        return (face < len(self.planes)) & (t < ray.maxt)
 
     def crossed(self, ray: mi.Ray3f, walls: Sequence[int]) -> list[mi.UInt32]:
-        """Faces that a ray from within the scene's convex hull would cross if nothing else were there: the nearest of
-        ``walls`` or of the room, then for each body that by which it enters. Indices of faces; their number for none.
+        """Faces that a ray within the scene's convex hull would cross if nothing were there.
+
+        Parameters
+        ----------
+        ray
+            One ray per lane, from within the hull.
+        walls
+            Indices of faces that count as walls, next to those of the room.
+
+        Returns
+        -------
+        list[UInt32]
+            Index of the nearest wall, then for each body that of the face by which the ray enters; the number of faces
+            for none.
         """
         none = len(self.planes)
         nearest, wall = mi.Float(dr.inf), mi.UInt32(none)
         for index, row in self.rows:
             if index in walls:
-                t, inside = self._met(row, ray)
+                t, inside = self._plane_hit(row, ray)
                 hit = inside & (t > 0) & (t < nearest)
                 nearest, wall = dr.select(hit, t, nearest), dr.select(hit, index, wall)
         if self.room:
-            left = self.room.left(ray, none)
-            wall = dr.select(left < none, left, wall)
-        return [wall, *(body.entered(ray, none) for body in self.bodies)]
+            exit_face = self.room.exit_face(ray, none)
+            wall = dr.select(exit_face < none, exit_face, wall)
+        return [wall, *(body.entry_face(ray, none) for body in self.bodies)]
 
-    def _met(self, row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
+    def _plane_hit(self, row: tuple[mi.Float, ...], ray: mi.Ray3f) -> tuple[mi.Float, mi.Bool]:
         """Distance to a face's plane, and whether the point there is inside the face."""
         normal, along_u, along_v = (mi.Vector3f(*row[i : i + 3]) for i in (0, 4, 8))
         t = (row[3] - dr.dot(normal, ray.o)) * dr.rcp(dr.dot(normal, ray.d))
@@ -152,15 +210,28 @@ class FlatFaces:
 
 
 def _line(row: mi.Vector4f, position: mi.Point3f) -> mi.Float:
+    """Linear function a . p + b of a position, for a row (a, b)."""
     return dr.fma(row.x, position.x, dr.fma(row.y, position.y, dr.fma(row.z, position.z, row.w)))
 
 
 def flat_faces(
     vertices: NDArray[np.float64], facet: NDArray[np.int64], among: NDArray[np.float64] | None = None
 ) -> FlatFaces | None:
-    """The faces of triangles (t, 3, 3) in mm, by flat face ``facet`` (t,); None for more than MOST_FACES.
+    """Faces of triangles for intersection in the kernel.
 
-    among : (k, 3) corners of the whole scene, where there is more than these triangles.
+    Parameters
+    ----------
+    vertices
+        (t, 3, 3) corners, mm.
+    facet
+        (t,) flat face of each triangle, as of `facets`; triangles of different ones are not joined.
+    among
+        (k, 3) corners of the whole scene, mm, where it has more than these triangles; None if these are all.
+
+    Returns
+    -------
+    FlatFaces | None
+        The faces; None for more than MOST_FACES.
     """
     if len(vertices) > 2 * MOST_FACES:
         return None
@@ -186,7 +257,7 @@ def flat_faces(
         hull=tuple(bool(h) for h in np.minimum(height.max(axis=0), -height.min(axis=0)) < _FLAT_MM),
         overlap_mm=overlap_mm,
         diagonals=device_array(mi.Float, [_diagonal(outline) for outline, _ in polygons]),
-        triangles=device_array(mi.UInt32, [(own[0], own[-1]) for _, own in polygons]),
+        triangles=device_array(mi.UInt32, [(indices[0], indices[-1]) for _, indices in polygons]),
         coordinates=device_array(mi.Float, _barycentric(vertices)),
     )
 
@@ -194,8 +265,11 @@ def flat_faces(
 def _polygons(
     vertices: NDArray[np.float64], facet: NDArray[np.int64]
 ) -> list[tuple[NDArray[np.float64], tuple[int, ...]]]:
-    """Outlines (3 or 4, 3), counterclockwise, with their triangles: two in one plane are one face if it is convex."""
-    found: list[tuple[NDArray[np.float64], tuple[int, ...]]] = []
+    """Outlines (3 or 4, 3), counterclockwise, with the indices of their triangles.
+
+    Two triangles in one plane with a common edge are one face if it is convex.
+    """
+    polygons: list[tuple[NDArray[np.float64], tuple[int, ...]]] = []
     free = list(range(len(vertices)))
     while free:
         first = free.pop(0)
@@ -203,36 +277,41 @@ def _polygons(
             outline = _joined(vertices[first], vertices[second]) if facet[first] == facet[second] else None
             if outline is not None:
                 free.remove(second)
-                found.append((outline, (first, second)))
+                polygons.append((outline, (first, second)))
                 break
         else:
-            found.append((vertices[first], (first,)))
-    return found
+            polygons.append((vertices[first], (first,)))
+    return polygons
 
 
-def _joined(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The convex quadrilateral (4, 3) of two triangles in one plane with an edge in common, else None.
+def _joined(first: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The convex quadrilateral (4, 3) of two triangles in one plane; None if they form none.
 
-    The diagonal goes from its second to its fourth corner; the first corner is of the first triangle alone.
+    The triangles must have an edge in common. The diagonal goes from the second to the fourth corner; the first corner
+    is of the first triangle alone.
     """
-    normal = _normal(one)
-    same = np.linalg.norm(one[:, None] - other, axis=2) < _FLAT_MM
-    if same.sum() != 2 or np.abs((other - one[0]) @ normal).max() > _FLAT_MM:
+    normal = _normal(first)
+    same = np.linalg.norm(first[:, None] - other, axis=2) < _FLAT_MM
+    if same.sum() != 2 or np.abs((other - first[0]) @ normal).max() > _FLAT_MM:
         return None
     apex, far = int(np.flatnonzero(~same.any(axis=1))[0]), int(np.flatnonzero(~same.any(axis=0))[0])
-    outline = np.array([one[apex], one[(apex + 1) % 3], other[far], one[(apex + 2) % 3]])
+    outline = np.array([first[apex], first[(apex + 1) % 3], other[far], first[(apex + 2) % 3]])
     edges = np.roll(outline, -1, axis=0) - outline
     turns = np.cross(edges, np.roll(edges, -1, axis=0)) @ normal
     return outline if (turns > 0).all() else None
 
 
 def _normal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normal of a plane polygon, by its first three corners."""
     normal = np.cross(outline[1] - outline[0], outline[2] - outline[0])
     return normal / np.linalg.norm(normal)
 
 
 def _planes(outline: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(5, 4) rows of a face, as in ``FlatFaces.planes``; the second and the last side have the first corner."""
+    """(5, 4) rows of a face, as in `FlatFaces.planes`.
+
+    The first corner is on the second and the last row. A triangle has its second side twice.
+    """
     normal = _normal(outline)
     edges = np.roll(outline, -1, axis=0) - outline
     inwards = np.cross(normal, edges / np.linalg.norm(edges, axis=1, keepdims=True))
@@ -243,7 +322,11 @@ def _planes(outline: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _row(planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(18,) numbers of a face, as in ``FlatFaces.rows``: u and v are distances from its first and its last side."""
+    """(18,) numbers of a face, as in `FlatFaces.rows`.
+
+    The coordinates u and v are distances from the first and the last side. The distance from another side is linear in
+    them, with coefficients by least squares (exact for vectors of one plane).
+    """
     plane, first, *others, last = planes
     axes = np.array([first[:3], last[:3]])
     lines = []
@@ -254,7 +337,10 @@ def _row(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _diagonal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) of the position: positive beyond the diagonal, in the second triangle; 0 for a face of one triangle."""
+    """(4,) linear function of the position, positive in the second triangle.
+
+    All 0 for a face of one triangle.
+    """
     if len(outline) == 3:
         return np.zeros(4)
     beyond = np.cross(outline[3] - outline[1], _normal(outline))
@@ -262,7 +348,10 @@ def _diagonal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _barycentric(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(t, 2, 4) rows of u and v with position = first + u (second - first) + v (third - first)."""
+    """(t, 2, 4) rows of the barycentric coordinates u and v, by the pseudoinverse.
+
+    They satisfy position = first + u (second - first) + v (third - first) for points in the plane.
+    """
     edges = vertices[:, 1:] - vertices[:, :1]
     rows = np.linalg.pinv(edges.transpose(0, 2, 1))
     return np.concatenate([rows, -(rows @ vertices[:, 0, :, None])], axis=2)

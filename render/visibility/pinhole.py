@@ -1,4 +1,4 @@
-"""A distortion-free film for a camera with distortion, and the resampling from its pixels to the camera's."""
+"""A distortion-free film for a camera with distortion, and its resampling to the camera."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["Film", "film_for", "resampling"]
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Square pixels in the plane z = 1 of the camera's axes (x right, y down).
+    """Square pixels in the plane z = 1 of the camera's axes (x right, y down)."""
 
-    low : (2,) its upper left corner. scale : pixels per unit. size : (2,) width and height, pixels.
-    """
-
+    #: (2,) upper left corner, slopes x and y.
     low: NDArray[np.float64]
+    #: Pixels per unit of slope.
     scale: float
+    #: (2,) width and height, pixels.
     size: NDArray[np.int64]
 
     @property
@@ -29,15 +29,33 @@ class Film:
         return int(self.size[0] * self.size[1])
 
     def centres(self) -> NDArray[np.float64]:
-        """(pixels, 2) normalised coordinates of the pixels' centres, row by row."""
+        """Centres of the pixels, row by row.
+
+        Returns
+        -------
+        NDArray
+            (pixels, 2) slopes x and y.
+        """
         row, column = np.indices((self.size[1], self.size[0])).reshape(2, -1)
         return self.low + (np.stack([column, row], axis=1) + 0.5) / self.scale
 
 
 def film_for(camera: Camera, oversampling: int) -> Film:
-    """The smallest film that covers the camera's image, with ``oversampling`` pixels per camera pixel and axis.
+    """Smallest film that covers the camera's image.
 
     Without distortion its pixels coincide with parts of the camera's pixels.
+
+    Parameters
+    ----------
+    camera
+        Lens and resolution.
+    oversampling
+        Film pixels per camera pixel and axis, in the middle of the image.
+
+    Returns
+    -------
+    Film
+        The film.
     """
     size = np.array([camera.width_px, camera.height_px])
     scale = camera.focal_length_px * oversampling
@@ -51,20 +69,33 @@ def film_for(camera: Camera, oversampling: int) -> Film:
 
 
 def resampling(film: Film, camera: Camera) -> csr_array:
-    """(camera pixels, film pixels) weights of the mean over each camera pixel, by shared area.
+    """Weights of the mean over each camera pixel of a film, by shared area.
 
-    Film pixels are approximated by upright rectangles in the camera's image. Rows sum to 1, or to 0 where no ray
-    exists.
+    Film pixels are approximated by upright rectangles in the camera's image: the derivative of the radial distortion r
+    (1 + k1 r^2) gives their sizes. Beyond the turning point of that function the camera model has no image. A film
+    pixel is at most as large as a camera pixel, so it overlaps at most two columns and two rows.
+
+    Parameters
+    ----------
+    film
+        Film of `film_for`.
+    camera
+        The same camera.
+
+    Returns
+    -------
+    csr_array
+        (camera pixels, film pixels) weights; rows sum to 1, or to 0 where no ray exists.
     """
     xy = film.centres()
     square = xy**2
     radial = 1 + camera.k1 * square.sum(axis=1)
     # beyond the turning point of r (1 + k1 r^2) the camera model has no image
-    real = 1 + 3 * camera.k1 * square.sum(axis=1) > 0
-    where = camera.displaced(camera.focal_length_px * radial[:, None] * xy + camera.principal_point_px)
+    has_image = 1 + 3 * camera.k1 * square.sum(axis=1) > 0
+    centre_px = camera.displaced(camera.focal_length_px * radial[:, None] * xy + camera.principal_point_px)
     extent = (radial[:, None] + 2 * camera.k1 * square) * camera.focal_length_px / film.scale
-    first = np.floor(where - extent / 2 + 0.5).astype(np.int64)
-    inner = np.clip((first + 0.5 - (where - extent / 2)) / extent, 0, 1)  # share in the first of two pixels
+    first = np.floor(centre_px - extent / 2 + 0.5).astype(np.int64)
+    inner = np.clip((first + 0.5 - (centre_px - extent / 2)) / extent, 0, 1)  # share in the first of two pixels
     rows, columns, weights = [], [], []
     area = extent.prod(axis=1)
     for right in (0, 1):
@@ -73,10 +104,10 @@ def resampling(film: Film, camera: Camera) -> csr_array:
             share = area * (inner[:, 0] if right == 0 else 1 - inner[:, 0])
             share = share * (inner[:, 1] if down == 0 else 1 - inner[:, 1])
             inside = (column >= 0) & (column < camera.width_px) & (row >= 0) & (row < camera.height_px)
-            keep = np.flatnonzero(inside & real & (share > 0))
-            rows.append(row[keep] * camera.width_px + column[keep])
-            columns.append(keep)
-            weights.append(share[keep])
+            used = np.flatnonzero(inside & has_image & (share > 0))
+            rows.append(row[used] * camera.width_px + column[used])
+            columns.append(used)
+            weights.append(share[used])
     shape = (camera.width_px * camera.height_px, film.pixels)
     matrix = csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     total = matrix.sum(axis=1)

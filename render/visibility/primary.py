@@ -1,4 +1,4 @@
-"""The faces that each pixel sees, by camera rays."""
+"""Faces visible in each pixel, by camera rays or as exact areas."""
 
 from __future__ import annotations
 
@@ -18,19 +18,35 @@ from .tracer import Tracer, intersect, pixel_rays
 
 __all__ = ["border_pixels", "facet_coverage", "pixel_coverage", "pixel_faces"]
 
-#: Lanes of a pixel whose coverage is found by rays.
+#: Lanes per pixel in the estimate of coverage by rays.
 _LANES = 16
 
-#: Pixels within this distance, px, of the box about a mesh or a ball are not taken for such that see flat faces only.
-_BESIDE_PX = 2.0
+#: Distance from the bounding box of a mesh or ball, px, within which a pixel may show more than flat faces.
+_MARGIN_PX = 2.0
 
 
 def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int = 0) -> np.ndarray:
-    """(y, x, f) float32: share of each pixel covered by each flat face, 0 to 1, the lamp's face last.
+    """Share of each pixel covered by each flat face.
 
-    The rest to 1 is not covered. Exact for a few dozen flat faces, beside meshes and balls, too. samples : elsewhere,
-    low-discrepancy camera rays of pixels crossed by an edge, and of pixels that see another face than a neighbour
-    without an edge in between (surfaces that intersect). All other pixels use one ray.
+    Exact for a few dozen flat faces, and for those next to meshes and balls. Elsewhere pixels crossed by an edge are
+    estimated by `samples` low-discrepancy camera rays. So are pixels that show another face than a neighbour without an
+    edge in between (surfaces that intersect). All other pixels use one ray.
+
+    Parameters
+    ----------
+    tracer
+        The prepared scene.
+    camera
+        Camera of the image.
+    samples
+        Camera rays of a pixel that is estimated.
+    seed
+        Seed of these rays.
+
+    Returns
+    -------
+    NDArray
+        (y, x, f) float32 shares, 0 to 1, lamps last; the rest to 1 is not covered.
     """
     crossed = pixels_on_edges(camera, face_edges(tracer.vertices, tracer.facet))
     centres = pixel_rays(camera, dr.arange(mi.UInt32, crossed.size))(mi.Float(0.5), mi.Float(0.5))
@@ -46,9 +62,17 @@ def facet_coverage(tracer: Tracer, camera: Camera, samples: int = 64, seed: int 
 
 
 def border_pixels(coverage: np.ndarray) -> np.ndarray:
-    """(n,) pixels, counted along the rows, that see several faces or have a neighbour that sees another face.
+    """Pixels that show several faces, or have a neighbour that shows another face.
 
-    coverage : (y, x, f).
+    Parameters
+    ----------
+    coverage
+        (y, x, f) coverage of `facet_coverage`.
+
+    Returns
+    -------
+    NDArray
+        (n,) pixels, counted along the rows.
     """
     face = np.where(coverage.max(axis=-1) == 1, coverage.argmax(axis=-1), -1)
     face[~coverage.any(axis=-1)] = -2
@@ -58,10 +82,25 @@ def border_pixels(coverage: np.ndarray) -> np.ndarray:
 def pixel_coverage(
     tracer: Tracer, cameras: Sequence[Camera], pixels: np.ndarray, samples: int, seed: int = 0
 ) -> np.ndarray:
-    """(c, n, f) ``facet_coverage`` of some ``pixels`` (n,) only, counted along the rows, of each of c cameras.
+    """Coverage as by `facet_coverage`, of some pixels of several cameras.
 
-    cameras : with one picture size. samples : camera rays of a pixel, the same ones for all cameras; not needed where
-    the faces are few and flat.
+    Parameters
+    ----------
+    tracer
+        The prepared scene.
+    cameras
+        c cameras of one image size.
+    pixels
+        (n,) pixels, counted along the rows.
+    samples
+        Camera rays of a pixel, the same for all cameras; not used for a few flat faces.
+    seed
+        Seed of these rays.
+
+    Returns
+    -------
+    NDArray
+        (c, n, f) float32 shares, 0 to 1.
     """
     accelerator, pixels = tracer.accelerator, np.asarray(pixels)
     if isinstance(accelerator, FlatFaces):
@@ -69,17 +108,20 @@ def pixel_coverage(
     near = np.ones(len(pixels), bool)
     coverage = np.empty((len(cameras), len(pixels), len(tracer.facet_surface)), np.float32)
     if isinstance(accelerator, FacesAndTree):
-        of_faces = np.array(accelerator.of_faces)
-        near = _near_others(tracer, of_faces, cameras, pixels)
-        coverage[:, ~near] = _by_polygons(tracer, accelerator.faces, of_faces, cameras, pixels[~near])
+        flat_triangles = np.array(accelerator.face_triangles)
+        near = _near_others(tracer, flat_triangles, cameras, pixels)
+        coverage[:, ~near] = _by_polygons(tracer, accelerator.faces, flat_triangles, cameras, pixels[~near])
     if near.any():
         coverage[:, near] = [_by_rays(tracer, camera, pixels[near], samples, seed) for camera in cameras]
     return coverage
 
 
 def _near_others(tracer: Tracer, flat: np.ndarray, cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
-    """(n,) whether pixels may see other triangles than those of flat faces, whose indices are ``flat``, through any
-    camera."""
+    """(n,) whether pixels may show triangles of no flat face through any of the cameras.
+
+    `flat` holds the indices of the triangles of flat faces. The others are bounded by one box per surface; all pixels
+    count if a corner of a box has no image.
+    """
     rows, columns = np.divmod(pixels, cameras[0].width_px)
     others = np.setdiff1d(np.arange(len(tracer.facet)), flat)
     near = np.zeros(len(pixels), bool)
@@ -89,52 +131,73 @@ def _near_others(tracer: Tracer, flat: np.ndarray, cameras: Sequence[Camera], pi
         image = np.concatenate([camera.project(box) for camera in cameras])
         if np.isnan(image).any():
             return np.ones(len(pixels), bool)
-        (left, top), (right, bottom) = image.min(axis=0) - _BESIDE_PX, image.max(axis=0) + _BESIDE_PX
+        (left, top), (right, bottom) = image.min(axis=0) - _MARGIN_PX, image.max(axis=0) + _MARGIN_PX
         near |= (columns > left) & (columns < right) & (rows > top) & (rows < bottom)
     return near
 
 
 def _by_rays(tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """(n, f) by rays through the tree. Neighbouring lanes share a pixel: their rays meet the same parts of the tree."""
+    """(n, f) coverage by rays.
+
+    Neighbouring lanes share a pixel, so that their rays meet the same parts of the tree.
+    """
     count, faces = len(pixels), len(tracer.facet_surface)
     lanes = _LANES if samples % _LANES == 0 else 1
     lane = dr.arange(mi.UInt32, count * lanes)
     pixel = dr.gather(mi.UInt32, device_array(mi.UInt32, pixels), lane // lanes)
     rays = pixel_rays(camera, pixel)
     points = SobolPoints(2, samples, pixel, seed)
-    seen = dr.zeros(mi.Float, count * faces)
-    here, first = lane // lanes * faces, lane % lanes * (samples // lanes)
+    counts = dr.zeros(mi.Float, count * faces)
+    pixel_start, first = lane // lanes * faces, lane % lanes * (samples // lanes)
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         hit = intersect(tracer, rays(points.point(first + i, 0), points.point(first + i, 1)), coherent=True)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
-        dr.scatter_add(seen, mi.Float(1), here + facet, hit.front)
+        dr.scatter_add(counts, mi.Float(1), pixel_start + facet, hit.front)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples // lanes)
     dr.while_loop((dr.zeros(mi.UInt32, count * lanes),), lambda i: i < total, body)
-    dr.eval(seen)
-    return seen.numpy().reshape(count, faces) / np.float32(samples)
+    dr.eval(counts)
+    return counts.numpy().reshape(count, faces) / np.float32(samples)
 
 
 def _by_polygons(
     tracer: Tracer, faces: FlatFaces, triangles: np.ndarray, cameras: Sequence[Camera], pixels: np.ndarray
 ) -> np.ndarray:
-    """The lit sides of polygons, added up by flat face; backs only hide what is behind them.
+    """(c, n, f) coverage by exact areas: the lit sides of polygons, summed by flat face.
 
-    triangles : index among the scene's of each triangle of the faces.
+    Back sides only hide what is behind them. `triangles` gives for each triangle of `faces` its index in the scene.
     """
     eyes = np.array([camera.position_mm for camera in cameras])
-    lit = eyes @ faces.planes[:, 0, :3].T > faces.planes[:, 0, 3]
+    front = eyes @ faces.planes[:, 0, :3].T > faces.planes[:, 0, 3]
     facet = tracer.facet[triangles[np.array(faces.triangles)[::2]]]
-    own = np.eye(len(tracer.facet_surface), dtype=np.float32)[facet]
-    return polygon_coverage(faces, cameras, pixels) @ (own * lit[..., None])
+    facet_rows = np.eye(len(tracer.facet_surface), dtype=np.float32)[facet]
+    return polygon_coverage(faces, cameras, pixels) @ (facet_rows * front[..., None])
 
 
 def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int, seed: int = 0) -> np.ndarray:
-    """(n, across, across) face seen in each subpixel of some ``pixels`` (n,), -1 for none.
+    """Face visible in each subpixel of some pixels.
 
     Rays are jittered within the subpixels, so that edges along rows or columns are not biased to one side.
+
+    Parameters
+    ----------
+    tracer
+        The prepared scene.
+    camera
+        Camera of the image.
+    pixels
+        (n,) pixels, counted along the rows.
+    across
+        Number of subpixels along each axis.
+    seed
+        Seed of the jitter.
+
+    Returns
+    -------
+    NDArray
+        (n, across, across) int16 index of the flat face, -1 for none.
     """
     jitter = np.random.default_rng(seed).random((2, len(pixels), across, across))
     v, u = (np.arange(across)[:, None] + jitter[0]) / across, (np.arange(across) + jitter[1]) / across
@@ -143,7 +206,7 @@ def pixel_faces(tracer: Tracer, camera: Camera, pixels: np.ndarray, across: int,
 
 
 def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:
-    """(n,) int16 face that each ray meets, -1 for none."""
+    """(n,) int16 flat face that each ray hits from its lit side, -1 for none."""
     hit = intersect(tracer, rays, coherent=True)
     facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
     return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1))

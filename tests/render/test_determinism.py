@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.image import film
+from cboxlab.rendering.image import RenderJob, film
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
@@ -25,7 +25,7 @@ def digest():
     transport = build_patch_transport(light, camera, 64, seed=3)
     arrays = (
         gather(light, camera, 16, 2, seed=3).coefficients,
-        render_path_tracer(scene, camera, bands, samples=16, batches=2, seed=3).coefficients,
+        render_path_tracer(RenderJob(scene, camera, bands, samples=16, batches=2, seed=3)).coefficients,
         transport.direct,
         transport.gather.data,
         transport.gather.indices,
@@ -55,7 +55,7 @@ def test_how_many_batches_one_kernel_call_computes_changes_no_bit(monkeypatch, r
     for lanes in (2**16, 100):
         monkeypatch.setattr(film, "_LANES_PER_CALL", lanes)
         bands = np.array([450.0, 650.0])
-        image = render(cornell_box(), cornell_camera(16), bands, samples=samples, batches=5, seed=3)
+        image = render(RenderJob(cornell_box(), cornell_camera(16), bands, samples=samples, batches=5, seed=3))
         found.append(image.coefficients)
     np.testing.assert_array_equal(*found)
     assert np.unique(found[0].mean(axis=(1, 2, 3))).size == 5  # batches differ

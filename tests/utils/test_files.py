@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import keep, kept, replacing, replacing_folder, temporary_folder
+from cboxlab.utils.files import load_checked, replacing, replacing_folder, store_checked, temporary_folder
 
 ENDLESS = """
 import sys, time
@@ -98,10 +98,10 @@ def test_of_two_writers_of_one_folder_the_second_is_told(tmp_path):
 def test_what_is_kept_comes_back_only_whole_and_for_its_key(tmp_path):
     """A thousand flipped bits and a thousand truncations are all noticed."""
     path, random = tmp_path / "entry", np.random.default_rng(3)
-    keep(path, "made from this", random.bytes(5000))
+    store_checked(path, "made from this", random.bytes(5000))
     sound = path.read_bytes()
-    assert kept(path, "made from this") == sound[32:] and len(sound) == 5032
-    assert kept(path, "made from that") is None and kept(tmp_path / "absent", "made from this") is None
+    assert load_checked(path, "made from this") == sound[32:] and len(sound) == 5032
+    assert load_checked(path, "made from that") is None and load_checked(tmp_path / "absent", "made from this") is None
     for place, length in zip(
         random.integers(0, 8 * len(sound), 1000), random.integers(0, len(sound), 1000), strict=True
     ):
@@ -109,7 +109,7 @@ def test_what_is_kept_comes_back_only_whole_and_for_its_key(tmp_path):
         flipped[place // 8] ^= 1 << (place % 8)
         for damaged in (bytes(flipped), sound[:length]):
             path.write_bytes(damaged)
-            assert kept(path, "made from this") is None
+            assert load_checked(path, "made from this") is None
 
 
 FULL_DISK = """

@@ -1,12 +1,12 @@
 """Progress: what is told, shares of a whole, and how a computation is stopped."""
 
 import pytest
-from cboxlab.utils.progress import QUIET, Cancelled, Teller, share
+from cboxlab.utils.progress import NO_PROGRESS, Cancelled, ProgressReporter, share
 
 
 def told_by(work):
     told = []
-    work(Teller(lambda stage, done: told.append((stage, done))))
+    work(ProgressReporter(lambda stage, done: told.append((stage, done))))
     return told
 
 
@@ -29,9 +29,9 @@ def test_a_share_is_that_part_of_the_whole():
 def test_cancelled_at_the_next_step_whatever_it_is():
     for step in (lambda p: p.stage("next"), lambda p: p.part(0.5), lambda p: share(p, 0, 1).part(0.5)):
         told = []
-        progress = Teller(lambda stage, done, told=told: told.append(stage))
+        progress = ProgressReporter(lambda stage, done, told=told: told.append(stage))
         progress.cancel()
         with pytest.raises(Cancelled):
             step(progress)
         assert told == []
-    QUIET.part(0.5)
+    NO_PROGRESS.part(0.5)

@@ -21,7 +21,7 @@ from cboxlab.rendering.files import WRITABLE, strip_cameras, write_cube, write_s
 from cboxlab.rendering.integrators import (
     BATCHES,
     MOST_PASSES,
-    Job,
+    RenderJob,
     fireflies,
     relative_error,
     render_passes,
@@ -39,7 +39,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress, Teller, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, ProgressReporter, share
 from numpy.typing import ArrayLike, NDArray
 
 from ..predict import transported
@@ -156,19 +156,19 @@ class _Job:
     max_bounces: int | None
     settings: CubeSettings
 
-    def first_pass(self, camera: Camera, index: int = 0) -> Job:
+    def first_pass(self, camera: Camera, index: int = 0) -> RenderJob:
         """Of the picture, or of its strip number ``index``: with random numbers of its own, but the same patches."""
         seed = self.model.render.seed if self.settings.seed is None else self.settings.seed
-        return Job(
+        return RenderJob(
             self.scene,
             camera,
             self.settings.wavelength_nm,
             seed=seed,
             max_bounces=self.max_bounces,
-            number=MOST_PASSES * index,
+            first_batch=MOST_PASSES * index,
         )
 
-    def picture(self, first: Job, progress: Progress, checkpoint: Path | None) -> CubeResult:
+    def picture(self, first: RenderJob, progress: Progress, checkpoint: Path | None) -> CubeResult:
         """The picture, or the strip, that begins with a pass."""
         s = self.settings
         if s.samples is None:
@@ -176,7 +176,7 @@ class _Job:
                 first, s.noise, progress=progress, percentile=s.percentile, checkpoint=checkpoint, scheduler=s.scheduler
             )
         else:
-            image = render_passes(replace(first, samples=s.samples), BATCHES, progress)
+            image = render_passes(replace(first, samples=s.samples, batches=BATCHES), progress)
         if any(effect.stage == "transport" for effect in self.model.effects):
             progress.stage("effects of light transport")
         image = transported(image, self.scene, first.camera, self.model.effects, first.seed, self.max_bounces)
@@ -244,7 +244,7 @@ def render(
     samples: int | None = None,
     seed: int | None = None,
     scheduler: str | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> CubeResult:
     """A spectral cube of a model, repeatable by ``seed``.
 
@@ -293,7 +293,7 @@ def render_file(
     model: ModelLike,
     camera: Camera | Capture | Path,
     settings: CubeSettings,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> CubeFile:
     """Render a cube into a file, by strips of rows where it is large.
 
@@ -311,7 +311,7 @@ def render_file(
     folder = path.with_name(f"{path.name}.strips")
     parts, done = strip_cameras(job.camera), list[CubeResult]()
     progress.stage("rendering")
-    unnamed = Teller(lambda _, part: progress.part(part))  # not every strip's own stages
+    unnamed = ProgressReporter(lambda _, part: progress.part(part))  # not every strip's own stages
 
     def strips() -> Iterator[xr.Dataset]:
         for index, part in enumerate(parts):

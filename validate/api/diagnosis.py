@@ -10,7 +10,7 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.rendering.model import write_model
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
 from ..compare import Validation
 from ..diagnose import Diagnosis
@@ -72,7 +72,7 @@ def diagnose(
     seed: int | None = None,
     cache: str | Path | None = None,
     declared: Declared = AS_STATED,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> DiagnosisResult:
     """Name the effects that the model lacks, fit them and show the error falling.
 

@@ -13,7 +13,7 @@ from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, name
 from cboxlab.rendering.model import Model, named_effect, write_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
 from ..compare import Prepared, Validation, prepare, under_model, validate_prepared
 from ..diagnose import diagnose as diagnosed
@@ -96,7 +96,7 @@ class Study(Result):
         noise: float | None = None,
         seed: int | None = None,
         cache: str | Path | None = None,
-        progress: Progress = QUIET,
+        progress: Progress = NO_PROGRESS,
     ) -> Study:
         """Calibrate captures of one box, render the model, fit camera and lamp.
 
@@ -121,7 +121,7 @@ class Study(Result):
         *,
         cache: str | Path | None = None,
         known: Study | None = None,
-        progress: Progress = QUIET,
+        progress: Progress = NO_PROGRESS,
     ) -> Study:
         """A study that ``write`` wrote, with its states to undo and redo.
 
@@ -147,7 +147,7 @@ class Study(Result):
         study._bases(share(progress, _CALIBRATION, 1.0))
         return study
 
-    def with_model(self, model: ModelLike, progress: Progress = QUIET) -> Study:
+    def with_model(self, model: ModelLike, progress: Progress = NO_PROGRESS) -> Study:
         """A new study of the same captures, which are not calibrated again, and another model."""
         chosen = as_model(model, self.captures)
         prepared = tuple(under_model(each, chosen) for each in self._pictures.prepared)
@@ -181,7 +181,7 @@ class Study(Result):
         return _key(self.history.present.rendered_with) == _key(self.effects)
 
     def predictions(
-        self, *, refit: bool = True, draft: bool = False, progress: Progress = QUIET
+        self, *, refit: bool = True, draft: bool = False, progress: Progress = NO_PROGRESS
     ) -> tuple[Prediction, ...]:
         """What the model predicts of each capture, compared with it; made once.
 
@@ -227,7 +227,7 @@ class Study(Result):
         """The state that was undone; the last one stays."""
         return replace(self, history=self.history.redone())
 
-    def fit(self, *which: int | str, progress: Progress = QUIET) -> Study:
+    def fit(self, *which: int | str, progress: Progress = NO_PROGRESS) -> Study:
         """With one, several or (none named) all effects fitted to all captures together, camera and lamp fitted too.
 
         which : as of ``change``. Raises InputError where nothing can be fitted.
@@ -237,17 +237,17 @@ class Study(Result):
         validations = [base.validation for base in bases]
         return self.with_effects(fit_effects(validations, self.effects, sorted(set(chosen)), progress))
 
-    def render(self, progress: Progress = QUIET) -> Study:
+    def render(self, progress: Progress = NO_PROGRESS) -> Study:
         """With the pictures rendered with the present effects, as ``validate`` of this model does it; no new state."""
         study = replace(self, history=self.history.rendered())
         study._bases(progress)
         return study
 
-    def validations(self, progress: Progress = QUIET) -> tuple[Validation, ...]:
+    def validations(self, progress: Progress = NO_PROGRESS) -> tuple[Validation, ...]:
         """The complete validation of the model with its effects by each capture; rendered where it was predicted."""
         return tuple(base.validation for base in self.render(progress)._bases(progress))
 
-    def diagnose(self, capture: int = 0, progress: Progress = QUIET) -> DiagnosisResult:
+    def diagnose(self, capture: int = 0, progress: Progress = NO_PROGRESS) -> DiagnosisResult:
         """What the model with its effects lacks in one capture; ``with_effects(result.diagnosis.model.effects)``
         adopts it."""
         validation = self.validations(share(progress, 0.0, 0.3))[capture]
@@ -279,7 +279,7 @@ class Study(Result):
         write_study(study, StudyFile(tuple(c.folder for c in self.captures), self.model, self.history))
         return study, model
 
-    def write_report(self, folder: str | Path, capture: int = 0, progress: Progress = QUIET) -> tuple[Path, ...]:
+    def write_report(self, folder: str | Path, capture: int = 0, progress: Progress = NO_PROGRESS) -> tuple[Path, ...]:
         """report.html, metrics.json and maps of one capture, rendered first where it was predicted."""
         return write_validation(self.validations(progress)[capture], Path(folder))
 

@@ -9,7 +9,7 @@ from typing import Any
 from uuid import uuid4
 
 from cboxlab.rendering.files import AS_STATED, Declared
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..compare import Validation, failures, validate_capture
 from ..report import chi2_by_place, validation_record, verdict, write_validation
@@ -64,7 +64,7 @@ def validate(
     seed: int | None = None,
     cache: str | Path | None = None,
     declared: Declared = AS_STATED,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> ValidationResult:
     """Calibrate a capture, render a model through its camera, compare.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.perturbation import Warp
 from cboxlab.scenes.camera import Camera
-from cboxlab.utils.files import keep, kept
+from cboxlab.utils.files import load_checked, store_checked
 from numpy.typing import NDArray
 
 from ..predict import digest_of
@@ -55,7 +55,7 @@ def kept_fit(
 
 
 def _read(path: Path, key: str, camera: Camera) -> NuisanceFit | None:
-    content = kept(path, key)
+    content = load_checked(path, key)
     if content is None:
         return None
     try:
@@ -73,7 +73,7 @@ def _keep(path: Path, key: str, fit: NuisanceFit) -> None:
     values = {name: getattr(fit.camera, name) for name in _FITTED}
     np.savez(stream, lamp=[fit.lamp_scale, fit.lamp_scale_sigma], **values)
     try:
-        keep(path, key, stream.getvalue())
+        store_checked(path, key, stream.getvalue())
         there = sorted(path.parent.glob("*.fit"), key=lambda one: one.stat().st_mtime, reverse=True)
         for old in there[_MOST_KEPT:]:
             old.unlink(missing_ok=True)

@@ -21,7 +21,7 @@ from cboxlab.rendering.perturbation import warp_change
 from cboxlab.rendering.radiosity import LightField
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..predict import (
@@ -128,7 +128,7 @@ class Validation:
 def validate_capture(
     capture: Capture,
     model: Model,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     picture: Path | None = None,
     cache: Path | None = None,
     declared: Declared = AS_STATED,
@@ -148,7 +148,7 @@ def validate_capture(
     return replace(validate_prepared(prepared, model, progress), seconds=time.perf_counter() - start)
 
 
-def validate_prepared(prepared: Prepared, model: Model, progress: Progress = QUIET) -> Validation:
+def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_PROGRESS) -> Validation:
     """Render a model of a prepared capture's scene, fit the nuisances, compare.
 
     progress : called with shares from 0.05 on; what comes before is the calibration.
@@ -175,7 +175,7 @@ def validate_prepared(prepared: Prepared, model: Model, progress: Progress = QUI
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     surveyed = prepared.expected_camera(model.effects)
     if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit, surveyed) > _LED_ASTRAY:
-        again = rendered_from(prepared, light, surveyed, model.render, model.effects, QUIET, final.pilot)
+        again = rendered_from(prepared, light, surveyed, model.render, model.effects, NO_PROGRESS, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))
         comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
@@ -233,7 +233,7 @@ def rendered_from(
     camera: Camera,
     settings: RenderSettings,
     effects: Sequence[AppliedEffect],
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     pilot: float | None = None,
 ) -> Predicted:
     """Render the picture through ``camera`` to the noise of the settings, and fit the lamp's scale.

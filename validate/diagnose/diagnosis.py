@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import OwnMappings
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
@@ -129,7 +129,7 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
 
 
-def diagnose(validation: Validation, progress: Progress = QUIET, further: Sequence[Validation] = ()) -> Diagnosis:
+def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
     """Find which effects of the catalogue explain a validation's residual.
 
     further : of other captures of the same box. They decide between the effects found and those that could stand in

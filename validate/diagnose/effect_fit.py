@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.rendering.chain import after_stage, stages_between
 from cboxlab.rendering.effects import AppliedEffect, Effect
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..compare import Validation
 from .fitting import fit
@@ -31,7 +31,7 @@ _ROUNDS = 2
 
 
 def fit_effect(
-    validation: Validation, effect: Effect, given: Mapping[str, str | float], progress: Progress = QUIET
+    validation: Validation, effect: Effect, given: Mapping[str, str | float], progress: Progress = NO_PROGRESS
 ) -> tuple[AppliedEffect, float, float]:
     """The effect's parameters at the least chi2 in the capture, on top of the model's own effects.
 
@@ -68,7 +68,7 @@ def fit_effects(
     validations: Sequence[Validation],
     effects: Sequence[AppliedEffect],
     chosen: Sequence[int],
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[AppliedEffect, ...]:
     """All effects in their order, the chosen ones with their numbers at the least chi2 in all captures together.
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from .evidence import beyond_tolerance, largest_gain_of_errors, least_gain, penalised, price_of, square
@@ -40,7 +40,7 @@ def best_singles(
     refined: int,
     known: float = np.inf,
     least: float = 0.0,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> list[Candidate]:
     """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.rendering.chain import RenderSettings, after_stage, stages_between
 from cboxlab.rendering.effects import AppliedEffect
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
@@ -248,7 +248,7 @@ def signatures_of(
 
 
 def refitted(
-    validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = QUIET
+    validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = NO_PROGRESS
 ) -> LinearisedFit:
     """Refit the camera with these effects in the model; render again where it moved or the light changed."""
     prepared, rendered = validation.prepared, linearised.rendered

@@ -22,8 +22,8 @@ from cboxlab.rendering.device import dr, mi
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
-from cboxlab.utils.files import keep, kept
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.files import load_checked, store_checked
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 
@@ -46,7 +46,7 @@ def cached_picture(
     samples: int,
     batches: int,
     seed: int,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
     """What ``gather`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made now and kept.
 
@@ -143,7 +143,7 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
         "coverage": (*size, len(facet_surface)),
     }
     try:
-        content = kept(path, key)
+        content = load_checked(path, key)
         if content is None:
             return None
         with np.load(BytesIO(content)) as file:
@@ -169,7 +169,7 @@ def _keep(path: Path, key: str, image: RenderedImage) -> None:
     stream = BytesIO()
     np.savez(stream, coefficients=image.coefficients, coverage=image.coverage)
     try:
-        keep(path, key, stream.getbuffer())
+        store_checked(path, key, stream.getbuffer())
         there = sorted(path.parent.glob("*.picture"), key=lambda one: one.stat().st_mtime, reverse=True)
         size = np.cumsum([one.stat().st_size for one in there])
         for old in np.array(there)[size > _ALL]:

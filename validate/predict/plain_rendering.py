@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import render_stock
+from cboxlab.rendering.integrators import RenderJob, render_stock
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["render_plainly"]
 
@@ -18,11 +18,12 @@ _SAMPLES, _BATCHES = 64, 4
 
 
 def render_plainly(
-    scene: Scene, camera: Camera, max_bounces: int | None, seed: int, progress: Progress = QUIET
+    scene: Scene, camera: Camera, max_bounces: int | None, seed: int, progress: Progress = NO_PROGRESS
 ) -> RenderedImage:
     """The picture on WAVELENGTH_NM: correct, slow and noisy; its error is counted like any other render's."""
     image = render_stock(
-        scene, camera, _WAVELENGTHS, _SAMPLES, _BATCHES, seed=seed, max_bounces=max_bounces, progress=progress
+        RenderJob(scene, camera, _WAVELENGTHS, _SAMPLES, _BATCHES, seed=seed, max_bounces=max_bounces),
+        progress=progress,
     )
     between = np.array([np.interp(WAVELENGTH_NM, _WAVELENGTHS, row) for row in np.eye(len(_WAVELENGTHS))])
     return RenderedImage(

@@ -9,7 +9,7 @@ import xarray as xr
 from cboxlab.calibration.instrument import BandResponse
 from cboxlab.rendering.chain import render_bands
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", "render_to_noise"]
@@ -42,7 +42,7 @@ def render_to_noise(
     noise: float,
     convergence: float,
     pilot: float | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[RenderedImage, xr.Dataset, float]:
     """Render until the median ratio of the render's to the sensor's standard deviation is ``noise``.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import RenderJob, render
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
@@ -40,13 +40,15 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
 
     def picture(samples: int, batches: int, report: Progress) -> RenderedImage:
         traced = render(
-            scene,
-            camera,
-            traced_nm,
-            samples // _PARTS,
-            batches * _PARTS,
-            seed=settings.seed,
-            max_bounces=settings.max_bounces,
+            RenderJob(
+                scene,
+                camera,
+                traced_nm,
+                samples // _PARTS,
+                batches * _PARTS,
+                seed=settings.seed,
+                max_bounces=settings.max_bounces,
+            ),
             progress=report,
         )
         beyond = ((batch @ traced.spectra - lambertian) / lamp[at] for batch in traced.coefficients)

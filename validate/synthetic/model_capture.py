@@ -26,7 +26,7 @@ from cboxlab.rendering.chain import (
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import Job, render_to_precision
+from cboxlab.rendering.integrators import RenderJob, render_to_precision
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.perturbation import build_warp
 from cboxlab.rendering.synthetic import (
@@ -44,7 +44,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..predict import transported
@@ -167,7 +167,7 @@ def write_model_capture(
     seed: int,
     *,
     relative_error: float = 1e-3,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     box: Callable[[Scene], Scene] = lambda scene: scene,
 ) -> float:
     """Render the model with all its effects through ``camera`` and write the simulated capture.
@@ -190,7 +190,7 @@ def write_model_capture(
     scene = photographed_scene(model)
     altered = after_stage(box(scene), model.effects, "scene")
     moved = after_stage(camera, model.effects, "camera")
-    image = render_to_precision(Job(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
+    image = render_to_precision(RenderJob(altered, moved, WAVELENGTH_NM, seed=seed), relative_error, progress=progress)
     progress.stage("photographing")
     image = transported(image, altered, moved, model.effects, seed)
     files = () if model.scene.origin is None else model.scene.origin.files

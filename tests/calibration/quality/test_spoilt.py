@@ -15,6 +15,7 @@ from cboxlab.calibration.quality.sight import radiance_over_lamp, see
 from cboxlab.calibration.radiometry import measure_constant
 from cboxlab.calibration.result import calibrate
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
@@ -91,7 +92,7 @@ def test_the_rough_light_of_the_lamp_is_the_renderers():
     """The mean over 400 pixels of all surfaces within 3 %: paths of nine reflections against a final gather."""
     box, camera, bands = cornell_box(), cornell_camera(32), np.array([450.0, 650.0])
     scene = replace(box, lamp=replace(box.lamp, reflectance=Spectrum(bands, np.zeros(2))))
-    image = render_final_gather(scene, camera, bands, samples=64, batches=2)
+    image = render_final_gather(RenderJob(scene, camera, bands, samples=64, batches=2))
     rendered = image.project(np.eye(2))[0] / scene.lamp.radiance.at(bands)
     sight = see(scene, camera)
     chosen = image.single_surface & (sight.surface == image.surface) & (sight.surface < len(scene.surfaces))

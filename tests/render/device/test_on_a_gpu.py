@@ -12,15 +12,17 @@ RENDERED = """
 import sys
 import numpy as np
 from cboxlab.rendering.device import variant
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.radiosity import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 
 variant.ensure()
+bands = np.array([450.0, 550.0, 650.0])
 found = {"variant": sys.modules["mitsuba"].variant()}
 for one in (render_final_gather, render_path_tracer, render_general_path_tracer):
-    image = one(cornell_box(), cornell_camera(24), np.array([450.0, 550.0, 650.0]), samples=256, batches=8, seed=1)
+    image = one(RenderJob(cornell_box(), cornell_camera(24), bands, samples=256, batches=8, seed=1))
     mean, variance = image.project(np.eye(3))
     found |= {f"{one.__name__} mean": mean, f"{one.__name__} variance": variance, "coverage": image.coverage}
 np.savez(sys.argv[1], **found)

@@ -11,6 +11,7 @@ import pytest
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked, catalogue
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
@@ -41,7 +42,7 @@ def bounds(capfd, uneven):
 @pytest.mark.usefixtures("bounds")
 @pytest.mark.parametrize("render", [render_path_tracer, render_final_gather])
 def test_pictures(uneven, render):
-    assert render(*uneven, NM, 16, 2, seed=1).project(np.eye(3))[0].max() > 0
+    assert render(RenderJob(*uneven, NM, 16, 2, seed=1)).project(np.eye(3))[0].max() > 0
 
 
 @pytest.mark.usefixtures("bounds")

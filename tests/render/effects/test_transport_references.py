@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked, catalogue
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
 from cboxlab.rendering.radiosity.final_gather import render_final_gather, solve_light
@@ -32,7 +33,7 @@ def published():
     """Box under a lamp of radiance 1, camera, its picture (w, y, x), patches' light, and surfaces as masks."""
     scene, camera = cornell_box(), cornell_camera(SIZE)
     scene = scene.with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2)))
-    image = render_final_gather(scene, camera, NM, 256, 4, seed=3)
+    image = render_final_gather(RenderJob(scene, camera, NM, 256, 4, seed=3))
     picture = np.moveaxis(image.project(np.eye(3))[0], -1, 0)
     field = solve_light(scene, NM, patch_edge_mm=75.0, patch_samples=512)
     at_each = (GRID == NM[:, None]).astype(float)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.bounces import render_bounces
 from cboxlab.rendering.integrators.derivatives import render_derivatives
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
@@ -26,17 +27,20 @@ def test_paints_against_differences(paint):
     reflectance, does not act): the same to the difference's own error, third order over six."""
     scene, camera = cornell_box(), cornell_camera(16)
     arguments = {"samples": 32, "batches": 2, "seed": 3, "max_bounces": 3}
-    found = render_derivatives(scene, camera, BANDS, **arguments)
+    found = render_derivatives(RenderJob(scene, camera, BANDS, **arguments))
     step = 0.01
     more, less = (
-        render_path_tracer(with_paint(scene, paint, 1 + s), camera, BANDS, **arguments) for s in (step, -step)
+        render_path_tracer(RenderJob(with_paint(scene, paint, 1 + s), camera, BANDS, **arguments))
+        for s in (step, -step)
     )
     rho = scene.materials[paint].reflectance.at(BANDS)
     difference = (more.coefficients - less.coefficients) @ more.spectra / (2 * step * rho)
     exact = found.reflectance[:, found.material_names.index(paint)]
     # at most three factors rho: the third derivative is 6 / rho^3 of what the first is 3 / rho
     assert np.abs(difference - exact).max() < 1e-3 * np.abs(exact).max()
-    assert np.array_equal(found.image.coefficients, render_path_tracer(scene, camera, BANDS, **arguments).coefficients)
+    assert np.array_equal(
+        found.image.coefficients, render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)).coefficients
+    )
 
 
 def test_a_grey_box_has_the_derivative_of_its_series():
@@ -48,8 +52,8 @@ def test_a_grey_box_has_the_derivative_of_its_series():
     camera = camera_inside(12)
     low, middle, high = (box_with_lamp(r) for r in (0.57, 0.6, 0.63))
     arguments = {"samples": 128, "batches": 16}
-    slope = render_derivatives(middle, camera, BANDS[:1], seed=1, **arguments).reflectance[:, 0]
-    ends = [render_path_tracer(s, camera, BANDS[:1], seed=n, **arguments) for n, s in ((2, low), (3, high))]
+    slope = render_derivatives(RenderJob(middle, camera, BANDS[:1], seed=1, **arguments)).reflectance[:, 0]
+    ends = [render_path_tracer(RenderJob(s, camera, BANDS[:1], seed=n, **arguments)) for n, s in ((2, low), (3, high))]
     means = [(e.coefficients[..., 1:] @ e.spectra[1:]).mean(axis=(1, 2, 3)) for e in ends]
     rise, found = (means[1] - means[0]) / 0.06, slope.mean(axis=(1, 2, 3))
     error = np.sqrt((rise.var(ddof=1) + found.var(ddof=1)) / 16)
@@ -62,7 +66,7 @@ def test_a_grey_box_has_the_derivative_of_its_series():
 def test_the_lamps_spectrum_and_power():
     """Light is linear in the lamp's: derivative times its radiance is the picture."""
     scene, camera = cornell_box(), cornell_camera(8)
-    found = render_derivatives(scene, camera, BANDS, samples=8, batches=2)
+    found = render_derivatives(RenderJob(scene, camera, BANDS, samples=8, batches=2))
     whole = found.image.coefficients @ found.image.spectra
     assert found.lamp * scene.lamp.radiance.at(BANDS) == pytest.approx(whole, rel=1e-5, abs=1e-12)
 
@@ -70,18 +74,21 @@ def test_the_lamps_spectrum_and_power():
 def test_a_black_paint_has_no_derivative_to_show():
     scene = with_paint(cornell_box(), "red", 0.0)
     with pytest.raises(InputError, match=r"material red: found reflectance 0 at 450 nm"):
-        render_derivatives(scene, cornell_camera(8), BANDS)
+        render_derivatives(RenderJob(scene, cornell_camera(8), BANDS))
     assert isinstance(scene.materials["red"].reflectance, Spectrum)
 
 
 def test_bounces_share_their_paths_and_add_up():
     """Each part is the difference of pictures cut one reflection later and sooner; all of them make the picture."""
     arguments = {"samples": 16, "batches": 2, "seed": 3}
-    parts = render_bounces(cornell_box(), cornell_camera(12), BANDS, bounces=3, **arguments)
-    whole = render_path_tracer(cornell_box(), cornell_camera(12), BANDS, **arguments)
+    parts = render_bounces(RenderJob(cornell_box(), cornell_camera(12), BANDS, **arguments), bounces=3)
+    whole = render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS, **arguments))
     radiance = whole.coefficients @ whole.spectra
     assert parts.sum("part").values == pytest.approx(radiance, rel=1e-5, abs=1e-6 * radiance.max())
-    cut = [render_path_tracer(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments) for n in (1, 2)]
+    cut = [
+        render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments))
+        for n in (1, 2)
+    ]
     one, two = (image.coefficients @ image.spectra for image in cut)
     assert parts.sel(part="2").values == pytest.approx(two - one, rel=1e-3, abs=1e-6 * one.max())
     assert set(parts.surface.values.ravel()) >= {"floor", "left", "ceiling"}

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import shadow_rays
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
@@ -67,8 +68,8 @@ def test_stock_mitsuba_shows_the_same(name, max_bounces):
     """By ``volpath``: the block itself, and the walls that it lights and shades; a boundary is no bounce."""
     scene, camera = SCENES[name](), camera_inside(16)
     arguments = {"samples": 256, "batches": BATCHES, "max_bounces": max_bounces}
-    ours = render_general_path_tracer(scene, camera, BANDS, seed=1, **arguments)
-    stock = render_stock(scene, camera, BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
+    ours = render_general_path_tracer(RenderJob(scene, camera, BANDS, seed=1, **arguments))
+    stock = render_stock(RenderJob(scene, camera, BANDS, seed=2, **arguments), variant="llvm_ad_rgb")
     assert_agree(ours, stock, 0.05)
 
 
@@ -91,7 +92,7 @@ def looking_up():
 def test_what_shines_through_ink_follows_beers_law():
     """A lamp behind an absorbing block, seen straight through it: exp(-absorption times the path in it)."""
     camera = looking_up()
-    image = render_general_path_tracer(under_the_lamp(NULL), camera, BANDS, samples=64, batches=1, seed=1)
+    image = render_general_path_tracer(RenderJob(under_the_lamp(NULL), camera, BANDS, samples=64, batches=1, seed=1))
     v, u = np.mgrid[0:8, 0:8].astype(float)
     cosine = camera.directions(u, v)[..., 1]
     expected = np.exp(-200.0 / cosine[..., None] * INK.absorption_per_mm.at(BANDS))
@@ -104,7 +105,7 @@ def test_a_shadow_ray_ends_at_the_most_boundaries(monkeypatch):
     scene, means = with_block(thin, NULL, rho=0.1), []
     for most in (0, 2, 256):
         monkeypatch.setattr(shadow_rays, "_MOST_BOUNDARIES", most)
-        image = render_general_path_tracer(scene, camera_inside(16), BANDS, samples=64, batches=1, seed=1)
+        image = render_general_path_tracer(RenderJob(scene, camera_inside(16), BANDS, samples=64, batches=1, seed=1))
         means.append(float((image.coefficients @ image.spectra)[:, ~image.sees_lamp].mean()))
     assert means[0] < 0.97 * means[2]
     assert means[1] == pytest.approx(means[2], rel=1e-6)
@@ -119,8 +120,8 @@ def test_a_lamp_through_rough_glass_and_its_glint_past_a_boundary_are_stocks():
         (under_the_lamp(NULL, metal), replace(camera_inside(10), position_mm=np.array([500.0, 300.0, 50.0]))),
     ):
         arguments = {"samples": 256, "batches": BATCHES}
-        ours = render_general_path_tracer(scene, camera, BANDS, seed=1, **arguments)
-        stock = render_stock(scene, camera, BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
+        ours = render_general_path_tracer(RenderJob(scene, camera, BANDS, seed=1, **arguments))
+        stock = render_stock(RenderJob(scene, camera, BANDS, seed=2, **arguments), variant="llvm_ad_rgb")
         a, b = (image.coefficients[:, ~ours.sees_lamp & ~stock.sees_lamp].mean(axis=1) for image in (ours, stock))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < 0.01 * a.mean(axis=0))
@@ -133,7 +134,7 @@ def test_milk_that_absorbs_nothing_is_not_seen_in_a_white_furnace(bsdf):
     """A closed box that absorbs nothing has radiance 1 everywhere, in the block's pixels, too."""
     white = Medium(FLAT.scaled(5e-3), FLAT.scaled(0.0), 0.5)
     scene = with_block(white, bsdf, rho=1.0, lamp_half=499.0)
-    image = render_general_path_tracer(scene, camera_inside(14), BANDS[:1], 512, BATCHES, seed=4)
+    image = render_general_path_tracer(RenderJob(scene, camera_inside(14), BANDS[:1], 512, BATCHES, seed=4))
     block = image.coverage[..., image.facet_surface == len(image.surface_names) - 1].sum(axis=-1) > 0.999
     assert block.sum() > 8
     for where in (block, ~block & ~image.sees_lamp):
@@ -149,7 +150,8 @@ def test_a_boundary_with_nothing_in_it_is_not_seen():
     scene, camera = with_block(nothing, NULL), camera_inside(12)
     without = replace(scene, surfaces=scene.surfaces[:-1])
     one, other = (
-        render_general_path_tracer(s, camera, BANDS, 256, BATCHES, seed=n) for n, s in enumerate((scene, without))
+        render_general_path_tracer(RenderJob(s, camera, BANDS, 256, BATCHES, seed=n))
+        for n, s in enumerate((scene, without))
     )
     used = other.surface >= 0
     a, b = ((image.coefficients @ image.spectra)[:, used].mean(axis=1) for image in (one, other))

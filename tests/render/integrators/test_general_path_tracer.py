@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.choice import render
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
@@ -70,8 +71,8 @@ SCENES = {
 
 def assert_as_stock(scene, largest_error, max_bounces=None):
     arguments = {"samples": 128, "batches": BATCHES, "max_bounces": max_bounces}
-    ours = render_general_path_tracer(scene, cornell_camera(16), BANDS, seed=1, **arguments)
-    stock = render_stock(scene, cornell_camera(16), BANDS, seed=2, variant="llvm_ad_rgb", **arguments)
+    ours = render_general_path_tracer(RenderJob(scene, cornell_camera(16), BANDS, seed=1, **arguments))
+    stock = render_stock(RenderJob(scene, cornell_camera(16), BANDS, seed=2, **arguments), variant="llvm_ad_rgb")
     assert_equal(ours, stock, largest_error)
 
 
@@ -91,7 +92,10 @@ def test_the_last_bounce_reflects_all_that_it_should():
 def test_diffuse_scenes_agree_with_the_path_tracer():
     camera = cornell_camera(16)
     scene = replace(cornell_box(), lamp=replace(cornell_box().lamp, pattern=PATTERN))
-    pair = [r(scene, camera, BANDS, 64, BATCHES, seed=3) for r in (render_general_path_tracer, render_path_tracer)]
+    pair = [
+        r(RenderJob(scene, camera, BANDS, 64, BATCHES, seed=3))
+        for r in (render_general_path_tracer, render_path_tracer)
+    ]
     assert_equal(*pair, 0.01)
 
 
@@ -101,7 +105,7 @@ def test_a_white_furnace_with_coat_and_medium_is_white():
     coated = replace(scene, materials={"grey": Material("grey", FLAT, {"type": "diffuse", "reflectance": 1.0})})
     hazy = replace(coated, medium=Medium(FLAT.scaled(1 / EDGE), FLAT.scaled(0.0), -0.3))
     camera = camera_inside(12)
-    images = [render_general_path_tracer(s, camera, BANDS[:1], 512, BATCHES, seed=4) for s in (coated, hazy)]
+    images = [render_general_path_tracer(RenderJob(s, camera, BANDS[:1], 512, BATCHES, seed=4)) for s in (coated, hazy)]
     for image in images:
         values = means(image, alone(image))
         error = values.std(axis=0, ddof=1) / np.sqrt(BATCHES)
@@ -113,14 +117,14 @@ def test_other_wavelengths_do_not_change_a_wavelength():
     """Until roulette begins, the picture at 550 nm is the same alone and among seven: paths are shared."""
     scene, camera = with_bsdf(**COATED), cornell_camera(8)
     arguments = {"samples": 8, "batches": 2, "seed": 1, "max_bounces": 2}
-    alone = render_general_path_tracer(scene, camera, np.array([550.0]), **arguments)
-    among = render_general_path_tracer(scene, camera, np.linspace(400, 700, 7), **arguments)
+    alone = render_general_path_tracer(RenderJob(scene, camera, np.array([550.0]), **arguments))
+    among = render_general_path_tracer(RenderJob(scene, camera, np.linspace(400, 700, 7), **arguments))
     assert alone.coefficients[..., 0] == pytest.approx(among.coefficients[..., 3], rel=1e-4, abs=1e-7)
 
 
 def test_the_door_takes_every_scene_and_the_final_gather_diffuse_ones():
     scene = with_bsdf(**COATED)
-    image = render(scene, cornell_camera(8), BANDS, samples=4, batches=2)
+    image = render(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
     assert image.coefficients.shape == (2, 8, 8, 3)
     with pytest.raises(InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"):
         solve_light(scene, BANDS)
@@ -128,7 +132,7 @@ def test_the_door_takes_every_scene_and_the_final_gather_diffuse_ones():
 
 def test_a_surface_that_mitsuba_does_not_know():
     with pytest.raises(InputError, match=r"material.white.bsdf: found a description that Mitsuba rejects"):
-        render_general_path_tracer(with_bsdf(type="velvet"), cornell_camera(8), BANDS)
+        render_general_path_tracer(RenderJob(with_bsdf(type="velvet"), cornell_camera(8), BANDS))
 
 
 def test_a_scene_file_says_it_all(tmp_path):
@@ -158,7 +162,7 @@ quads_mm = [[[552.8, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 559.2], [549.6, 0.0,
     assert scene.medium.anisotropy == 0.5
     assert scene.medium.absorption_per_mm.at(500.0) == 0
     assert scene.lamp.pattern == pytest.approx(np.array([[0.5, 1.5], [1.0, 1.0]]))
-    image = render(scene, cornell_camera(8), BANDS, samples=4, batches=2)
+    image = render(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
     assert image.coefficients.mean() > 0
     path.write_text(path.read_text().replace("pattern = [[1, 3], [2, 2]]", "pattern = [[1, 3], [2]]"))
     with pytest.raises(InputError, match=r"lamp.pattern: found rows of different lengths"):

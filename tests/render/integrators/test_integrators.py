@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.choice import render
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
@@ -19,7 +20,7 @@ from cboxlab.rendering.visibility.pinhole import film_for, resampling
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Teller
+from cboxlab.utils.progress import ProgressReporter
 from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
@@ -44,9 +45,9 @@ def pictures():
     camera = replace(cornell_camera(24), k1=-0.1, principal_point_px=np.array([12.1, 10.9]))
     scene = cornell_box()
     return {
-        "path": render_path_tracer(scene, camera, BANDS, samples=64, batches=BATCHES, seed=1),
-        "gather": render_final_gather(scene, camera, BANDS, samples=64, batches=BATCHES, seed=2),
-        "stock": render_stock(scene, camera, BANDS, samples=64, batches=BATCHES, seed=3),
+        "path": render_path_tracer(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=1)),
+        "gather": render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=2)),
+        "stock": render_stock(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=3)),
     }
 
 
@@ -62,7 +63,9 @@ def test_many_names_for_the_same_paints_change_nothing():
     scene = cornell_box()
     materials = {s.name: scene.materials[s.material] for s in scene.surfaces}
     many = replace(scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces))
-    few, more = (render_path_tracer(box, cornell_camera(16), BANDS, samples=16, batches=1) for box in (scene, many))
+    few, more = (
+        render_path_tracer(RenderJob(box, cornell_camera(16), BANDS, samples=16, batches=1)) for box in (scene, many)
+    )
     np.testing.assert_array_equal(few.coefficients, more.coefficients)
 
 
@@ -97,14 +100,14 @@ def test_a_box_with_a_ball_of_many_triangles():
     kept = tuple(s for s in published.surfaces if s.name != "short-block")
     scene = replace(published, surfaces=(*kept, ball))
     camera = cornell_camera(24)
-    gather = render_final_gather(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4)
-    paths = render_path_tracer(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5)
+    gather = render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4))
+    paths = render_path_tracer(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5))
     means_agree(gather, paths)
     covered = gather.coverage[..., gather.facet_surface == gather.surface_names.index("ball")].sum(axis=-1)
     whole = covered > 0.999  # by several of its faces in most pixels
     assert whole.sum() > 20
     mean_agrees(gather, paths, whole, "ball")
-    stock = render_stock(scene, camera, BANDS, samples=256, batches=BATCHES, seed=6)
+    stock = render_stock(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=6))
     mean_agrees(stock, paths, whole, "ball")
 
 
@@ -137,7 +140,7 @@ def test_what_pixels_cover_is_the_same(pictures):
 def test_scatter_between_seeds_is_the_stated_error(integrator):
     """The variance of 12 renders' means over the variance that they state, over all pixels, is 1."""
     scene, camera = box_with_lamp(0.6, front=False), camera_inside(16, z=-900.0, focal=0.9)
-    renders = [integrator(scene, camera, BANDS[:1], samples=32, batches=8, seed=s) for s in range(12)]
+    renders = [integrator(RenderJob(scene, camera, BANDS[:1], samples=32, batches=8, seed=s)) for s in range(12)]
     where = renders[0].single_surface & (renders[0].surface >= 0)
     means, variances = (np.array(x)[:, where, 0] for x in zip(*(r.project(np.eye(1)) for r in renders), strict=True))
     ratio = means.var(axis=0, ddof=1).sum() / variances.mean(axis=0).sum()
@@ -149,7 +152,7 @@ def test_scatter_between_seeds_is_the_stated_error(integrator):
 @pytest.mark.parametrize("integrator", [*COARSE, render_stock])
 def test_the_same_seed_gives_the_same_picture(integrator):
     scene, camera = cornell_box(), cornell_camera(12)
-    first, again, other = (integrator(scene, camera, BANDS, samples=4, batches=2, seed=s) for s in (7, 7, 8))
+    first, again, other = (integrator(RenderJob(scene, camera, BANDS, samples=4, batches=2, seed=s)) for s in (7, 7, 8))
     assert np.array_equal(first.coefficients, again.coefficients)
     assert np.array_equal(first.coverage, again.coverage)
     assert not np.array_equal(first.coefficients, other.coefficients)
@@ -161,7 +164,10 @@ def test_the_picture_is_linear_in_the_lamp(integrator):
     """Twice the lamp's radiance: twice the picture, exactly, with the same noise."""
     scene, camera = cornell_box(), cornell_camera(12)
     double = scene.with_lamp(scene.lamp.radiance.scaled(2.0))
-    one, two = (integrator(s, camera, BANDS, samples=4, batches=2, seed=7).project(np.eye(3)) for s in (scene, double))
+    one, two = (
+        integrator(RenderJob(s, camera, BANDS, samples=4, batches=2, seed=7)).project(np.eye(3))
+        for s in (scene, double)
+    )
     assert np.array_equal(2 * one[0], two[0])
     assert np.array_equal(4 * one[1], two[1])
 
@@ -174,7 +180,8 @@ def test_reflections_are_counted_and_add_up(integrator):
     """
     scene, camera = box_with_lamp(0.5), camera_inside(12)
     images = [
-        integrator(scene, camera, BANDS[:1], samples=64, batches=8, seed=3, max_bounces=n) for n in (0, 1, 2, 3, None)
+        integrator(RenderJob(scene, camera, BANDS[:1], samples=64, batches=8, seed=3, max_bounces=n))
+        for n in (0, 1, 2, 3, None)
     ]
     lamp, walls = images[0].coverage[..., -1] == 1, images[0].coverage[..., -1] == 0
     light = [relative(image)[..., 0].mean(axis=0) for image in images]
@@ -196,7 +203,7 @@ def test_the_lamps_own_picture_shows_its_pattern(integrator, max_bounces):
     """Radiance e + (1 - e)(1 - X^2)(1 - Z^2) over its mean, times cos^n of the angle, at points seen, to 1%."""
     scene = box_with_lamp(0.5, lamp_half=400.0, edge_ratio=0.3, exponent=2.0)
     camera = replace(camera_inside(16), focal_length_px=5.0)
-    image = integrator(scene, camera, BANDS[:1], samples=256, batches=2, max_bounces=max_bounces)
+    image = integrator(RenderJob(scene, camera, BANDS[:1], samples=256, batches=2, max_bounces=max_bounces))
     fine = (np.arange(8) - 3.5) / 8
     v, u, dv, du = np.meshgrid(np.arange(16), np.arange(16), fine, fine, indexing="ij")
     ray = camera.directions(u + du, v + dv)
@@ -216,7 +223,7 @@ def test_one_solution_serves_all_cameras():
     scene = cornell_box()
     light = solve_light(scene, BANDS, patch_edge_mm=150.0, seed=3)
     for camera in (cornell_camera(12), replace(cornell_camera(16), k1=-0.1)):
-        own = render_final_gather(scene, camera, BANDS, 16, 2, seed=3, patch_edge_mm=150.0)
+        own = render_final_gather(RenderJob(scene, camera, BANDS, 16, 2, seed=3), patch_edge_mm=150.0)
         shared = gather(light, camera, samples=16, batches=2, seed=3)
         assert np.array_equal(own.coefficients, shared.coefficients)
         assert np.array_equal(own.spectra, shared.spectra)
@@ -256,7 +263,7 @@ def test_the_dark_side_of_a_lit_plate():
     scene = lamp_and([floor, plate], square(np.array([EDGE / 2, 900.0, EDGE / 2]), 400.0, 1, -1))
     camera = camera_inside(16, z=-600.0, focal=1.0)
     pictures = [
-        relative(r(scene, camera, BANDS[:1], samples=64, batches=BATCHES, seed=2)).mean(axis=(1, 2))
+        relative(r(RenderJob(scene, camera, BANDS[:1], samples=64, batches=BATCHES, seed=2))).mean(axis=(1, 2))
         for r in (render_path_tracer, render_final_gather)
     ]
     error = np.sqrt(sum(p.var(axis=0, ddof=1) for p in pictures) / BATCHES)
@@ -270,7 +277,7 @@ def test_a_lamp_that_lights_nothing(integrator):
     """Behind the camera and turned away: a black picture, not an error."""
     away = square(np.full(3, -EDGE), 10.0, 1, -1)
     scene = lamp_and([quad("back", walls()["back"])], away)
-    image = integrator(scene, camera_inside(8), BANDS, samples=4, batches=2)
+    image = integrator(RenderJob(scene, camera_inside(8), BANDS, samples=4, batches=2))
     assert np.all(image.project(np.eye(3))[0] == 0)
 
 
@@ -279,7 +286,9 @@ def test_a_lamp_that_lights_nothing(integrator):
 def test_cut_pictures_agree_between_integrators(cut):
     scene, camera = cornell_box(), cornell_camera(16)
     sets = [
-        relative(r(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4, max_bounces=cut)).mean(axis=(1, 2))
+        relative(r(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4, max_bounces=cut))).mean(
+            axis=(1, 2)
+        )
         for r in (render_path_tracer, render_final_gather, render_stock)
     ]
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -291,8 +300,8 @@ def test_cut_pictures_agree_between_integrators(cut):
 def test_other_wavelengths_do_not_change_a_wavelength():
     """Until roulette begins the picture at 550 nm is the same alone and among 13 wavelengths, same paths."""
     arguments = {"samples": 8, "batches": 2, "seed": 1, "max_bounces": 2}
-    alone = render_path_tracer(cornell_box(), cornell_camera(12), BANDS[1:2], **arguments)
-    among = render_path_tracer(cornell_box(), cornell_camera(12), np.linspace(400, 700, 13), **arguments)
+    alone = render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS[1:2], **arguments))
+    among = render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), np.linspace(400, 700, 13), **arguments))
     assert alone.wavelength_nm[0] == among.wavelength_nm[6]
     assert alone.coefficients[..., 1] == pytest.approx(among.coefficients[..., 7], rel=1e-5, abs=1e-8)
 
@@ -315,7 +324,7 @@ def test_resampling_keeps_straight_lines_where_they_are(k1):
 
 def test_stock_mitsuba_refuses_lamps_it_cannot_show():
     with pytest.raises(InputError, match=r"lamp.exponent: found 2; expected 0 without a compiled variant"):
-        render_stock(box_with_lamp(0.5, exponent=2.0), camera_inside(8), BANDS)
+        render_stock(RenderJob(box_with_lamp(0.5, exponent=2.0), camera_inside(8), BANDS))
 
 
 @pytest.mark.parametrize("name", ["default", "path", "stock"])
@@ -323,8 +332,10 @@ def test_stock_mitsuba_refuses_lamps_it_cannot_show():
 def test_the_door_to_all_integrators(name):
     """Each integrator is reached by name, tells its progress up to 1, and returns the whole picture."""
     told = []
-    progress = Teller(lambda stage, done: told.append(done))
-    image = render(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2, progress=progress, integrator=name)
+    progress = ProgressReporter(lambda stage, done: told.append(done))
+    image = render(
+        RenderJob(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2), progress=progress, integrator=name
+    )
     assert image.project(np.eye(3))[0].shape == (8, 8, 3)
     assert told == sorted(told)
     assert told[-1] == pytest.approx(1.0)
@@ -338,11 +349,11 @@ from unittest import mock
 with mock.patch("ctypes.CDLL", side_effect=OSError), mock.patch("drjit.has_backend", return_value=False):
     from cboxlab.rendering.device import variant
     assert not variant.compiled()
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import RenderJob, render
 from cboxlab.scenes import cornell_box, cornell_camera
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")
-    image = render(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=8, batches=2)
+    image = render(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=8, batches=2))
 hints = [str(w.message) for w in told if "LLVM" in str(w.message)]
 assert hints == [variant.HINT], told
 assert image.project(np.eye(4))[0].mean() > 0

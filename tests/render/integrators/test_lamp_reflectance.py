@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.bounces import render_bounces
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
@@ -43,7 +44,7 @@ def test_white_walls_give_a_lamp_back_what_it_reflects_no_less(render):
     """
     bias = 0.002 if render is render_final_gather else 0.0
     scene = box_with_lamp(1.0, lamp_half=450.0, reflectance=FLAT.scaled(0.5))
-    image = render(scene, looking_up(), BANDS[:1], samples=256, batches=BATCHES, seed=5)
+    image = render(RenderJob(scene, looking_up(), BANDS[:1], samples=256, batches=BATCHES, seed=5))
     for where in (image.coverage[..., -1] == 1, image.coverage[..., -1] == 0):
         assert where.sum() > 10
         values = over_lamp(image, where)[:, 0]
@@ -57,7 +58,9 @@ def references():
     """A grey box with a large lamp that reflects, by stock Mitsuba: all light, and three reflections at most."""
     scene = box_with_lamp(0.7, lamp_half=300.0, reflectance=SLOPE)
     return {
-        n: render_stock(scene, looking_up(), BANDS, 256, BATCHES, seed=2, max_bounces=n, variant="llvm_ad_rgb")
+        n: render_stock(
+            RenderJob(scene, looking_up(), BANDS, 256, BATCHES, seed=2, max_bounces=n), variant="llvm_ad_rgb"
+        )
         for n in (None, 3)
     }
 
@@ -69,7 +72,7 @@ def test_stock_mitsuba_shows_the_same_lamp_and_walls(references, render, max_bou
     scene = box_with_lamp(0.7, lamp_half=300.0, reflectance=SLOPE)
     black = replace(scene, lamp=replace(scene.lamp, reflectance=FLAT.scaled(0.0)))
     arguments = {"samples": 128, "batches": BATCHES, "seed": 1, "max_bounces": max_bounces}
-    ours, without = (render(s, looking_up(), BANDS, **arguments) for s in (scene, black))
+    ours, without = (render(RenderJob(s, looking_up(), BANDS, **arguments)) for s in (scene, black))
     other = references[max_bounces]
     for where in (ours.coverage[..., -1] == 1, ours.coverage[..., -1] == 0):
         a, b = over_lamp(ours, where), over_lamp(other, where)
@@ -84,8 +87,8 @@ def test_stock_mitsuba_shows_the_same_lamp_and_walls(references, render, max_bou
 def test_the_parts_by_reflections_add_up():
     """What the lamp reflects is among the light reflected once or more, and the lamp alone shows its emission."""
     scene = box_with_lamp(0.7, lamp_half=300.0, reflectance=SLOPE)
-    parts = render_bounces(scene, looking_up(), BANDS, bounces=2, samples=64, batches=2, seed=1)
-    whole = render_path_tracer(scene, looking_up(), BANDS, samples=64, batches=2, seed=1)
+    parts = render_bounces(RenderJob(scene, looking_up(), BANDS, samples=64, batches=2, seed=1), bounces=2)
+    whole = render_path_tracer(RenderJob(scene, looking_up(), BANDS, samples=64, batches=2, seed=1))
     lamp = whole.coverage[..., -1] == 1
     np.testing.assert_allclose(parts.sel(part="0").values[:, lamp], 1.0, rtol=1e-6)
     assert np.all(parts.sel(part="1").values[:, lamp] == 0)
@@ -99,6 +102,6 @@ def test_the_published_box_is_as_much_brighter_as_another_simulation_says():
     black = replace(scene, lamp=replace(scene.lamp, reflectance=FLAT.scaled(0.0)))
     means = []
     for box in (scene, black):
-        image = render_final_gather(box, camera, at, samples=512, batches=1, seed=4)
+        image = render_final_gather(RenderJob(box, camera, at, samples=512, batches=1, seed=4))
         means.append(over_lamp(image, image.coverage[..., -1] == 0)[0])
     assert 100 * (means[0] / means[1] - 1) == pytest.approx([0.69, 0.77, 0.86], abs=0.03)

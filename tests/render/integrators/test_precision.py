@@ -8,10 +8,11 @@ import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.rendering.files.cube_strips import read_strips, strip_cameras, write_strips
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators import passes, precision
 from cboxlab.rendering.integrators.choice import render
-from cboxlab.rendering.integrators.passes import Job, combined, render_pass
+from cboxlab.rendering.integrators.passes import combined, render_pass
 from cboxlab.rendering.integrators.precision import (
     BATCHES,
     fireflies,
@@ -21,7 +22,7 @@ from cboxlab.rendering.integrators.precision import (
 )
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Cancelled, Teller
+from cboxlab.utils.progress import Cancelled, ProgressReporter
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -39,10 +40,10 @@ def test_the_error_asked_for_is_met(percentile, monkeypatch):
         return render_pass(job, report)
 
     monkeypatch.setattr(precision, "render_pass", watched)
-    image = render_to_precision(Job(*WHERE), 0.008, percentile=percentile)
+    image = render_to_precision(RenderJob(*WHERE), 0.008, percentile=percentile)
     assert relative_error(image, percentile) <= 0.008
     assert len(image.coefficients) >= BATCHES
-    assert {job.halvings is None for job in jobs[BATCHES:]} == {percentile == 50.0}
+    assert {isinstance(job.samples, int) for job in jobs[BATCHES:]} == {percentile == 50.0}
 
 
 @pytest.mark.parametrize("bsdf", [None, {"type": "roughplastic", "diffuse_reflectance": "reflectance"}])
@@ -51,9 +52,9 @@ def test_each_pixel_takes_its_own_samples(bsdf):
     scene = cornell_box()
     white = replace(scene.materials["white"], bsdf=bsdf)
     scene = replace(scene, materials={**scene.materials, "white": white})
-    job = Job(scene, *WHERE[1:], samples=32, seed=4)
+    job = RenderJob(scene, *WHERE[1:], samples=32, batches=1, seed=4)
     halvings = np.random.default_rng(0).integers(3, size=(12, 12)).astype(np.uint8)
-    mixed = render_pass(replace(job, halvings=halvings)).coefficients
+    mixed = render_pass(replace(job, samples=32 >> halvings.astype(int))).coefficients
     for times in range(3):
         even = render_pass(replace(job, samples=32 >> times)).coefficients
         assert np.array_equal(mixed[:, halvings == times], even[:, halvings == times])
@@ -62,14 +63,15 @@ def test_each_pixel_takes_its_own_samples(bsdf):
 def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
     """Half as many or fewer in all, the error asked for met, the pixels above it no noisier, the median as it is."""
     where = cornell_box(), cornell_camera(32), BANDS
-    rough = render_passes(Job(*where, samples=64), BATCHES)
+    rough = render_passes(RenderJob(*where, samples=64, batches=BATCHES))
     assert precision._halvings(rough, 50.0, 64) is None
     most = precision._halvings(rough, 95.0, 2**20)
     assert 0.5 <= np.mean(most == most.max()) < 0.7  # those of the median pixel and easier ones
     halvings = precision._halvings(rough, 95.0, 16)
     assert halvings.max() <= 4 and np.mean(0.5**halvings) < 0.5
-    even = render_passes(Job(*where, samples=1024, seed=1), BATCHES)
-    spread = render_passes(Job(*where, samples=1024, seed=1, halvings=halvings), BATCHES)
+    job = RenderJob(*where, samples=1024, batches=BATCHES, seed=1)
+    even = render_passes(job)
+    spread = render_passes(replace(job, samples=1024 >> halvings.astype(int)))
     assert relative_error(spread, 95.0) < 1.5 * relative_error(even, 95.0)
     hard = halvings == 0
     assert 0.05 <= hard.mean() < 0.6
@@ -81,34 +83,36 @@ def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
 def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """Stopped after three passes: the rest alone is rendered, and the picture is that of one go, to the bit."""
     kept = tmp_path / "cube.nc.passes"
-    whole = render_to_precision(Job(*WHERE), 0.004)
+    whole = render_to_precision(RenderJob(*WHERE), 0.004)
     rendered = []
 
     def watched(job, report=None):
-        if job.samples > passes.PILOT_SAMPLES:
+        if job.samples > precision.PILOT_SAMPLES:
             if len(rendered) == 3:
                 raise KeyboardInterrupt
-            rendered.append(job.number)
+            rendered.append(job.first_batch)
         return render_pass(job, report)
 
     monkeypatch.setattr(precision, "render_pass", watched)
     with pytest.raises(KeyboardInterrupt):
-        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept)
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept)
     assert rendered == [0, 1, 2]
     monkeypatch.setattr(precision, "render_pass", render_pass)
     told = []
-    teller = Teller(lambda stage, done: told.append((stage, done)))
-    resumed = render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
+    reporter = ProgressReporter(lambda stage, done: told.append((stage, done)))
+    resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=reporter)
     assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
     parts = [done for stage, done in told if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
     assert first == sorted(first) and parts[-1] == 1
     assert parts[0] == 3 / BATCHES
     assert np.array_equal(resumed.coefficients, whole.coefficients)
-    other = render_to_precision(Job(*WHERE, seed=5), 0.004, checkpoint=kept)
+    other = render_to_precision(RenderJob(*WHERE, seed=5), 0.004, checkpoint=kept)
     assert not np.array_equal(other.coefficients, whole.coefficients)
     kept.write_bytes(b"broken")
-    assert np.array_equal(render_to_precision(Job(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients)
+    assert np.array_equal(
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients
+    )
 
 
 def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
@@ -117,31 +121,31 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
     def told(stage, done):
         if stage == "rendering" and 2 / BATCHES < done:
-            teller.cancel()
+            reporter.cancel()
 
-    teller = Teller(told)
+    reporter = ProgressReporter(told)
     with pytest.raises(Cancelled):
-        render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=teller)
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=reporter)
     assert [path.name for path in tmp_path.iterdir()] == [kept.name]
     shown = []
-    resumed = Teller(lambda stage, done: shown.append(done) if stage == "rendering" else None)
-    render_to_precision(Job(*WHERE), 0.004, checkpoint=kept, progress=resumed)
+    resumed = ProgressReporter(lambda stage, done: shown.append(done) if stage == "rendering" else None)
+    render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=resumed)
     assert shown[0] == pytest.approx(3 / BATCHES)
-    teller = Teller()
-    teller.cancel()
+    reporter = ProgressReporter()
+    reporter.cancel()
     with pytest.raises(Cancelled):
-        render_to_precision(Job(*WHERE), 0.004, progress=teller)
+        render_to_precision(RenderJob(*WHERE), 0.004, progress=reporter)
 
 
 def test_passes_are_the_batches_of_one_picture():
-    parts = [render_pass(Job(*WHERE, 16, seed=3).numbered(n)) for n in range(3)]
-    whole = render(*WHERE, samples=16, batches=3, seed=3)
+    parts = [render_pass(RenderJob(*WHERE, 16, seed=3).batch(n)) for n in range(3)]
+    whole = render(RenderJob(*WHERE, samples=16, batches=3, seed=3))
     assert np.array_equal(combined(parts).coefficients, whole.coefficients)
 
 
 def test_another_machines_basis_makes_no_difference():
     """Spectra of other signs and order, coefficients to match: combined into the first's basis exactly."""
-    first, second = (render_pass(Job(*WHERE, 8).numbered(n)) for n in range(2))
+    first, second = (render_pass(RenderJob(*WHERE, 8).batch(n)) for n in range(2))
     order = np.random.default_rng(1).permutation(len(second.spectra))
     turned = replace(second, spectra=-second.spectra[order], coefficients=-second.coefficients[..., order])
     a, b = (combined([first, x]).project(np.eye(3))[0] for x in (second, turned))
@@ -151,7 +155,7 @@ def test_another_machines_basis_makes_no_difference():
 def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     """A worker process that its last pass kills once, and that starts anew: the picture is the one rendered here."""
     distributed = pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
-    jobs = [Job(*WHERE, 8).numbered(n) for n in range(3)]
+    jobs = [RenderJob(*WHERE, 8).batch(n) for n in range(3)]
     marker = tmp_path / "died"
     with (
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -159,7 +163,9 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
     ):
         futures = [client.submit(_dying_once, job, str(marker), pure=False) for job in jobs]
         images = client.gather(futures)
-        shared = dict((job.number, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address))
+        shared = dict(
+            (job.first_batch, image) for job, image in passes.distributed(jobs[:2], cluster.scheduler_address)
+        )
     assert marker.exists()
     assert np.array_equal(shared[1].coefficients, images[1].coefficients)
     here = [render_pass(job) for job in jobs]
@@ -168,7 +174,7 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
 
 
 def _dying_once(job, marker):
-    if job.number == 2 and not os.path.exists(marker):
+    if job.first_batch == 2 and not os.path.exists(marker):
         open(marker, "w").close()
         os._exit(1)
     return render_pass(job)
@@ -178,12 +184,12 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
     monkeypatch.setattr(passes, "TIMEOUT_S", 0.5)
     pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     with pytest.raises(InputError, match=r"scheduler: found no answer from tcp://127.0.0.1:9"):
-        render_to_precision(Job(*WHERE), 0.004, scheduler="tcp://127.0.0.1:9")
+        render_to_precision(RenderJob(*WHERE), 0.004, scheduler="tcp://127.0.0.1:9")
 
 
 def test_strips_make_up_the_cube(tmp_path):
     """Written strip by strip, read as a whole and by other strips: the same values, units and names."""
-    cube = render(*WHERE, samples=4, batches=2).cube()
+    cube = render(RenderJob(*WHERE, samples=4, batches=2)).cube()
     write_cube(tmp_path / "whole.nc", cube)
     write_strips(tmp_path / "strips.nc", 12, (cube.isel(y=slice(top, top + 5)) for top in range(0, 12, 5)))
     assert read_cube(tmp_path / "strips.nc").identical(read_cube(tmp_path / "whole.nc"))
@@ -207,7 +213,7 @@ def test_strips_of_a_camera_see_what_it_sees():
 def test_covariance_between_bands_is_kept():
     """Two wavelengths share their paths: the variance of their sum, over pixels, is that of summed batches and far
     from the sum of their variances."""
-    image = render(*WHERE, samples=16, batches=8)
+    image = render(RenderJob(*WHERE, samples=16, batches=8))
     each = image.project(np.eye(3))[1][..., 1:].sum(axis=-1)
     both = image.project(np.array([[0.0], [1.0], [1.0]]))[1][..., 0]
     summed = (image.coefficients @ image.spectra)[..., 1:].sum(axis=-1).var(axis=0, ddof=1) / 8

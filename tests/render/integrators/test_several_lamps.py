@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked
-from cboxlab.rendering.image import light_shares
+from cboxlab.rendering.image import RenderJob, light_shares
 from cboxlab.rendering.integrators.bounces import render_bounces
 from cboxlab.rendering.integrators.derivatives import render_derivatives
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
@@ -73,7 +73,7 @@ def references():
     """By stock Mitsuba, which has both lamps in one scene: black and reflecting ones."""
     return {
         reflectances: render_stock(
-            two_lamps(reflectances), looking_up(), BANDS, 512, BATCHES, seed=2, variant="llvm_ad_rgb"
+            RenderJob(two_lamps(reflectances), looking_up(), BANDS, 512, BATCHES, seed=2), variant="llvm_ad_rgb"
         )
         for reflectances in ((0.0, 0.0), (0.5, 0.8))
     }
@@ -82,7 +82,7 @@ def references():
 @pytest.mark.parametrize("reflectances", [(0.0, 0.0), (0.5, 0.8)])
 @pytest.mark.parametrize("render", OWN)
 def test_stock_mitsuba_shows_the_same(references, render, reflectances):
-    ours = render(two_lamps(reflectances), looking_up(), BANDS, samples=128, batches=BATCHES, seed=1)
+    ours = render(RenderJob(two_lamps(reflectances), looking_up(), BANDS, samples=128, batches=BATCHES, seed=1))
     assert_agree(ours, references[reflectances], 0.02)
     assert np.array_equal(ours.sees_lamp, (ours.coverage[..., -2:] > 0).any(axis=-1))
 
@@ -93,31 +93,31 @@ def test_coats_and_media_under_two_lamps():
     coat = {"type": "roughplastic", "alpha": 0.2, "diffuse_reflectance": "reflectance"}
     hazy = Medium(FLAT.scaled(0.4 / EDGE), FLAT.scaled(0.2 / EDGE), 0.3)
     scene = replace(plain, materials={"grey": Material("grey", FLAT.scaled(0.6), coat)}, medium=hazy)
-    ours = render_general_path_tracer(scene, looking_up(), BANDS, 256, BATCHES, seed=1)
-    stock = render_stock(scene, looking_up(), BANDS, 512, BATCHES, seed=2, variant="llvm_ad_rgb")
+    ours = render_general_path_tracer(RenderJob(scene, looking_up(), BANDS, 256, BATCHES, seed=1))
+    stock = render_stock(RenderJob(scene, looking_up(), BANDS, 512, BATCHES, seed=2), variant="llvm_ad_rgb")
     assert_agree(ours, stock, 0.03)
 
 
 def test_parts_by_reflections_add_up_and_the_lamps_power_is_its_derivative():
     scene, camera = two_lamps((0.5, 0.8)), looking_up()
     arguments = {"samples": 32, "batches": 2, "seed": 1}
-    whole = radiance(render_path_tracer(scene, camera, BANDS, **arguments))
-    parts = render_bounces(scene, camera, BANDS, bounces=2, **arguments)
+    whole = radiance(render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)))
+    parts = render_bounces(RenderJob(scene, camera, BANDS, **arguments), bounces=2)
     np.testing.assert_allclose(parts.sum("part").values, whole, rtol=1e-4, atol=1e-5)
-    lamps = render_path_tracer(scene, camera, BANDS, **arguments).coverage[..., -2:]
+    lamps = render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)).coverage[..., -2:]
     for lamp, spectrum in enumerate((WARM, COLD)):
         seen = parts.sel(part="0").values[:, lamps[..., lamp] == 1]
         np.testing.assert_allclose(seen, np.broadcast_to(spectrum.at(BANDS), seen.shape), rtol=1e-5)
-    derivatives = render_derivatives(scene, camera, BANDS, **arguments)
+    derivatives = render_derivatives(RenderJob(scene, camera, BANDS, **arguments))
     np.testing.assert_allclose(derivatives.lamp * scene.lamp_radiance(BANDS), whole, rtol=1e-4, atol=1e-5)
 
 
 def test_shares_of_light_are_those_of_the_path_tracer():
     """Once reflected light over all reflected light, as the gather's accumulators and traced paths say."""
     scene, camera = two_lamps((0.5, 0.8)), camera_inside(12)
-    image = render_final_gather(scene, camera, BANDS, 256, 2, seed=1)
+    image = render_final_gather(RenderJob(scene, camera, BANDS, 256, 2, seed=1))
     shares = light_shares(image, scene, np.eye(3))
-    parts = render_bounces(scene, camera, BANDS, bounces=2, samples=256, batches=2, seed=2).mean("batch")
+    parts = render_bounces(RenderJob(scene, camera, BANDS, samples=256, batches=2, seed=2), bounces=2).mean("batch")
     total = (parts.sum("part") - parts.sel(part="0")).values
     for ours, part in ((shares.direct, "1"), (shares.via_material.sum(axis=0), "2")):
         there = np.isfinite(ours).all(axis=0)

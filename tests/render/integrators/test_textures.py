@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.choice import render
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
@@ -60,7 +61,7 @@ def test_what_the_camera_sees_is_the_picture(renderer, name):
     camera = camera_inside(40)
     scene, white = painted(name), painted(name, paint=Texture(np.ones((1, 1, 1)), (FLAT,)))
     arguments = {"samples": 64, "batches": 1, "seed": 1, "max_bounces": 1}
-    seen, unpainted = (renderer(s, camera, BANDS, **arguments) for s in (scene, white))
+    seen, unpainted = (renderer(RenderJob(s, camera, BANDS, **arguments)) for s in (scene, white))
     where = seen.single_surface & (seen.surface == [s.name for s in scene.surfaces].index(name))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = ((seen.coefficients @ seen.spectra) / (unpainted.coefficients @ unpainted.spectra))[0]
@@ -81,8 +82,8 @@ def test_what_the_camera_sees_is_the_picture(renderer, name):
 def test_what_it_reflects_is_what_stock_mitsuba_says():
     """All walls but the ceiling painted; means over blocks of pixels of each face at three wavelengths."""
     scene, camera = painted("back", "left", "right", "floor", "front"), camera_inside(16)
-    ours = render_general_path_tracer(scene, camera, BANDS, 256, BATCHES, seed=1)
-    stock = render_stock(scene, camera, BANDS, 512, BATCHES, seed=2, variant="llvm_ad_rgb")
+    ours = render_general_path_tracer(RenderJob(scene, camera, BANDS, 256, BATCHES, seed=1))
+    stock = render_stock(RenderJob(scene, camera, BANDS, 512, BATCHES, seed=2), variant="llvm_ad_rgb")
     row, column = np.indices(ours.surface.shape) // 4
     block = np.where(ours.single_surface, 16 * ours.surface + 4 * row + column, -1)
     compared = 0
@@ -103,7 +104,7 @@ def test_a_picture_of_one_paint_is_that_paint():
     scene, camera = painted("back", "floor", paint=even), camera_inside(8)
     plain = replace(scene, materials={**scene.materials, "painted": Material("painted", RISING.scaled(0.5))})
     assert even.mean.at(BANDS) == pytest.approx(RISING.scaled(0.5).at(BANDS))
-    one, other = (render_general_path_tracer(s, camera, BANDS, 16, 1, seed=1) for s in (scene, plain))
+    one, other = (render_general_path_tracer(RenderJob(s, camera, BANDS, 16, 1, seed=1)) for s in (scene, plain))
     np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=2e-4, atol=1e-7)
     assert plain.diffuse and not scene.diffuse and scene.lambertian.diffuse
     assert replace(scene, materials={**scene.materials, "painted": grey(0.5, "painted")}).diffuse
@@ -122,7 +123,7 @@ def test_a_white_picture_in_a_white_furnace_is_not_seen():
         surfaces=surfaces,
         materials={**box.materials, "painted": Material("painted", FLAT, texture=white)},
     )
-    image = render(scene, camera_inside(10), BANDS[:1], 512, BATCHES, seed=4)
+    image = render(RenderJob(scene, camera_inside(10), BANDS[:1], 512, BATCHES, seed=4))
     values = image.coefficients[:, image.surface >= 0].mean(axis=(1, 2))
     error = values.std(ddof=1) / np.sqrt(BATCHES)
     assert error < 0.003 and abs(values.mean() - 1) < student.isf(0.5e-6, BATCHES - 1) * error

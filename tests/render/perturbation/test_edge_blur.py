@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.blur import blur
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.edge_blur import build_edge_blur
@@ -26,7 +27,7 @@ def squares():
     marks = [quad(f"mark-{i}", square(p, HALF, 2, -1)) for i, p in enumerate(PLACES)]
     scene = lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
     camera = replace(camera_inside(48, z=-700.0, focal=1.3), principal_point_px=np.array([23.2, 23.9]))
-    image = render_path_tracer(scene, camera, BANDS[:1], samples=4, batches=1)
+    image = render_path_tracer(RenderJob(scene, camera, BANDS[:1], samples=4, batches=1))
     coverage = image.coverage.sum(axis=-1)
     signal = np.stack([level * coverage for level in BRIGHT])
     warp = build_warp(build_tracer(scene), camera, image, signal)

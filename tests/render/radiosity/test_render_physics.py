@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device import dr, mi
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_points import PathPoints
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
@@ -195,7 +196,7 @@ def test_a_box_that_absorbs_nothing_glows_like_its_lamp(render):
     orders of reflection count: direct light alone is a fifth of it.
     """
     scene = box_with_lamp(1.0, lamp_half=450.0)
-    image = render(scene, camera_inside(16), BANDS, samples=256, batches=8, seed=5)
+    image = render(RenderJob(scene, camera_inside(16), BANDS, samples=256, batches=8, seed=5))
     wall = image.coverage[..., -1] == 0
     mean, _ = image.project(np.ones((3, 1)) / 3)
     batches = (image.coefficients[:, wall] @ image.spectra).mean(axis=(1, 2))
@@ -333,7 +334,7 @@ def test_a_lamp_in_the_corner_leaves_no_tails():
     surfaces = [quad(n, c) for n, c in walls().items() if n != "ceiling"]
     surfaces += [quad(name, corners[name]) for name in ("beside", "before")]
     scene = replace(lamp_and(surfaces, corners["lamp"]), materials={"grey": grey(0.6)})
-    image = render_final_gather(scene, camera_inside(24), BANDS[:1], samples=64, batches=6, seed=3)
+    image = render_final_gather(RenderJob(scene, camera_inside(24), BANDS[:1], samples=64, batches=6, seed=3))
     values = (image.coefficients @ image.spectra)[..., 0]
     middle = np.median(values, axis=0)
     assert np.abs(values / middle - 1)[:, ~image.sees_lamp].max() < 0.5
@@ -343,7 +344,7 @@ def test_a_lamp_in_the_corner_leaves_no_tails():
 def test_a_symmetric_box_looks_symmetric(render):
     """The box and the camera are their own mirror images in x, so left and right differ by noise only."""
     camera = camera_inside(20, z=-900.0, focal=0.9)
-    image = render(box_with_lamp(0.6, front=False), camera, BANDS, samples=32, batches=16, seed=11)
+    image = render(RenderJob(box_with_lamp(0.6, front=False), camera, BANDS, samples=32, batches=16, seed=11))
     mean, variance = image.project(np.ones((3, 1)) / 3)
     alone = image.single_surface & (image.surface >= 0)
     alone &= alone[:, ::-1]

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from cboxlab.rendering.device import mi
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, build_accelerator, in_a_tree
+from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, build_accelerator, triangle_tree
 from cboxlab.rendering.visibility.flat_faces import FlatFaces
 from cboxlab.rendering.visibility.tracer import facets
 from helpers.hits import COUNT, asked, between_surfaces, blocked_by, differing, directions, normals_of, rays
@@ -37,7 +37,7 @@ def scene(*meshes):
     normals = normals_of(vertices)
     return (
         build_accelerator(vertices, facets(normals, surface)[0], surface, {}),
-        in_a_tree(vertices),
+        triangle_tree(vertices),
         normals,
         vertices,
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device import dr, mi
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.visibility.faces_and_tree import in_a_tree
+from cboxlab.rendering.visibility.faces_and_tree import triangle_tree
 from cboxlab.rendering.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
 from cboxlab.rendering.visibility.tracer import build_tracer, facets
 from cboxlab.scenes import cornell_box
@@ -44,7 +44,7 @@ def both(vertices):
     normals = normals_of(vertices)
     faces = flat_faces(vertices, facets(normals, np.zeros(len(vertices), int))[0])
     assert faces is not None
-    return faces, in_a_tree(vertices), normals
+    return faces, triangle_tree(vertices), normals
 
 
 def turned(vertices, seed):
@@ -146,7 +146,7 @@ def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(see
     faces, tree, normals = both(vertices)
     (body,) = faces.bodies
     assert not faces.rows and faces.room is None and body.faces == [0, 1, 2, 3, 4]
-    assert sum(not side.faces for side in body.sides) == 1 and body.shut
+    assert sum(not side.faces for side in body.sides) == 1 and body.closed
     rng = np.random.default_rng(5)
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
@@ -253,7 +253,7 @@ def test_a_block_above_the_floor_is_entered_from_below_too():
     vertices = np.concatenate([floor, block() + np.array([0, 50, 0])])
     faces, tree, _ = both(vertices)
     (body,) = faces.bodies
-    assert not body.shut
+    assert not body.closed
     start = np.array([[200.0, 1.0, 200.0], [200.0, 1.0, 20.0]])
     ray = rays(start, np.array([[0.0, 1, 0.1], [0, 1, 0.1]]))
     ray.maxt = 1000.0

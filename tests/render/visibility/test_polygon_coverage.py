@@ -8,7 +8,7 @@ import trimesh
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.perturbation import pixels_per_unit
 from cboxlab.rendering.visibility import build_tracer, pixel_coverage
-from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, in_a_tree
+from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, triangle_tree
 from cboxlab.rendering.visibility.flat_faces import flat_faces
 from cboxlab.rendering.visibility.polygon_coverage import polygon_coverage
 from cboxlab.scenes import cornell_box, cornell_camera
@@ -44,7 +44,7 @@ def test_shares_are_those_of_rays(name):
     pixels = np.arange(SIZE * SIZE)
     found, expected = (
         pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
-        for t in (tracer, replace(tracer, accelerator=in_a_tree(tracer.vertices)))
+        for t in (tracer, replace(tracer, accelerator=triangle_tree(tracer.vertices)))
     )
     assert 0 < expected.sum() / len(pixels) <= 1
     assert ((expected > 0) & (expected < 1)).any(axis=1).sum() > 20
@@ -62,7 +62,7 @@ def test_beside_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_bo
     pixels = np.arange(SIZE * SIZE)
     found, expected = (
         pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
-        for t in (tracer, replace(tracer, accelerator=in_a_tree(tracer.vertices)))
+        for t in (tracer, replace(tracer, accelerator=triangle_tree(tracer.vertices)))
     )
     assert np.abs(found - expected).max() < 1.5e-3
     of_ball = tracer.facet_surface == len(box.surfaces)

@@ -116,7 +116,7 @@ def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, mon
     solve = passes.solve_light
     monkeypatch.setattr(passes, "solve_light", lambda *given, **more: solved.append(1) or solve(*given, **more))
     monkeypatch.setattr(
-        precision, "render_pass", lambda job, report: numbers.append(job.number) or render_pass(job, report)
+        precision, "render_pass", lambda job, report: numbers.append(job.first_batch) or render_pass(job, report)
     )
     render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), replace(SETTINGS, seed=8))
     assert len(solved) == 1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.light_shares import LightShares, light_shares
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
@@ -24,20 +25,20 @@ NM = (400.0, 500.0, 600.0)
 def test_shares_are_those_of_renders_that_stop_early():
     """Direct light is the picture after one reflection, what came by way of paints that after two; all sum to 1."""
     scene, camera = cornell_box(), cornell_camera(24)
-    image = render_final_gather(scene, camera, BANDS, 512, 2, seed=1)
+    image = render_final_gather(RenderJob(scene, camera, BANDS, 512, 2, seed=1))
     shares = light_shares(image, scene, np.eye(3))
     total = np.moveaxis(image.project(np.eye(3))[0], -1, 0)
     used = image.single_surface & (image.surface >= 0) & ~binary_dilation(image.sees_lamp, np.ones((3, 3)))
     np.testing.assert_allclose((shares.direct + shares.via_material.sum(axis=0) + shares.many)[:, used], 1.0)
     for bounces, share in ((1, shares.direct), (2, shares.direct + shares.via_material.sum(axis=0))):
-        other = render_path_tracer(scene, camera, BANDS, 256, 4, seed=9, max_bounces=bounces)
+        other = render_path_tracer(RenderJob(scene, camera, BANDS, 256, 4, seed=9, max_bounces=bounces))
         mean, variance = other.project(np.eye(3))
         for band in range(3):
             seen = (share * total)[band][used].mean()
             error = np.sqrt(variance[..., band][used].sum()) / used.sum()
             assert seen == pytest.approx(mean[..., band][used].mean(), abs=5 * error + 2e-4 * seen)
     with pytest.raises(ValueError, match="final gather"):
-        light_shares(render_path_tracer(scene, camera, BANDS[:2], 4, 1), scene, np.eye(2))
+        light_shares(render_path_tracer(RenderJob(scene, camera, BANDS[:2], 4, 1)), scene, np.eye(2))
 
 
 def comparison(z, p_value=0.0):

@@ -15,7 +15,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import apply_checked
-from cboxlab.rendering.integrators.passes import Job
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.photometry import tristimulus_weights
@@ -24,7 +24,7 @@ from cboxlab.scenes import Camera, cornell_box, cornell_camera
 from cboxlab.scenes.camera import REFERENCE_ROTATION
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Teller
+from cboxlab.utils.progress import ProgressReporter
 from cboxlab.validation.compare import pipeline
 from cboxlab.validation.compare.maps import read_map
 from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
@@ -100,7 +100,7 @@ def truth():
     """A render of the published box through a camera a little off, and that camera."""
     camera = perturbed_camera(SIZE, SEED)
     scene = photographed_scene(Model())
-    return render_to_precision(Job(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
+    return render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
 
 
 @pytest.fixture(scope="session")
@@ -114,7 +114,7 @@ def small_capture(truth, tmp_path_factory):
 @pytest.fixture(scope="session")
 def result(small_capture):
     told = []
-    progress = Teller(lambda stage, done: told.append((stage, done)))
+    progress = ProgressReporter(lambda stage, done: told.append((stage, done)))
     found = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
     stages, parts = zip(*told, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import stepwise
 from cboxlab.validation.diagnose.selection import best_set
 from helpers.patterns import AMOUNT, COUNT, Patterns, laboratory, names_of, taken, waves
@@ -147,7 +147,7 @@ def selected(monkeypatch, patterns, truth, hidden=()):
     monkeypatch.setattr(stepwise, "refitted", lambda *given: linearised)
     validation = SimpleNamespace(model=SimpleNamespace(render=None))
     signatures = [one for name, one in known.items() if name not in hidden]
-    return names_of(stepwise.selection(validation, linearised, signatures, QUIET).chosen)
+    return names_of(stepwise.selection(validation, linearised, signatures, NO_PROGRESS).chosen)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -12,6 +12,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import write_cube
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
@@ -53,7 +54,7 @@ def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, exce
 @pytest.fixture(scope="module")
 def complete():
     camera, scene = perturbed_camera(SIZE, SEED), photographed_scene(Model())
-    return render(scene, camera, WAVELENGTH_NM, 64, 2, seed=SEED)
+    return render(RenderJob(scene, camera, WAVELENGTH_NM, 64, 2, seed=SEED))
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +73,7 @@ def found(capture, tmp_path_factory):
     found = {}
     for depth in (4, None):
         camera = prepared.calibrated_camera
-        cube = render(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth).cube()
+        cube = render(RenderJob(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth)).cube()
         write_cube(path, cube)
         found[depth] = *foreign_side(validate_capture(load_capture(capture), model, picture=path)), cube
     return found

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files.cube_files import write_cube
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -25,7 +26,7 @@ def light():
 
 @pytest.fixture(scope="module")
 def image():
-    return render_final_gather(SCENE, CAMERA, WAVELENGTH_NM[::10], 16, 2)
+    return render_final_gather(RenderJob(SCENE, CAMERA, WAVELENGTH_NM[::10], 16, 2))
 
 
 @pytest.mark.parametrize("ending", ["nc", "exr"])
@@ -89,7 +90,7 @@ def test_a_cube_that_does_not_fit_is_refused(tmp_path, light, image):
 def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_path, light):
     """Noise of 3 % added to a picture of little noise, and not stated: told within a tenth inside walls."""
     camera = cornell_camera(64)
-    clean = render_final_gather(SCENE, camera, WAVELENGTH_NM[::100], 256, 2).cube()
+    clean = render_final_gather(RenderJob(SCENE, camera, WAVELENGTH_NM[::100], 256, 2)).cube()
     noise = 0.03 * np.random.default_rng(4).standard_normal(clean["radiance"].shape)
     cube = clean.drop_vars("standard_error")
     cube["radiance"] = (clean["radiance"] * (1 + noise)).assign_attrs(clean["radiance"].attrs)

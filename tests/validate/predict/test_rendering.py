@@ -2,7 +2,7 @@
 
 import numpy as np
 import xarray as xr
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.predict import predictor, rendering
 
 
@@ -27,10 +27,10 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
 
     monkeypatch.setattr(rendering, "render_bands", bands)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
-    _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=QUIET)
+    _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
     assert pilot == 3.0 and len(asked) == 2 and asked[0] == (64, 8)
     assert np.sqrt(found.variance.values).max() <= 0.6
-    _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=QUIET)
+    _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=NO_PROGRESS)
     assert same == pilot and asked[2:] == asked[1:2]
     np.testing.assert_array_equal(again.variance, found.variance)
 

@@ -13,6 +13,7 @@ import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import solve_light
@@ -20,7 +21,7 @@ from cboxlab.rendering.synthetic.capture_writer import tungsten_lamp
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.predict.traced_picture import traced_picture
 from cboxlab.validation.report.write import write_validation
@@ -38,7 +39,7 @@ HAZE = Spectrum(np.array([400.0, 700.0]), np.array([4e-4, 1e-4]))
 
 def picture_of(scene, camera, samples, batches):
     light = solve_light(scene.lambertian, WAVELENGTH_NM)
-    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, QUIET)
+    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, NO_PROGRESS)
 
 
 def coated(folder):
@@ -89,7 +90,7 @@ def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
         scene = painted(scene.lambertian)
     between, camera = np.array([405.0, 475.0, 545.0, 695.0]), cornell_camera(16)
     image = picture_of(scene, camera, 256, BATCHES // 4)
-    exact = render_general_path_tracer(scene, camera, between, 64, BATCHES, seed=9)
+    exact = render_general_path_tracer(RenderJob(scene, camera, between, 64, BATCHES, seed=9))
     used = image.single_surface & (image.surface >= 0)
     at = np.searchsorted(WAVELENGTH_NM, between)
     a = (image.coefficients[:, used] @ image.spectra[:, at]).mean(axis=1)
@@ -102,7 +103,7 @@ def test_traced_at_few_wavelengths_it_is_right_between_them(kind, tmp_path):
 def test_at_the_traced_wavelengths_it_is_what_was_traced(tmp_path):
     scene, camera, nm = load_scene(coated(tmp_path)), cornell_camera(16), np.arange(400.0, 701.0, 10.0)
     image = picture_of(scene, camera, 64, 2)
-    traced = render_general_path_tracer(scene, camera, nm, 16, 8, seed=SETTINGS.seed)
+    traced = render_general_path_tracer(RenderJob(scene, camera, nm, 16, 8, seed=SETTINGS.seed))
     here = image.coefficients @ image.spectra[:, np.searchsorted(WAVELENGTH_NM, nm)]
     expected = traced.coefficients @ traced.spectra
     assert np.abs(here - expected).max() < 1e-5 * expected.max()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
@@ -25,7 +26,7 @@ def coarse(monkeypatch):
 def test_transport_reaches_a_picture_of_all_wavelengths():
     """Fluorescence at 600 nm adds light there, none at 420 nm, and leaves what the picture's error is as it was."""
     scene, camera = cornell_box(), cornell_camera(12)
-    image = render_final_gather(scene, camera, WAVELENGTH_NM, 32, 2)
+    image = render_final_gather(RenderJob(scene, camera, WAVELENGTH_NM, 32, 2))
     assert transported(image, scene, camera, (), 1) is image
     effect = apply_checked("fluorescence", {"material": "white", "yield": 0.3, "peak_nm": 600.0}, "test")
     after = transported(image, scene, camera, (effect,), 1)
@@ -46,7 +47,7 @@ def test_a_cube_of_few_wavelengths_changes_as_the_picture_of_all_does():
     ]
     added = []
     for wavelengths in (WAVELENGTH_NM, some):
-        image = render_final_gather(scene, camera, wavelengths, 32, 2)
+        image = render_final_gather(RenderJob(scene, camera, wavelengths, 32, 2))
         before, after = (
             image.cube()["radiance"],
             transported(image, scene, camera, effects, 1).cube()["radiance"],

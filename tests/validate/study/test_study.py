@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.api import Study
 from cboxlab.validation.api import study as study_module
 from cboxlab.validation.compare import kept_fits, refitted_picture
@@ -91,7 +91,7 @@ def test_several_effects_are_fitted_together(study):
 def test_two_captures_know_an_effect_better_than_one(study, fitted):
     """The same capture twice: the same effect, its standard deviation smaller by the root of two."""
     pictures = study_module._Pictures(2 * study._pictures.prepared, study.model)
-    pictures._bases[()] = 2 * study._bases(QUIET)
+    pictures._bases[()] = 2 * study._bases(NO_PROGRESS)
     twice = replace(study, _pictures=pictures).add("veiling-glare", fraction=0.01).fit()
     one, both = fitted.effects[0], twice.effects[0]
     assert both.values["fraction"] == pytest.approx(one.values["fraction"], rel=1e-3)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import folder_lock
 from cboxlab.utils.progress import share
 
 from .arguments import JsonOption, complete_effect
@@ -72,7 +70,8 @@ def add(
         require_folder(model.parent)
         applied, before_after = _fitted(fit, current, applied.effect, given)
     grown = current.with_effect(applied)
-    with _alone(model.parent):
+    model.parent.mkdir(parents=True, exist_ok=True)
+    with folder_lock(model.parent):
         if _content(model) != found:
             raise InputError(
                 model,
@@ -89,21 +88,6 @@ def add(
     own = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
     give_json(json, {"model": model, "added": own, "effects": [e.id for e in grown.effects], **before_after})
     say(f"{model}: added {applied.id} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """One process at a time: others that come here for the same folder wait. The lock is the folder's, and no file."""
-    import fcntl
-
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):  # file systems without locks
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
 
 
 def _content(path: Path) -> bytes | None:

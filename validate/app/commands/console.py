@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Teller
+from cboxlab.utils.progress import ProgressReporter
 from rich.text import Text
 
 from ..terminal import (
@@ -94,19 +94,19 @@ def _declared(values: dict[str, str]) -> Declared:
 
 
 @contextmanager
-def bar(title: str) -> Iterator[Teller]:
+def bar(title: str) -> Iterator[ProgressReporter]:
     """The stages of a computation, as ``watch_stages`` shows them.
 
     Ctrl-C stops the computation at its next step, a second Ctrl-C immediately.
     """
     with watch_stages(title) as report:
-        progress = Teller(report)
+        progress = ProgressReporter(report)
         with _interrupt_cancels(progress):
             yield progress
 
 
 @contextmanager
-def _interrupt_cancels(progress: Teller) -> Iterator[None]:
+def _interrupt_cancels(progress: ProgressReporter) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # signals come to the main thread alone
         return

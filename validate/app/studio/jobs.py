@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Cancelled, Progress, Teller
+from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
 
 from ..terminal import Stages
 
@@ -35,7 +35,7 @@ class Jobs:
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="study")
         self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
-        self._running: tuple[Teller, asyncio.Task[None], bool] | None = None
+        self._running: tuple[ProgressReporter, asyncio.Task[None], bool] | None = None
         self.told: dict[str, Any] | None = None
         self.error = ""
 
@@ -79,8 +79,8 @@ class Jobs:
     async def cancel(self) -> None:
         """Stop the long computation that runs, if one does, and wait until it has."""
         if self._running is not None:
-            teller, task, _ = self._running
-            teller.cancel()
+            reporter, task, _ = self._running
+            reporter.cancel()
             await asyncio.wait([task])
 
     async def start(
@@ -102,9 +102,9 @@ class Jobs:
         def told(stage: str, part: float) -> None:
             loop.call_soon_threadsafe(self._progress, name, stages, stage, part, background)
 
-        teller = Teller(told)
-        task = asyncio.create_task(self._run(name, function, teller, done, stages))
-        self._running = (teller, task, background)
+        reporter = ProgressReporter(told)
+        task = asyncio.create_task(self._run(name, function, reporter, done, stages))
+        self._running = (reporter, task, background)
         self._progress(name, stages, "", 0.0, background)
 
     def _progress(self, name: str, stages: Stages, stage: str, part: float, background: bool) -> None:
@@ -131,13 +131,13 @@ class Jobs:
         self,
         name: str,
         function: Callable[[Progress], Any],
-        teller: Teller,
+        reporter: ProgressReporter,
         done: Callable[[], Awaitable[None]],
         stages: Stages,
     ) -> None:
         loop, error, ticking = asyncio.get_running_loop(), "", asyncio.create_task(self._tick(stages))
         try:
-            await loop.run_in_executor(self._pool, function, teller)
+            await loop.run_in_executor(self._pool, function, reporter)
         except Cancelled:
             error = CANCELLED
         except InputError as fault:

@@ -80,7 +80,7 @@ class Stages:
 
 @contextmanager
 def watch_stages(title: str) -> Iterator[Callable[[str, float], None]]:
-    """What a ``Teller`` reports to while a computation runs. title : the stage's name until one is reported.
+    """What a ``ProgressReporter`` reports to while a computation runs. title : the stage's name until one is reported.
 
     With a terminal one bar shows the stage, the share of the whole, the time gone and left. Without one, or where the
     user asks for more, a line is printed when a stage is over. Nothing is printed where the user wants it quiet.

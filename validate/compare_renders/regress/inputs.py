@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, files_of
-from cboxlab.rendering.integrators import BATCHES, render
+from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs, view_of
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
@@ -19,7 +19,7 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import temporary_folder
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
 from .naming import named_changes
@@ -57,7 +57,7 @@ def regress_inputs(
     model: str | None = None,
     camera: Path | None = None,
     false_alarms: float = FALSE_ALARMS,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     *,
     declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
@@ -99,7 +99,7 @@ def regress_pictures(
     candidate: Side,
     view: View | None = None,
     false_alarms: float = FALSE_ALARMS,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> Outcome:
     """Verdict and, where the sides differ, the named change. view : the scene, else the published one if it fits."""
     progress.part(0.02)
@@ -195,7 +195,7 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
     chosen = load_model(text)
     scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
     own = chosen.render.seed + 7 * seed
-    image = render(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces)
+    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces))
     image = transported(image, scene, view, chosen.effects, own, bounces)
     return side_of([labelled_cube(image)], [text])
 

@@ -8,7 +8,7 @@ right makes all less certain. `unknown` stands for an explanation of most of the
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
@@ -28,7 +28,9 @@ _FEW = 2
 _LEAST = 1e-4
 
 
-def named_changes(found: Comparison, variants: Variants | None, progress: Progress = QUIET) -> tuple[NamedChange, ...]:
+def named_changes(
+    found: Comparison, variants: Variants | None, progress: Progress = NO_PROGRESS
+) -> tuple[NamedChange, ...]:
     """Best first; at least one, `unknown` where nothing fits. variants : of the scene, None where it is not known."""
     evidence = build_evidence(found)
     tried = [*from_pictures(evidence, found.common.baseline), *from_view(evidence)]

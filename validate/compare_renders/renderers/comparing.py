@@ -15,7 +15,7 @@ from cboxlab.rendering.files import write_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined
 from cboxlab.utils.files import origin, replacing, temporary_folder
-from cboxlab.utils.progress import QUIET, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
 from .judging import REFERENCE_SAMPLES, Judged, judge, noise_of, reference_cube, write_bias_map
 from .running import missing, run_renderer
@@ -51,7 +51,7 @@ def compare_renderers(
     exported: Exported,
     names: Sequence[str],
     out: Path | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
     samples: int = REFERENCE_SAMPLES,
 ) -> ComparedRenderers:
     """Run renderers on an export and judge their cubes by our own picture.

@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.export import Exported
 from cboxlab.rendering.files import NOTES
-from cboxlab.rendering.integrators import BATCHES, render
+from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -103,15 +103,19 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def reference_cube(exported: Exported, progress: Progress = QUIET, samples: int = REFERENCE_SAMPLES) -> xr.Dataset:
+def reference_cube(
+    exported: Exported, progress: Progress = NO_PROGRESS, samples: int = REFERENCE_SAMPLES
+) -> xr.Dataset:
     """Our own picture of the export's scene, in BATCHES batches of so many samples per pixel."""
     image = render(
-        exported.scene,
-        exported.camera,
-        exported.settings.wavelength_nm,
-        samples,
-        BATCHES,
-        max_bounces=exported.max_bounces,
+        RenderJob(
+            exported.scene,
+            exported.camera,
+            exported.settings.wavelength_nm,
+            samples,
+            BATCHES,
+            max_bounces=exported.max_bounces,
+        ),
         progress=progress,
     )
     return labelled_cube(image)
@@ -123,7 +127,7 @@ def judge(
     reference: xr.Dataset,
     exported: Exported,
     run: Run | None = None,
-    progress: Progress = QUIET,
+    progress: Progress = NO_PROGRESS,
 ) -> Judged:
     """cube : what the renderer made. exported : the scene it shows (``as_rendered``). reference : our picture of that.
 

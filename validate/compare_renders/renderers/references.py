@@ -8,12 +8,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import RenderJob, render
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
 from cboxlab.scenes.spectra import Spectrum
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import ArrayLike, NDArray
 
 from .closed_forms import (
@@ -70,7 +70,7 @@ class Measured:
 
 
 def measure_references(
-    names: tuple[str, ...] | None = None, effort: float = 1.0, seed: int = 0, progress: Progress = QUIET
+    names: tuple[str, ...] | None = None, effort: float = 1.0, seed: int = 0, progress: Progress = NO_PROGRESS
 ) -> tuple[Measured, ...]:
     """Every reference by the final gather and by the path tracer.
 
@@ -85,13 +85,15 @@ def measure_references(
             means = []
             for batch in range(_BATCHES):  # each with a light field of its own
                 image = render(
-                    reference.scene,
-                    reference.camera,
-                    _NM,
-                    samples,
-                    1,
-                    seed=seed + 101 * batch,
-                    max_bounces=reference.max_bounces,
+                    RenderJob(
+                        reference.scene,
+                        reference.camera,
+                        _NM,
+                        samples,
+                        1,
+                        seed=seed + 101 * batch,
+                        max_bounces=reference.max_bounces,
+                    ),
                     integrator=integrator,  # type: ignore[arg-type]
                 )
                 picture = (image.coefficients @ image.spectra)[0, ..., 0].astype(float)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib.util
 import math
 import os
@@ -11,13 +10,12 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from cboxlab.rendering.export import FORMATS
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import folder_lock
 
 __all__ = ["Run", "missing", "run_renderer"]
 
@@ -59,17 +57,6 @@ def _environment() -> dict[str, str]:
     return found
 
 
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Waits while another process is in such a block for the same folder; a killed one is in none."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
-
-
 def run_renderer(export: Path, renderer: str) -> Run:
     """Run one renderer in its folder of an export, one run at a time: what another run made is not made again.
 
@@ -80,7 +67,7 @@ def run_renderer(export: Path, renderer: str) -> Run:
         raise InputError("renderer", lacking, "an installed renderer")
     python = sys.executable
     command = [part.format(python=python) for part in FORMATS[renderer].command]
-    with _alone(export / renderer):
+    with folder_lock(export / renderer):
         begun = any((export / renderer / "out").glob("*"))
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         done = subprocess.run(

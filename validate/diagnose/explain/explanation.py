@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import FittedField
-from cboxlab.utils.progress import QUIET, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from .as_field import fitted_field
@@ -140,7 +140,7 @@ class Explanation:
         return self.rivals[1].family if len(self.rivals) > 1 else None
 
 
-def explain(excess: Excess, progress: Progress = QUIET) -> Explanation:
+def explain(excess: Excess, progress: Progress = NO_PROGRESS) -> Explanation:
     """Fit all families to the excess and judge them."""
     spot, forms = hot_spot(excess), []
     of_camera = chain(sensor_forms(excess, spot, spot_of_one_band(excess)), optics_forms(excess), order_forms(excess))

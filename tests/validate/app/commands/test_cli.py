@@ -20,8 +20,8 @@ from cboxlab.rendering.model import named_effect
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.scenes import cornell_camera
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import folder_lock
 from cboxlab.validation.app.commands import console
-from cboxlab.validation.app.commands.add import _alone as alone
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.synthetic.blind import open_seal
 from helpers.command_line import assert_one_line_of_help
@@ -230,11 +230,11 @@ def test_writers_of_a_model_take_turns(tmp_path):
     order = []
 
     def later():
-        with alone(tmp_path):
+        with folder_lock(tmp_path):
             order.append("second")
 
     other = threading.Thread(target=later)
-    with alone(tmp_path):
+    with folder_lock(tmp_path):
         other.start()
         other.join(0.2)
         order.append("first")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import uvicorn
 from cboxlab.rendering.model import load_model
-from cboxlab.utils.progress import QUIET
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench, build_app
 from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
@@ -30,7 +30,7 @@ def bench(tmp_path_factory):
     root = tmp_path_factory.mktemp("studio")
     glare_capture(root / "capture")
     made = Workbench(root, root / ".cache", noise=3.0, seed=1)
-    made.open("capture", None, QUIET)
+    made.open("capture", None, NO_PROGRESS)
     return made
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
@@ -16,13 +17,9 @@ WAVELENGTHS = np.arange(420.0, 701.0, 40.0)
 def rendered(max_bounces=None):
     """(y, x, w) radiance with little noise, and the surface map."""
     image = render(
-        cornell_box(),
-        cornell_camera(SIZE),
-        WAVELENGTHS,
-        samples=64,
-        batches=2,
-        seed=5,
-        max_bounces=max_bounces,
+        RenderJob(
+            cornell_box(), cornell_camera(SIZE), WAVELENGTHS, samples=64, batches=2, seed=5, max_bounces=max_bounces
+        )
     )
     mean, _ = image.project(np.eye(WAVELENGTHS.size))
     surface = image.surface.astype(int)

@@ -8,6 +8,7 @@ import pytest
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import apply_checked, names_in
 from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.scenes import cornell_box, cornell_camera
@@ -110,7 +111,7 @@ def test_wavelengths_with_wrong_labels_are_told():
 
 def test_bin_edges_taken_for_points_are_told():
     """Rendered at wavelengths 20 nm lower than its labels say."""
-    image = render(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7)
+    image = render(RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7))
     picture, _ = image.project(np.eye(WAVELENGTHS.size))
     _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
     first = named_changes(found, variants())[0]
@@ -137,7 +138,7 @@ def test_glossy_white_paint_is_named_gloss():
     glossy = {**box.materials, "white": replace(box.materials["white"], bsdf=bsdf)}
     sides = []
     for seed, scene in enumerate((box, replace(box, materials=glossy))):
-        image = render(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed, integrator="path")
+        image = render(RenderJob(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed), integrator="path")
         sides.append(side_of([labelled_cube(image)], [f"seed {seed}"]))
     _, found = regress_sides(*sides)
     first = named_changes(found, variants())[0]
@@ -151,7 +152,9 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(stated):
     """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
     hardly larger than noise, and what noise leaves is no evidence of anything else."""
     first, second = (
-        side_of([labelled_cube(render(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed))], ["it"])
+        side_of(
+            [labelled_cube(render(RenderJob(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed)))], ["it"]
+        )
         for seed in (5, 6)
     )
     if not stated:
@@ -180,7 +183,7 @@ def test_half_a_pixel_is_named_shift():
     """Rendered anew through a moved camera: no pixel is interpolated."""
     camera = cornell_camera(SIZE)
     half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
-    image = render(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6)
+    image = render(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
     first = named(image.project(np.eye(WAVELENGTHS.size))[0])
     assert first.change == "shift"
     assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
@@ -188,7 +191,9 @@ def test_half_a_pixel_is_named_shift():
 
 def through(camera, seed):
     """One side, rendered through a camera of 96 x 96 pixels."""
-    return side_of([labelled_cube(render(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed))], [f"seed {seed}"])
+    return side_of(
+        [labelled_cube(render(RenderJob(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed)))], [f"seed {seed}"]
+    )
 
 
 @pytest.mark.parametrize(

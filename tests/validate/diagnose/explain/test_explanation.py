@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.utils.progress import Cancelled, Teller
+from cboxlab.utils.progress import Cancelled, ProgressReporter
 from cboxlab.validation.diagnose.explain import NONE, explain, explanation
 from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
@@ -70,7 +70,7 @@ def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
             time.sleep(0.01)
             yield None
 
-    stopping = Teller(lambda stage, done: None)
+    stopping = ProgressReporter(lambda stage, done: None)
     stopping.cancel()
     monkeypatch.setattr(explanation, "optics_forms", slow)
     with pytest.raises(Cancelled):
