@@ -1,4 +1,4 @@
-"""Checks of a capture beyond its keys: cross-references within the manifest and the files it names."""
+"""Checks of a capture beyond its keys: cross-references in the manifest, and its files."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ __all__ = ["capture_faults"]
 
 
 def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Key and frame paths of every table of the manifest."""
     for key in ("band", "darks", "flats", "reference", "bracket", "target"):
         for index, table in enumerate(getattr(manifest, key)):
             yield f"{key.removesuffix('s')}[{index}].frames", table.frames
 
 
 def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
+    """Key and column reference of every spectrum that the manifest names."""
     efficiency = manifest.camera.quantum_efficiency
     for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
         if column is not None:
@@ -46,9 +48,10 @@ def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
 
 
 def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
-    known = [band.id for band in manifest.band]
-    for index, identifier in enumerate(known):
-        if identifier in known[:index]:
+    """Contradictions within the manifest, without a look at its files."""
+    band_ids = [band.id for band in manifest.band]
+    for index, identifier in enumerate(band_ids):
+        if identifier in band_ids[:index]:
             yield InputError(
                 f"{path}: band[{index}].id",
                 f"'{identifier}' a second time",
@@ -57,12 +60,12 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
     for key in ("flats", "reference", "bracket"):
         for index, table in enumerate(getattr(manifest, key)):
-            if table.band not in known:
+            if table.band not in band_ids:
                 yield InputError(
                     f"{path}: {key.removesuffix('s')}[{index}].band",
                     f"'{table.band}'",
-                    f"one of {', '.join(dict.fromkeys(known))}",
-                    nearest(table.band, known),
+                    f"one of {', '.join(dict.fromkeys(band_ids))}",
+                    nearest(table.band, band_ids),
                 )
     exposures = [dark.exposure_s for dark in manifest.darks]
     for index, exposure in enumerate(exposures):
@@ -97,6 +100,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
 
 
 def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
+    """Raise InputError for a path that is missing, leaves the folder or cannot be a file."""
     try:
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # link loops, null bytes, names that are too long
@@ -109,11 +113,11 @@ def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
             "Copy the file into the folder instead of linking to it.",
         )
     if not (folder / name).is_file():
-        found = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
-        raise InputError(f"{path}: {key}", f"'{name}', {found}", "a file of the capture")
+        fault = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
+        raise InputError(f"{path}: {key}", f"'{name}', {fault}", "a file of the capture")
 
 
-def _there(path: Path) -> bool:
+def _is_readable(path: Path) -> bool:
     """Whether a file can be looked into; ``_check_file`` says why not."""
     try:
         return path.is_file()
@@ -122,20 +126,22 @@ def _there(path: Path) -> bool:
 
 
 def _check_labels_image(path: Path, height: int, width: int) -> None:
+    """Raise InputError for a label image of another size or type than the format states."""
     try:
         with Image.open(path) as image:
             image.load()
-            found = f"{image.format} of mode {image.mode}, {image.width} x {image.height} px"
-            good = image.mode in ("L", "P") and (image.height, image.width) == (height, width)
+            content = f"{image.format} of mode {image.mode}, {image.width} x {image.height} px"
+            fits = image.mode in ("L", "P") and (image.height, image.width) == (height, width)
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
-        found, good = "a file that is not an image", False
-    if not good:
-        raise InputError(path, found, f"an 8-bit one-channel PNG of {width} x {height} px")
+        content, fits = "a file that is not an image", False
+    if not fits:
+        raise InputError(path, content, f"an 8-bit one-channel PNG of {width} x {height} px")
 
 
 def _check_spectrum(
     folder: Path, path: Path, key: str, reference: str, tables: dict[str, dict[str, Spectrum] | None]
 ) -> None:
+    """Raise InputError for a missing file or column; each file is read once, into ``tables``."""
     name, _, column = reference.rpartition(":")
     if name not in tables:
         tables[name] = None  # so that a faulty file is named once
@@ -152,11 +158,12 @@ def _check_spectrum(
 
 
 def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Callable[[], None]]:
+    """All checks of files, each to be called; it raises InputError for a fault."""
     camera, labels = manifest.camera, manifest.labels
     for key, names in _frame_lists(manifest):
         for name in names:
             yield partial(_check_file, folder, path, key, name)
-            if _there(folder / name):
+            if _is_readable(folder / name):
                 yield partial(check_frame, folder / name, camera.height_px, camera.width_px)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
@@ -165,14 +172,14 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
     if labels is not None:
         yield partial(_check_file, folder, path, "labels.image", labels.image)
-        if _there(folder / labels.image):
+        if _is_readable(folder / labels.image):
             yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
         yield partial(_check_file, folder, path, "labels.names", labels.names)
-        if _there(folder / labels.names):
+        if _is_readable(folder / labels.names):
             yield partial(_check_label_table, folder / labels.names)
         if labels.reflectance is not None:
             yield partial(_check_file, folder, path, "labels.reflectance", labels.reflectance)
-            if _there(folder / labels.reflectance):
+            if _is_readable(folder / labels.reflectance):
                 yield partial(_check_reflectances, folder / labels.reflectance)
 
 
@@ -190,6 +197,18 @@ def capture_faults(folder: Path, manifest: Manifest) -> list[InputError]:
     """All contradictions within the manifest and between it and the files of its folder.
 
     Of frames only the headers are checked; spectra and label tables are checked completely.
+
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+    manifest
+        Its manifest.
+
+    Returns
+    -------
+    list
+        One InputError per fault; empty if there are none.
     """
     path = folder / "capture.toml"
     faults = list(_consistency_faults(path, manifest))
