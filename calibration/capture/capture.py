@@ -15,8 +15,8 @@ from cboxlab.utils.faults import path_inside
 from numpy.typing import NDArray
 from PIL import Image
 
-from .checks import capture_faults
-from .frames import read_frame
+from .checks import TABLES_OF_FRAMES, capture_faults
+from .frames import picture_names, pictures_by_file, read_frame, read_frames, split_name
 from .labels import Label, read_labels
 from .manifest import BandTable, BracketTable, FlatTable, Manifest, ReferenceTable
 from .manifest_faults import raise_faults, read_manifest
@@ -105,7 +105,8 @@ class Capture:
         InputError
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
-        return read_frame(self.folder / path, *self.shape, self.manifest.camera.bit_depth)
+        file, number = split_name(self.folder, path)
+        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
 
     def frames(self, table: FrameTable) -> NDArray[np.uint16]:
         """Counts of all frames of a table.
@@ -120,7 +121,9 @@ class Capture:
         NDArray
             (repeat, y, x) counts, uint16, DN.
         """
-        return np.stack([self.frame(path) for path in table.frames])
+        files = pictures_by_file(self.folder, table.frames)
+        depth = self.manifest.camera.bit_depth
+        return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 
     def f_number(self, table: BandTable | BracketTable) -> float | None:
         """F-number of a table, or of its band where the table states none.
@@ -344,4 +347,17 @@ def load_capture(folder: Path) -> Capture:
     path = folder / "capture.toml"
     manifest = read_manifest(path)
     raise_faults(path, capture_faults(folder, manifest))
-    return Capture(folder, manifest)
+    return Capture(folder, _with_each_picture(folder, manifest))
+
+
+def _with_each_picture(folder: Path, manifest: Manifest) -> Manifest:
+    """The manifest with a frame for each picture of files that hold several."""
+    changes = {}
+    for key in TABLES_OF_FRAMES:
+        tables = getattr(manifest, key)
+        if isinstance(tables, str):  # subtracted or divided beforehand
+            continue
+        names = [tuple(n for name in table.frames for n in picture_names(folder, name)) for table in tables]
+        pairs = zip(tables, names, strict=True)
+        changes[key] = tuple(t if t.frames == n else t.model_copy(update={"frames": n}) for t, n in pairs)
+    return manifest.model_copy(update=changes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,19 +12,24 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import kind_of
 from PIL import Image, UnidentifiedImageError
 
-from .frames import check_frame
+from .frames import check_frame, split_name
 from .labels import read_labels
-from .manifest import Manifest
+from .manifest import CameraTable, Manifest
 from .manifest_faults import nearest
 
-__all__ = ["capture_faults"]
+__all__ = ["TABLES_OF_FRAMES", "capture_faults"]
+
+
+#: Keys of the tables that name frames.
+TABLES_OF_FRAMES = ("band", "dark", "flat", "reference", "bracket", "target")
 
 
 def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Key and frame paths of every table of the manifest."""
-    for key in ("band", "darks", "flats", "reference", "bracket", "target"):
-        for index, table in enumerate(getattr(manifest, key)):
-            yield f"{key.removesuffix('s')}[{index}].frames", table.frames
+    for key in TABLES_OF_FRAMES:
+        tables = getattr(manifest, key)
+        for index, table in enumerate(() if isinstance(tables, str) else tables):
+            yield f"{key}[{index}].frames", table.frames
 
 
 def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
@@ -162,9 +167,11 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
     camera, labels = manifest.camera, manifest.labels
     for key, names in _frame_lists(manifest):
         for name in names:
-            yield partial(_check_file, folder, path, key, name)
-            if _is_readable(folder / name):
-                yield partial(check_frame, folder / name, camera.height_px, camera.width_px)
+            file, number = _file_of(folder, name)
+            yield partial(_check_file, folder, path, key, file)
+            if _is_readable(folder / file):
+                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera)
+        yield partial(_check_once, folder, f"{path}: {key}", names)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
         yield partial(_check_spectrum, folder, path, key, reference, tables)
@@ -181,6 +188,32 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
             yield partial(_check_file, folder, path, "labels.reflectance", labels.reflectance)
             if _is_readable(folder / labels.reflectance):
                 yield partial(_check_reflectances, folder / labels.reflectance)
+
+
+def _file_of(folder: Path, name: str) -> tuple[str, int | None]:
+    """File and picture of a frame; the name itself where it cannot be a path."""
+    try:
+        return split_name(folder, name)
+    except (OSError, ValueError):
+        return name, None
+
+
+def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable) -> None:
+    """Raise InputError for a file that is no frame of the camera, or lacks the picture."""
+    count = check_frame(path, camera.height_px, camera.width_px).pictures
+    if number is not None and number >= count:
+        raise InputError(
+            where, f"the picture [{number}] of {path.name}", f"0 to {count - 1}: it holds {count} pictures"
+        )
+
+
+def _check_once(folder: Path, where: str, names: Sequence[str]) -> None:
+    """Raise InputError for a picture that stands by its number next to all pictures of its file."""
+    pairs = [_file_of(folder, name) for name in names]
+    whole_files = {file for file, number in pairs if number is None}
+    for name, (file, number) in zip(names, pairs, strict=True):
+        if number is not None and file in whole_files:
+            raise InputError(where, f"'{name}' next to '{file}'", "each picture listed once")
 
 
 def _check_label_table(path: Path) -> None:

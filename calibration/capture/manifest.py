@@ -115,7 +115,10 @@ def _key(description: str, example: str, default: Any = ...) -> Any:
     return Field(default, description=description, examples=[example])
 
 
-_FRAMES = "repeats of one exposure, averaged: 16-bit unsigned TIFF, one channel, linear counts"
+_FRAMES = (
+    "repeats of one exposure, averaged: files of linear counts, one channel (TIFF, FITS, camera raw); a file with "
+    "several pictures counts as that many repeats, and 'file.fits[2]' is its third one"
+)
 _EXPOSURE = "exposure time, s"
 _F_NUMBER = "f-number of the lens"
 _DISTANCE = "distance from the lens to the image, mm; the focal length for an object far away"
