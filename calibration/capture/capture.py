@@ -1,4 +1,4 @@
-"""A capture: one folder in the capture format, version 1. Frames and spectra are read on demand."""
+"""Capture: one folder in the capture format, version 1. Frames are read on demand."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from cboxlab.utils.faults import path_inside
 from numpy.typing import NDArray
 from PIL import Image
 
-from .checks import capture_faults
-from .frames import read_frame
+from .checks import TABLES_OF_FRAMES, capture_faults
+from .frames import picture_names, pictures_by_file, read_frame, read_frames, split_name
 from .labels import Label, read_labels
 from .manifest import BandTable, BracketTable, FlatTable, Manifest, ReferenceTable
 from .manifest_faults import raise_faults, read_manifest
@@ -36,18 +36,18 @@ class FrameTable(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """One folder in the capture format, checked. Made by ``load_capture``; immutable.
+    """One folder in the capture format, checked by ``load_capture``. Immutable."""
 
-    full_well_dn : the count at which pixels saturate, if they do below full scale; see ``with_full_well``.
-    """
-
+    #: Folder of the capture.
     folder: Path
+    #: Content of its capture.toml.
     manifest: Manifest
+    #: Count at which pixels saturate below full scale, DN; None if they do not. See ``with_full_well``.
     full_well_dn: int | None = None
 
     @property
     def band_ids(self) -> tuple[str, ...]:
-        """Band identifiers in the order of the manifest, which is the order of every (band, ...) array."""
+        """Band identifiers in the order of the manifest and of every (band, ...) array."""
         return tuple(band.id for band in self.manifest.band)
 
     @property
@@ -66,74 +66,206 @@ class Capture:
         return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
 
     def band(self, identifier: str) -> BandTable:
-        """The band of that identifier; KeyError with the known ones otherwise."""
+        """The table of a band.
+
+        Parameters
+        ----------
+        identifier
+            Identifier of the band.
+
+        Returns
+        -------
+        BandTable
+            Its table of the manifest.
+
+        Raises
+        ------
+        KeyError
+            For an unknown identifier; the message names the bands of the capture.
+        """
         for band in self.manifest.band:
             if band.id == identifier:
                 return band
         raise KeyError(f"no band '{identifier}'; there are {', '.join(self.band_ids)}")
 
     def frame(self, path: str) -> NDArray[np.uint16]:
-        """Counts (y, x) of one frame by its path in the manifest. Raises InputError (see read_frame)."""
-        return read_frame(self.folder / path, *self.shape, self.manifest.camera.bit_depth)
+        """Counts of one frame.
+
+        Parameters
+        ----------
+        path
+            Path in the manifest.
+
+        Returns
+        -------
+        NDArray
+            (y, x) counts, uint16, DN.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
+        """
+        file, number = split_name(self.folder, path)
+        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
 
     def frames(self, table: FrameTable) -> NDArray[np.uint16]:
-        """Counts (repeat, y, x) of all frames of a table."""
-        return np.stack([self.frame(path) for path in table.frames])
+        """Counts of all frames of a table.
+
+        Parameters
+        ----------
+        table
+            A table of the manifest.
+
+        Returns
+        -------
+        NDArray
+            (repeat, y, x) counts, uint16, DN.
+        """
+        files = pictures_by_file(self.folder, table.frames)
+        depth = self.manifest.camera.bit_depth
+        return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 
     def f_number(self, table: BandTable | BracketTable) -> float | None:
-        """The table's f-number, or that of its band."""
+        """F-number of a table, or of its band where the table states none.
+
+        Parameters
+        ----------
+        table
+            A table of the manifest.
+
+        Returns
+        -------
+        float | None
+            None if neither states it.
+        """
         return self._optics(table).f_number if table.f_number is None else table.f_number
 
     def image_distance_mm(self, table: BandTable | BracketTable) -> float | None:
-        """The table's image distance in mm, or that of its band."""
-        own = table.image_distance_mm
-        return self._optics(table).image_distance_mm if own is None else own
+        """Image distance of a table, or of its band where the table states none.
+
+        Parameters
+        ----------
+        table
+            A table of the manifest.
+
+        Returns
+        -------
+        float | None
+            Distance from the lens to the image, mm; None if neither states it.
+        """
+        distance = table.image_distance_mm
+        return self._optics(table).image_distance_mm if distance is None else distance
 
     def _optics(self, table: BandTable | BracketTable) -> BandTable:
         return table if isinstance(table, BandTable) else self.band(table.band)
 
     def flats(self, band: str) -> tuple[FlatTable, ...]:
-        """The flat tables of a band, those taken at the band's own f-number first."""
-        own = [flat for flat in self.manifest.flats if flat.band == band]
-        return tuple(sorted(own, key=lambda flat: self.f_number(flat) != self.band(band).f_number))
+        """The flat tables of a band, those at the band's f-number first.
+
+        Parameters
+        ----------
+        band
+            Identifier of the band.
+
+        Returns
+        -------
+        tuple
+            Empty if the band has no flat or the flat was divided beforehand.
+        """
+        flats = [flat for flat in self.manifest.flats if flat.band == band]
+        return tuple(sorted(flats, key=lambda flat: self.f_number(flat) != self.band(band).f_number))
 
     def references(self, band: str) -> tuple[ReferenceTable, ...]:
-        """The reference tables of a band."""
+        """The reference tables of a band.
+
+        Parameters
+        ----------
+        band
+            Identifier of the band.
+
+        Returns
+        -------
+        tuple
+            In the order of the manifest.
+        """
         return tuple(reference for reference in self.manifest.reference if reference.band == band)
 
     def brackets(self, band: str) -> tuple[BracketTable, ...]:
-        """The further exposures of a band."""
+        """The further exposures of a band.
+
+        Parameters
+        ----------
+        band
+            Identifier of the band.
+
+        Returns
+        -------
+        tuple
+            In the order of the manifest.
+        """
         return tuple(bracket for bracket in self.manifest.bracket if bracket.band == band)
 
     def light(self, reference: str) -> Spectrum:
-        """A radiance, transmittance or quantum efficiency, 'file.csv:column'; zero beyond its table."""
+        """A spectrum of the capture: radiance, transmittance or quantum efficiency.
+
+        Parameters
+        ----------
+        reference
+            Column of a file, ``file.csv:column``.
+
+        Returns
+        -------
+        Spectrum
+            Zero beyond its table.
+        """
         return read_spectrum(self.folder, reference, "zero")
 
     def quantum_efficiency(self, channel: str | None = None) -> Spectrum | None:
-        """Quantum efficiency (0 to 1), with a mosaic of ``channel`` "R", "G" or "B"; None if not stated.
+        """Quantum efficiency of the sensor, or of one channel of its mosaic.
 
-        Raises ValueError if the sensor has a mosaic and no channel is given.
+        Parameters
+        ----------
+        channel
+            "R", "G" or "B" with a mosaic; ignored without one.
+
+        Returns
+        -------
+        Spectrum | None
+            Electrons per photon, 0 to 1; None if the manifest does not state it.
+
+        Raises
+        ------
+        ValueError
+            If the sensor has a mosaic and no channel is given.
         """
-        stated = self.manifest.camera.quantum_efficiency
-        if isinstance(stated, tuple):
+        column = self.manifest.camera.quantum_efficiency
+        if isinstance(column, tuple):
             if channel is None:
                 raise ValueError("the sensor has a mosaic: say which channel, R, G or B")
-            stated = stated["RGB".index(channel)]
-        return None if stated is None else self.light(stated)
+            column = column["RGB".index(channel)]
+        return None if column is None else self.light(column)
 
     @property
     def scene_reference(self) -> str | None:
-        """The packaged scene's name or the scene file's path that the manifest states; None for no or another name.
+        """Name of a packaged scene, or path of a scene file, that the manifest states.
 
-        Raises InputError for a scene file outside the capture's folder.
+        None if the manifest states no scene or an unknown name. Raises InputError for a scene file outside the
+        capture's folder.
         """
-        stated = self.manifest.scene
-        if stated is None or not stated.endswith(".toml"):
-            return stated if stated in packaged_scenes() else None
-        return str(path_inside(self.folder, stated, self.folder / "capture.toml: scene"))
+        scene = self.manifest.scene
+        if scene is None or not scene.endswith(".toml"):
+            return scene if scene in packaged_scenes() else None
+        return str(path_inside(self.folder, scene, self.folder / "capture.toml: scene"))
 
     def known_scene(self) -> Scene | None:
-        """The scene that the manifest states, or None if it states none or it cannot be loaded."""
+        """Scene that the manifest states, read once.
+
+        Returns
+        -------
+        Scene | None
+            None if the manifest states no scene or the scene cannot be loaded.
+        """
         return self._scene
 
     @cached_property
@@ -144,20 +276,48 @@ class Capture:
             return None
 
     def labels(self) -> NDArray[np.uint8]:
-        """The label image (y, x); 0 is no label. Raises ValueError if the capture has no [labels]."""
+        """The label image of the patches.
+
+        Returns
+        -------
+        NDArray
+            (y, x) label of each pixel, uint8; 0 is no label.
+
+        Raises
+        ------
+        ValueError
+            If the capture has no [labels].
+        """
         if self.manifest.labels is None:
             raise ValueError("the capture has no [labels]")
         with Image.open(self.folder / self.manifest.labels.image) as image:
             return np.asarray(image, np.uint8)
 
     def label_names(self) -> tuple[Label, ...]:
-        """The rows of the label table, in its order. Raises ValueError if the capture has no [labels]."""
+        """The rows of the label table.
+
+        Returns
+        -------
+        tuple
+            One Label per row, in its order.
+
+        Raises
+        ------
+        ValueError
+            If the capture has no [labels].
+        """
         if self.manifest.labels is None:
             raise ValueError("the capture has no [labels]")
         return read_labels(self.folder / self.manifest.labels.names)
 
     def label_reflectances(self) -> dict[str, Spectrum]:
-        """Known reflectances (0 to 1) by column name; empty if the capture states none."""
+        """Known reflectances of the patches.
+
+        Returns
+        -------
+        dict
+            By column name, reflectance 0 to 1; empty if the capture states none.
+        """
         labels = self.manifest.labels
         if labels is None or labels.reflectance is None:
             return {}
@@ -165,18 +325,44 @@ class Capture:
 
 
 def load_capture(folder: Path) -> Capture:
-    """The capture in ``folder``.
+    """Load the capture in a folder and check it.
 
-    Checked at once: every key, every cross-reference, the existence, type and size of every frame (by its
-    header), every spectrum and label table. Checked when read: the counts of a frame.
+    Checked at once: every key, every cross-reference, the existence, type and size of every frame (by its header),
+    every spectrum and label table. Checked when read: the counts of a frame.
 
-    Raises one InputError that names every fault found, one line each.
+    Parameters
+    ----------
+    folder
+        The folder, with a capture.toml in it.
+
+    Returns
+    -------
+    Capture
+        Its frames are read on demand.
+
+    Raises
+    ------
+    InputError
+        One error that names every fault of the capture, one line each.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        found = "a file" if folder.is_file() else "no such folder"
-        raise InputError(folder, found, "the folder of a capture, with a capture.toml in it")
+        content = "a file" if folder.is_file() else "no such folder"
+        raise InputError(folder, content, "the folder of a capture, with a capture.toml in it")
     path = folder / "capture.toml"
     manifest = read_manifest(path)
     raise_faults(path, capture_faults(folder, manifest))
-    return Capture(folder, manifest)
+    return Capture(folder, _with_each_picture(folder, manifest))
+
+
+def _with_each_picture(folder: Path, manifest: Manifest) -> Manifest:
+    """The manifest with a frame for each picture of files that hold several."""
+    changes = {}
+    for key in TABLES_OF_FRAMES:
+        tables = getattr(manifest, key)
+        if isinstance(tables, str):  # subtracted or divided beforehand
+            continue
+        names = [tuple(n for name in table.frames for n in picture_names(folder, name)) for table in tables]
+        pairs = zip(tables, names, strict=True)
+        changes[key] = tuple(t if t.frames == n else t.model_copy(update={"frames": n}) for t, n in pairs)
+    return manifest.model_copy(update=changes)

@@ -1,8 +1,8 @@
-"""Checks of a capture beyond its keys: cross-references within the manifest and the files it names."""
+"""Checks of a capture beyond its keys: cross-references in the manifest, and its files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,21 +12,28 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import kind_of
 from PIL import Image, UnidentifiedImageError
 
-from .frames import check_frame
+from .frames import check_frame, split_name
 from .labels import read_labels
-from .manifest import Manifest
+from .manifest import CameraTable, Manifest
 from .manifest_faults import nearest
 
-__all__ = ["capture_faults"]
+__all__ = ["TABLES_OF_FRAMES", "capture_faults"]
+
+
+#: Keys of the tables that name frames.
+TABLES_OF_FRAMES = ("band", "dark", "flat", "reference", "bracket", "target")
 
 
 def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
-    for key in ("band", "darks", "flats", "reference", "bracket", "target"):
-        for index, table in enumerate(getattr(manifest, key)):
-            yield f"{key.removesuffix('s')}[{index}].frames", table.frames
+    """Key and frame paths of every table of the manifest."""
+    for key in TABLES_OF_FRAMES:
+        tables = getattr(manifest, key)
+        for index, table in enumerate(() if isinstance(tables, str) else tables):
+            yield f"{key}[{index}].frames", table.frames
 
 
 def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
+    """Key and column reference of every spectrum that the manifest names."""
     efficiency = manifest.camera.quantum_efficiency
     for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
         if column is not None:
@@ -46,9 +53,10 @@ def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
 
 
 def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
-    known = [band.id for band in manifest.band]
-    for index, identifier in enumerate(known):
-        if identifier in known[:index]:
+    """Contradictions within the manifest, without a look at its files."""
+    band_ids = [band.id for band in manifest.band]
+    for index, identifier in enumerate(band_ids):
+        if identifier in band_ids[:index]:
             yield InputError(
                 f"{path}: band[{index}].id",
                 f"'{identifier}' a second time",
@@ -57,12 +65,12 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
     for key in ("flats", "reference", "bracket"):
         for index, table in enumerate(getattr(manifest, key)):
-            if table.band not in known:
+            if table.band not in band_ids:
                 yield InputError(
                     f"{path}: {key.removesuffix('s')}[{index}].band",
                     f"'{table.band}'",
-                    f"one of {', '.join(dict.fromkeys(known))}",
-                    nearest(table.band, known),
+                    f"one of {', '.join(dict.fromkeys(band_ids))}",
+                    nearest(table.band, band_ids),
                 )
     exposures = [dark.exposure_s for dark in manifest.darks]
     for index, exposure in enumerate(exposures):
@@ -97,6 +105,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
 
 
 def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
+    """Raise InputError for a path that is missing, leaves the folder or cannot be a file."""
     try:
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # link loops, null bytes, names that are too long
@@ -109,11 +118,11 @@ def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
             "Copy the file into the folder instead of linking to it.",
         )
     if not (folder / name).is_file():
-        found = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
-        raise InputError(f"{path}: {key}", f"'{name}', {found}", "a file of the capture")
+        fault = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
+        raise InputError(f"{path}: {key}", f"'{name}', {fault}", "a file of the capture")
 
 
-def _there(path: Path) -> bool:
+def _is_readable(path: Path) -> bool:
     """Whether a file can be looked into; ``_check_file`` says why not."""
     try:
         return path.is_file()
@@ -122,20 +131,22 @@ def _there(path: Path) -> bool:
 
 
 def _check_labels_image(path: Path, height: int, width: int) -> None:
+    """Raise InputError for a label image of another size or type than the format states."""
     try:
         with Image.open(path) as image:
             image.load()
-            found = f"{image.format} of mode {image.mode}, {image.width} x {image.height} px"
-            good = image.mode in ("L", "P") and (image.height, image.width) == (height, width)
+            content = f"{image.format} of mode {image.mode}, {image.width} x {image.height} px"
+            fits = image.mode in ("L", "P") and (image.height, image.width) == (height, width)
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
-        found, good = "a file that is not an image", False
-    if not good:
-        raise InputError(path, found, f"an 8-bit one-channel PNG of {width} x {height} px")
+        content, fits = "a file that is not an image", False
+    if not fits:
+        raise InputError(path, content, f"an 8-bit one-channel PNG of {width} x {height} px")
 
 
 def _check_spectrum(
     folder: Path, path: Path, key: str, reference: str, tables: dict[str, dict[str, Spectrum] | None]
 ) -> None:
+    """Raise InputError for a missing file or column; each file is read once, into ``tables``."""
     name, _, column = reference.rpartition(":")
     if name not in tables:
         tables[name] = None  # so that a faulty file is named once
@@ -152,12 +163,15 @@ def _check_spectrum(
 
 
 def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Callable[[], None]]:
+    """All checks of files, each to be called; it raises InputError for a fault."""
     camera, labels = manifest.camera, manifest.labels
     for key, names in _frame_lists(manifest):
         for name in names:
-            yield partial(_check_file, folder, path, key, name)
-            if _there(folder / name):
-                yield partial(check_frame, folder / name, camera.height_px, camera.width_px)
+            file, number = _file_of(folder, name)
+            yield partial(_check_file, folder, path, key, file)
+            if _is_readable(folder / file):
+                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera)
+        yield partial(_check_once, folder, f"{path}: {key}", names)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
         yield partial(_check_spectrum, folder, path, key, reference, tables)
@@ -165,15 +179,41 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
     if labels is not None:
         yield partial(_check_file, folder, path, "labels.image", labels.image)
-        if _there(folder / labels.image):
+        if _is_readable(folder / labels.image):
             yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
         yield partial(_check_file, folder, path, "labels.names", labels.names)
-        if _there(folder / labels.names):
+        if _is_readable(folder / labels.names):
             yield partial(_check_label_table, folder / labels.names)
         if labels.reflectance is not None:
             yield partial(_check_file, folder, path, "labels.reflectance", labels.reflectance)
-            if _there(folder / labels.reflectance):
+            if _is_readable(folder / labels.reflectance):
                 yield partial(_check_reflectances, folder / labels.reflectance)
+
+
+def _file_of(folder: Path, name: str) -> tuple[str, int | None]:
+    """File and picture of a frame; the name itself where it cannot be a path."""
+    try:
+        return split_name(folder, name)
+    except (OSError, ValueError):
+        return name, None
+
+
+def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable) -> None:
+    """Raise InputError for a file that is no frame of the camera, or lacks the picture."""
+    count = check_frame(path, camera.height_px, camera.width_px).pictures
+    if number is not None and number >= count:
+        raise InputError(
+            where, f"the picture [{number}] of {path.name}", f"0 to {count - 1}: it holds {count} pictures"
+        )
+
+
+def _check_once(folder: Path, where: str, names: Sequence[str]) -> None:
+    """Raise InputError for a picture that stands by its number next to all pictures of its file."""
+    pairs = [_file_of(folder, name) for name in names]
+    whole_files = {file for file, number in pairs if number is None}
+    for name, (file, number) in zip(names, pairs, strict=True):
+        if number is not None and file in whole_files:
+            raise InputError(where, f"'{name}' next to '{file}'", "each picture listed once")
 
 
 def _check_label_table(path: Path) -> None:
@@ -190,6 +230,18 @@ def capture_faults(folder: Path, manifest: Manifest) -> list[InputError]:
     """All contradictions within the manifest and between it and the files of its folder.
 
     Of frames only the headers are checked; spectra and label tables are checked completely.
+
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+    manifest
+        Its manifest.
+
+    Returns
+    -------
+    list
+        One InputError per fault; empty if there are none.
     """
     path = folder / "capture.toml"
     faults = list(_consistency_faults(path, manifest))

@@ -1,127 +1,157 @@
-"""Camera frames: 16-bit unsigned TIFF, one channel, linear counts (DN)."""
+"""Frames of a capture: files that a frame reader knows, with linear counts (DN)."""
 
 from __future__ import annotations
 
-import zlib
+import re
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-import tifffile
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
-__all__ = ["check_frame", "read_frame"]
+from ..frame_readers import FrameHeader, frame_header, read_pictures
 
-#: TIFF 6.0's numbers of compressions that need no further library (5: LZW), and of those by zlib.
-_COMPRESSIONS, _DEFLATED = (1, 5, 8, 32773, 32946), (8, 32946)
-#: The first bytes of files that are taken for frames.
-_OTHERS = {
-    b"\x89PNG": "PNG",
-    b"\xff\xd8\xff": "JPEG",
-    b"SIMPLE  ": "FITS",
-    b"\x93NUMPY": "NumPy",
-    b"\x89HDF": "HDF5",
-    b"\x1f\x8b": "gzip",
-    b"PK\x03\x04": "zip",
-    b"P5": "PGM",
-    b"v/1\x01": "OpenEXR",
-}
-_HINT = "Export it again as a one-channel 16-bit unsigned TIFF."
+__all__ = ["check_frame", "picture_names", "pictures_by_file", "read_frame", "read_frames", "split_name"]
+
+#: One picture of a file with several, such as ``box.fits[3]``.
+_PICTURE = re.compile(r"(?P<file>.+)\[(?P<number>\d{1,6})\]")
 
 
-def _check_page(path: Path, file: tifffile.TiffFile, height: int, width: int) -> None:
-    if len(file.pages) != 1:
-        raise InputError(path, f"{len(file.pages)} images in the file", "one image", _HINT)
-    page = file.pages.first
-    if page.samplesperpixel != 1 or len(page.shape) != 2:
-        raise InputError(path, f"an image of shape {page.shape}", f"one channel, ({height}, {width})", _HINT)
-    if page.dtype != np.uint16:
-        raise InputError(path, f"pixels of type {page.dtype}", "uint16", _HINT)
-    if page.shape != (height, width):
+def split_name(folder: Path, name: str) -> tuple[str, int | None]:
+    """File and number of a picture by its name in a manifest.
+
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+    name
+        Path in the manifest, with the number of one picture in brackets or without.
+
+    Returns
+    -------
+    tuple
+        Path of the file, and the number; None for all its pictures. A file whose name ends in brackets is itself.
+    """
+    match = _PICTURE.fullmatch(name)
+    if match is None or (folder / name).is_file():
+        return name, None
+    return match["file"], int(match["number"])
+
+
+def picture_names(folder: Path, name: str) -> tuple[str, ...]:
+    """Names of the pictures of a file, one per repeat.
+
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+    name
+        Path in the manifest.
+
+    Returns
+    -------
+    tuple
+        ``name`` itself for one picture, else ``name[0]``, ``name[1]`` ...
+    """
+    file, number = split_name(folder, name)
+    if number is not None or (count := frame_header(folder / file).pictures) == 1:
+        return (name,)
+    return tuple(f"{name}[{k}]" for k in range(count))
+
+
+def pictures_by_file(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, range | None]]:
+    """Files and numbers of pictures to read at a time, so that a packed cube is unpacked once.
+
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+    names
+        Names of pictures in the manifest.
+
+    Yields
+    ------
+    tuple
+        Path of a file and the numbers of consecutive pictures of it; None for a file of one picture.
+    """
+    pairs = [split_name(folder, name) for name in names]
+    # pictures of one file whose numbers rise by one are read together
+    for _, group in groupby(enumerate(pairs), key=lambda pair: (pair[1][0], (pair[1][1] or 0) - pair[0])):
+        members = [pair for _, pair in group]
+        file, first = members[0]
+        yield folder / file, None if first is None else range(first, first + len(members))
+
+
+def check_frame(path: Path, height: int, width: int) -> FrameHeader:
+    """Check a file of frames by its header: format, size, completeness.
+
+    Parameters
+    ----------
+    path
+        The file.
+    height
+        Rows that the manifest states, px.
+    width
+        Columns that the manifest states, px.
+
+    Returns
+    -------
+    FrameHeader
+        Header of the file.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, damaged, of another size, or that holds several bands.
+    """
+    header = frame_header(path)
+    if header.shape != (height, width):
         raise InputError(
             path,
-            f"{page.shape[1]} x {page.shape[0]} pixels (width x height)",
+            f"{header.shape[1]} x {header.shape[0]} pixels (width x height)",
             f"{width} x {height} as in [camera] of capture.toml",
         )
-    if (orientation := page.tags.valueof("Orientation", 1)) != 1:
-        hint = "Save the frame with its first row at the top and without an orientation tag."
-        raise InputError(path, f"orientation {orientation}", "orientation 1, rows as the sensor read them", hint)
-    if page.compression not in _COMPRESSIONS:
-        raise InputError(path, f"compression {page.compression}", "none, deflate, LZW or PackBits", _HINT)
-    end = max((o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
-    if end == 0 or file.filehandle.size < end:
-        raise InputError(
-            path,
-            f"{file.filehandle.size} bytes",
-            f"{end} bytes according to its header",
-            "The file is truncated: copy it again.",
-        )
+    if header.bands:
+        hint = "'cbox calibrate --init' writes each into a frame."
+        raise InputError(path, f"the bands {', '.join(header.bands)} in one file", "frames of one band", hint)
+    return header
 
 
-def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:
-    """Raises InputError where deflated data unpack to more than the picture takes."""
-    if page.compression not in _DEFLATED:
-        return
-    largest = int(np.prod(page.chunks)) * 2
-    for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
-        file.filehandle.seek(offset)
-        unpacked = zlib.decompressobj().decompress(file.filehandle.read(size), largest + 1)
-        if len(unpacked) > largest:
-            raise InputError(path, "packed data of more than its size", f"{largest} bytes in each strip", _HINT)
+def read_frames(
+    path: Path, height: int, width: int, bit_depth: int, pictures: range | None = None
+) -> NDArray[np.uint16]:
+    """Counts of pictures of a file.
 
+    Parameters
+    ----------
+    path
+        The file.
+    height
+        Rows that the manifest states, px.
+    width
+        Columns that the manifest states, px.
+    bit_depth
+        Bits of a count: counts are 0 to 2^bit_depth - 1.
+    pictures
+        Numbers of the pictures; all where left out.
 
-def _other_kind(path: Path) -> str | None:
-    """What a file that is no TIFF is by its first bytes; None for a TIFF and for what is not known."""
-    with path.open("rb") as file:
-        begin = file.read(8)
-    if not begin:
-        return "an empty file"
-    return next((f"a file of the kind {kind}" for mark, kind in _OTHERS.items() if begin.startswith(mark)), None)
+    Returns
+    -------
+    NDArray
+        (n, height, width) counts, uint16, DN.
 
-
-def check_frame(path: Path, height: int, width: int) -> None:
-    """Check that a frame exists, has one uint16 channel of that size and is complete, from its header only.
-
-    Raises InputError with the file's name.
+    Raises
+    ------
+    InputError
+        If the header does not fit, a picture is not in the file, or a count is out of range.
     """
-    require_regular_file(path, "a frame that capture.toml names")
-    try:
-        if (kind := _other_kind(path)) is not None:
-            raise InputError(path, kind, "a TIFF frame", _HINT)
-        with tifffile.TiffFile(path) as file:
-            _check_page(path, file, height, width)
-    except InputError:
-        raise
-    except Exception as error:  # tifffile and its decoders raise many kinds for damaged files
-        raise InputError(
-            path,
-            f"a file that cannot be read as TIFF ({error})",
-            "a TIFF frame",
-            "The file is damaged or truncated: copy it again.",
-        ) from None
-
-
-def read_frame(path: Path, height: int, width: int, bit_depth: int) -> NDArray[np.uint16]:
-    """Counts (height, width) of a frame, uint16, 0 to 2^bit_depth - 1.
-
-    Raises InputError with the file's name if the header does not fit or a count is out of range.
-    """
-    check_frame(path, height, width)
-    try:
-        with tifffile.TiffFile(path) as file:
-            page = file.pages.first
-            _require_bounded_segments(path, file, page)
-            counts = page.asarray()
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(
-            path,
-            f"pixels that cannot be decoded ({error})",
-            "a complete TIFF frame",
-            "The file is damaged or truncated: copy it again.",
-        ) from None
+    header = check_frame(path, height, width)
+    if pictures is not None and pictures.stop > header.pictures:
+        expected = f"0 to {header.pictures - 1}: the file holds {header.pictures} pictures"
+        raise InputError(path, f"the picture [{pictures.stop - 1}]", expected)
+    counts = read_pictures(path, pictures)
     limit = 2**bit_depth - 1
     if counts.max() > limit:
         raise InputError(
@@ -130,4 +160,34 @@ def read_frame(path: Path, height: int, width: int, bit_depth: int) -> NDArray[n
             f"0 to {limit} (bit_depth = {bit_depth})",
             "Store counts in the lower bits, or correct bit_depth in capture.toml.",
         )
-    return np.asarray(counts, np.uint16)
+    return counts
+
+
+def read_frame(path: Path, height: int, width: int, bit_depth: int, picture: int = 0) -> NDArray[np.uint16]:
+    """Counts of one picture of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    height
+        Rows that the manifest states, px.
+    width
+        Columns that the manifest states, px.
+    bit_depth
+        Bits of a count: counts are 0 to 2^bit_depth - 1.
+    picture
+        Number of the picture in the file.
+
+    Returns
+    -------
+    NDArray
+        (height, width) counts, uint16, DN.
+
+    Raises
+    ------
+    InputError
+        See ``read_frames``.
+    """
+    counts: NDArray[np.uint16] = read_frames(path, height, width, bit_depth, range(picture, picture + 1))[0]
+    return counts

@@ -13,17 +13,33 @@ __all__ = ["Label", "read_labels"]
 
 @dataclass(frozen=True)
 class Label:
-    """One label of the label image. label : 1 to 255. column : its column in the reflectance file, or None."""
+    """One row of the label table."""
 
+    #: Number in the label image, 1 to 255.
     label: int
+    #: Name of the patch.
     name: str
+    #: Column of the patch in the reflectance file; None if it has none.
     column: str | None
 
 
 def read_labels(path: Path) -> tuple[Label, ...]:
-    """The rows of a label table (CSV with label, name, column) in their order.
+    """The rows of a label table.
 
-    Raises InputError for a missing column, and for a label that is not an integer from 1 to 255 or is repeated.
+    Parameters
+    ----------
+    path
+        CSV file with the columns label, name, column.
+
+    Returns
+    -------
+    tuple
+        One Label per row, in its order.
+
+    Raises
+    ------
+    InputError
+        For a missing column, and for a label that is not an integer from 1 to 255 or is repeated.
     """
     lines = read_rows(path, "a CSV file of labels")
     header = lines[0][1] if lines else []

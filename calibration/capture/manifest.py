@@ -37,11 +37,14 @@ __all__ = [
 ]
 
 
-#: Sizes beyond these are mistakes in any of the units; seconds since 1970 are 2e9.
-_LEAST, _MOST = 1e-9, 1e15
+#: Smallest absolute value of a key, 0 apart: below it the value is a mistake in any of the units.
+_MIN_SIZE = 1e-9
+#: Largest absolute value of a key: above it the value is a mistake in any of the units; seconds since 1970 are 2e9.
+_MAX_SIZE = 1e15
 
 
 def _inside(path: str) -> str:
+    """The path itself; ValueError for one that leaves the folder or is not portable."""
     parts = PurePosixPath(path).parts
     if not path or "\\" in path or path.startswith("/") or ".." in parts or PureWindowsPath(path).drive:
         raise ValueError("a relative path with forward slashes that stays in the folder")
@@ -49,6 +52,7 @@ def _inside(path: str) -> str:
 
 
 def _column(reference: str) -> str:
+    """The column reference itself; ValueError for one that is not ``file.csv:column``."""
     name, _, column = reference.rpartition(":")
     if not name or not column:
         raise ValueError("a column of a file, 'file.csv:column'")
@@ -56,12 +60,14 @@ def _column(reference: str) -> str:
 
 
 def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
+    """The paths themselves; ValueError if one occurs twice."""
     if len(set(paths)) != len(paths):
         raise ValueError("different files, each frame listed once")
     return paths
 
 
 def _pattern(pattern: str) -> str:
+    """The mosaic pattern itself; ValueError for another one than 2 x 2 letters R, G, B."""
     if len(pattern) != 4 or set(pattern) != {"R", "G", "B"}:
         raise ValueError("four letters of R, G and B, each at least once, such as 'GBRG'")
     return pattern
@@ -72,8 +78,9 @@ def _tuple(value: Any) -> Any:
 
 
 def _of_some_size(value: float) -> float:
-    if value != 0 and not _LEAST <= abs(value) <= _MOST:
-        raise ValueError(f"a size from {_LEAST:g} to {_MOST:g}, in the unit that the key ends with")
+    """The value itself; ValueError for a size that no unit of the format makes plausible."""
+    if value != 0 and not _MIN_SIZE <= abs(value) <= _MAX_SIZE:
+        raise ValueError(f"a size from {_MIN_SIZE:g} to {_MAX_SIZE:g}, in the unit that the key ends with")
     return value
 
 
@@ -104,11 +111,14 @@ class _Table(BaseModel):
 
 
 def _key(description: str, example: str, default: Any = ...) -> Any:
-    """A key of a table: what it is, and its value in TOML by way of example. Required without a default."""
+    """A key of a table with its description and an example in TOML; required without a default."""
     return Field(default, description=description, examples=[example])
 
 
-_FRAMES = "repeats of one exposure, averaged: 16-bit unsigned TIFF, one channel, linear counts"
+_FRAMES = (
+    "repeats of one exposure, averaged: files of linear counts, one channel (TIFF, FITS, camera raw); a file with "
+    "several pictures counts as that many repeats, and 'file.fits[2]' is its third one"
+)
 _EXPOSURE = "exposure time, s"
 _F_NUMBER = "f-number of the lens"
 _DISTANCE = "distance from the lens to the image, mm; the focal length for an object far away"
@@ -160,7 +170,10 @@ class DarkTable(_Table):
 
 
 class BandTable(_Table):
-    """The scene through one filter; one table per filter, in the order taken. A capture has one at least."""
+    """The scene through one filter.
+
+    One table per filter, in the order in which they were taken. A capture has at least one.
+    """
 
     id: Name = _key("a name of your choice, by which other tables speak of the band", '"f550"')
     frames: Frames = _key(_FRAMES, '["frames/f550-0.tif", "frames/f550-1.tif"]')
@@ -183,7 +196,7 @@ class BracketTable(_Table):
 
 
 class FlatTable(BracketTable):
-    """A uniform field through the same lens and filter, for vignetting and the pixels' sensitivities."""
+    """A uniform field through the same lens and filter: vignetting and pixel sensitivities."""
 
     radiance: ColumnReference | None = _key(
         "of the field, W m^-2 sr^-1 nm^-1; that of the reference source where left out",
@@ -307,6 +320,19 @@ class Manifest(_Table):
 
 
 def example_of(table: type[BaseModel], key: str) -> str:
-    """A key of a table by way of example, as a line of TOML: ``exposure_s = 4.0``; empty where there is none."""
+    """Example of a key as a line of TOML, such as ``exposure_s = 4.0``.
+
+    Parameters
+    ----------
+    table
+        A table of the manifest.
+    key
+        Name of the key.
+
+    Returns
+    -------
+    str
+        Empty for an unknown key or one without an example.
+    """
     field = table.model_fields.get(key)
     return f"{key} = {field.examples[0]}" if field is not None and field.examples else ""

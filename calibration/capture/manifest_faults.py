@@ -1,4 +1,4 @@
-"""Faults of a manifest as InputErrors: which key, what was found, what is expected, how to correct it."""
+"""Faults of a manifest as InputErrors: key, value, expectation and correction."""
 
 from __future__ import annotations
 
@@ -18,27 +18,52 @@ from .manifest import Manifest, example_of
 __all__ = ["nearest", "raise_faults", "read_manifest"]
 
 
-_MOST_LINES = 20
+#: Faults listed in one message: more would hide the first ones.
+_MAX_FAULTS_LISTED = 20
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """A hint with the known word most similar to ``word``; empty if none is similar."""
-    close = difflib.get_close_matches(word, list(known), 1)
+def nearest(word: str, candidates: Iterable[str]) -> str:
+    """Hint with the candidate most similar to a word.
+
+    Parameters
+    ----------
+    word
+        The unknown word.
+    candidates
+        The words that are allowed.
+
+    Returns
+    -------
+    str
+        "Did you mean ...?"; empty if none is similar.
+    """
+    close = difflib.get_close_matches(word, list(candidates), 1)
     return f"Did you mean '{close[0]}'?" if close else ""
 
 
 def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
-    """Raise one InputError with a line for each fault; with one fault, that fault; with none, nothing."""
+    """Raise one InputError for all faults; nothing for none.
+
+    With one fault, that fault is raised. With several, one error with a line for each.
+
+    Parameters
+    ----------
+    path
+        The faulty file.
+    faults
+        Its faults.
+    """
     if len(faults) == 1:
         raise faults[0]
     if faults:
-        lines = "".join(f"\n  {fault}" for fault in faults[:_MOST_LINES])
-        if len(faults) > _MOST_LINES:
-            lines += f"\n  and {len(faults) - _MOST_LINES} more"
+        lines = "".join(f"\n  {fault}" for fault in faults[:_MAX_FAULTS_LISTED])
+        if len(faults) > _MAX_FAULTS_LISTED:
+            lines += f"\n  and {len(faults) - _MAX_FAULTS_LISTED} more"
         raise InputError(path, f"{len(faults)} faults", "no faults", f"They are:{lines}")
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Tables in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models(argument)]
@@ -55,6 +80,7 @@ def _table_at(location: Sequence[int | str]) -> type[BaseModel]:
 
 
 def _key(data: Mapping[str, Any], location: Sequence[int | str]) -> str:
+    """Key at a location with the identifier of its table: ``band[0] (f550).exposure_s``."""
     text, value = "", data
     for part in location:
         if isinstance(part, str) and part.startswith("<"):
@@ -72,19 +98,20 @@ def _key(data: Mapping[str, Any], location: Sequence[int | str]) -> str:
 
 
 def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> InputError:
+    """One error of pydantic as InputError, with an example or the nearest key."""
     location = error["loc"]
     where = f"{path}: {_key(data, location)}"
     if error["type"] == "missing":
         example = example_of(_table_at(location[:-1]), str(location[-1]))
         return InputError(where, "nothing", "this key", f"Add it, such as {example}" if example else "Add it.")
     if error["type"] == "extra_forbidden":
-        known = list(_table_at(location[:-1]).model_fields)
-        return InputError(where, "an unknown key", f"one of {', '.join(known)}", nearest(str(location[-1]), known))
+        keys = list(_table_at(location[:-1]).model_fields)
+        return InputError(where, "an unknown key", f"one of {', '.join(keys)}", nearest(str(location[-1]), keys))
     return InputError(where, shown(error["input"]), expectation(error))
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
-    """The errors without those of a missing key for which a misspelt key was found."""
+    """The errors without those of a missing key that is present in misspelt form."""
     errors: list[Mapping[str, Any]] = [dict(error) for error in failure.errors()]
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
 
@@ -99,9 +126,22 @@ def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """The manifest in the TOML file ``path``, its keys and their ranges checked.
+    """Read a manifest and check its keys and their ranges. The files that it names are not read.
 
-    Raises one InputError that lists every faulty key. The files that it names are not read.
+    Parameters
+    ----------
+    path
+        The TOML file.
+
+    Returns
+    -------
+    Manifest
+        Its content.
+
+    Raises
+    ------
+    InputError
+        One error that lists every faulty key.
     """
     expected = "the manifest of a capture in TOML"
     text = read_text(path, expected, "A capture is a folder with a capture.toml in it.")

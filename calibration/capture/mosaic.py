@@ -12,16 +12,33 @@ from .manifest import BandTable
 
 __all__ = ["band_channels", "brighter_channel_notes", "channel_mask"]
 
-# Wavelengths at which the sensitivities of common colour filter arrays cross.
+#: Wavelength at which the blue and green sensitivities of common colour filter arrays cross, nm.
 _BLUE_TO_GREEN_NM = 490.0
+#: Wavelength at which their green and red sensitivities cross, nm.
 _GREEN_TO_RED_NM = 580.0
 
 
 def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[np.bool_]:
-    """(y, x) True where the mosaic has ``channel`` ("R", "G" or "B").
+    """Pixels of one channel of a mosaic.
 
-    pattern : the four channels of the top-left 2 x 2 pixels, row by row, such as "GBRG".
-    Raises ValueError if ``channel`` is not in the pattern.
+    Parameters
+    ----------
+    pattern
+        Letters of the upper left 2 x 2 pixels, row by row, such as "GBRG".
+    shape
+        (height, width) of the frame, px.
+    channel
+        "R", "G" or "B".
+
+    Returns
+    -------
+    NDArray
+        (y, x) True where the mosaic has the channel.
+
+    Raises
+    ------
+    ValueError
+        If the channel is not in the pattern.
     """
     if channel not in pattern:
         raise ValueError(f"channel '{channel}' is not in the pattern '{pattern}'")
@@ -31,12 +48,22 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
 
 
 def band_channels(capture: Capture) -> dict[str, str] | None:
-    """The channel used for each band, by band identifier; None without a mosaic.
+    """The channel used for each band.
 
-    With stated quantum efficiencies, the channel with the largest response within the filter's pass band. Else the
-    channel that usually passes the filter's peak: B below 490 nm, R above 580 nm, G between. Without a transmittance,
-    the channel with the largest mean count. The brightest channel is not always the right one: light outside the
-    pass band and crosstalk can make another channel brighter.
+    With stated quantum efficiencies it is the channel with the largest response within the filter's pass band. Without
+    them it is the channel that usually passes the filter's peak: B below 490 nm, R above 580 nm, G between. Without a
+    transmittance it is the channel with the largest mean count. The brightest channel is not always the right one:
+    light outside the pass band and crosstalk can make another channel brighter.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+
+    Returns
+    -------
+    dict | None
+        By band identifier, "R", "G" or "B"; None without a mosaic.
     """
     if capture.manifest.mosaic is None:
         return None
@@ -61,12 +88,26 @@ def _band_channel(capture: Capture, band: BandTable, pattern: str) -> str:
 
 
 def _brightest_channel(capture: Capture, band: BandTable, pattern: str) -> str:
+    """The channel with the largest mean count in the band's frames."""
     frame = capture.frames(band).mean(axis=0)
     return max("RGB", key=lambda channel: frame[channel_mask(pattern, capture.shape, channel)].mean())
 
 
 def brighter_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:
-    """A note for every band in which another channel is brighter than the one used; none without a mosaic."""
+    """Notes on bands in which another channel is brighter than the one used.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    channels
+        By band identifier, the channel used; None without a mosaic.
+
+    Returns
+    -------
+    list
+        One sentence per such band; empty without a mosaic.
+    """
     mosaic = capture.manifest.mosaic
     if channels is None or mosaic is None:
         return []

@@ -23,25 +23,39 @@ __all__ = ["CorrectedBands", "correct_bands"]
 
 @dataclass(frozen=True, eq=False)
 class CorrectedBands(OwnMappings):
-    """images : the BandImages of the capture, bands in the manifest's order.
+    """Corrected band images of a capture with the terms of their variance."""
 
-    coefficients : (band, 3, y, x) of the variance, see evaluate_variance. flats : by band.
-    notes : assumptions made, one sentence each.
-    """
-
+    #: BandImages of the capture: signal and variance (DN, DN^2) and mask, bands in the manifest's order.
     images: xr.Dataset
+    #: (band, 3, y, x) coefficients of the variance as a quadratic in the expected signal, see ``evaluate_variance``.
     coefficients: NDArray[np.float64]
+    #: By band identifier, the flat field by which its frames were divided.
     flats: Mapping[str, FlatField]
+    #: Assumptions of the correction, one sentence each, without repetition.
     notes: tuple[str, ...]
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
-        """Variance (band, y, x) in DN^2 of the signals, given their expectation (band, y, x) in DN."""
+        """Variance of the corrected signals, given their expectation.
+
+        This variance does not depend on the measured noise, so it suits a chi-square.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) expectation of the corrected signals, DN; negative values count as 0.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) variance of the mean over repeats, DN^2.
+        """
         return evaluate_variance(self.coefficients, expected_signal)
 
 
 def _defects(
     capture: Capture, flat: FlatField, dark: DarkLibrary, noise: NoiseModel, exposure_s: float
 ) -> NDArray[np.uint8]:
+    """(y, x) mask of hot, dead and vignetted pixels of one band (``Mask`` flags)."""
     mask = np.zeros(capture.shape, np.uint8)
     if dark.exposure_s.size:
         smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
@@ -53,7 +67,7 @@ def _defects(
 
 
 def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict[str, NDArray[np.bool_] | None]:
-    """(y, x) of each band, None without a mosaic."""
+    """By band, (y, x) True for the pixels of its channel; None without a mosaic."""
     bands, mosaic = capture.band_ids, capture.manifest.mosaic
     if channels is None or mosaic is None:
         return dict.fromkeys(bands)
@@ -63,15 +77,35 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
 def correct_bands(
     capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
 ) -> CorrectedBands:
-    """Every band's frames corrected by equation 1 of Pattanaik et al. 1997, with their variance and mask.
+    """Correct the frames of every band by equation 1 of Pattanaik et al. 1997.
 
-    SATURATED: a repeat or the flat reaches the saturation; with a mosaic also the eight neighbours, to which
-    charge and interpolation spread. HOT and DEAD: see ``defects``. VIGNETTED: the flat is below a tenth of its
-    maximum. The dataset's ``variance`` is computed from the measured signal; for a chi-square use
-    ``predicted_variance``. channels : with a mosaic, the channel of each band (coordinate ``channel``); the
-    pixels of the other channels are kept in the image.
+    A pixel is masked as SATURATED if a repeat or the flat reaches the saturation. With a mosaic its eight neighbours
+    are masked, too, because charge and interpolation spread to them. HOT and DEAD: see ``defects``. VIGNETTED: the
+    flat is below a tenth of its maximum.
 
-    Raises InputError for a faulty frame.
+    The dataset's ``variance`` is computed from the measured signal. For a chi-square use ``predicted_variance``.
+
+    Parameters
+    ----------
+    capture
+        The capture whose bands are corrected.
+    dark
+        Its dark levels (see ``read_darks``).
+    noise
+        Noise model of one count (see ``measure_noise``).
+    channels
+        With a mosaic, the channel "R", "G" or "B" of each band; it becomes the coordinate ``channel``. The pixels of
+        the other channels stay in the image. None without a mosaic.
+
+    Returns
+    -------
+    CorrectedBands
+        All bands in the manifest's order.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     manifest = capture.manifest
     corrected, masks, flats, notes = [], [], {}, []
@@ -88,13 +122,13 @@ def correct_bands(
         notes.append("the flat was divided beforehand: its noise is not included, vignetting is not masked")
     without_flat = [band.id for band in manifest.band if not capture.flats(band.id)]
     if without_flat and manifest.flat != "divided":
-        shown = ", ".join(without_flat)
-        notes.append(f"no flat field for {shown}: vignetting and pixel sensitivity are not corrected")
+        bands_without_flat = ", ".join(without_flat)
+        notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
     of_channel = _channel_masks(capture, channels)
-    as_read = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+    measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
     for band in manifest.band:
-        alike = [as_read[other.id] for other in manifest.band if other.f_number == band.f_number]
-        flat = with_mean_of_all_pixels(band.id, as_read[band.id], alike, of_channel[band.id])
+        same_aperture = [measured_flats[other.id] for other in manifest.band if other.f_number == band.f_number]
+        flat = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
         frames = correct(capture, band, flat, dark, noise)
         mask = _defects(capture, flat, dark, noise, band.exposure_s)
         saturated = frames.saturated | flat.saturated

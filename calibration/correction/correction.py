@@ -30,45 +30,56 @@ __all__ = [
     "with_mean_of_all_pixels",
 ]
 
-# Lower bound of the response, relative to its mean, before division; such pixels are masked.
-_SMALLEST_RESPONSE = 1e-3
-
-# Part of the pixels that defects alone may saturate in a flat.
-_FEW_SATURATED = 0.01
+#: Lower bound of the relative response before division: keeps the quotient finite; such pixels are masked.
+_MIN_RELATIVE_RESPONSE = 1e-3
+#: Share of a flat's pixels that defects alone may saturate: below it the band's scale is not in doubt.
+_MAX_DEFECT_SATURATED_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
-    """The flat field of one band.
+    """The flat field of one band."""
 
-    response : (y, x), mean 1 over the pixels of the band's channel, see ``with_mean_of_all_pixels``.
-    relative_variance : (y, x) of the response, from the noise of the flat frames only. mean_dn : mean of the flat
-    frames above dark, DN; infinite without a flat. dark_weights : (k,) weights of the dark levels that were subtracted.
-    saturated : (y, x) True where a flat frame is saturated.
-    """
-
+    #: (y, x) relative response, mean 1 over the pixels of the band's channel, see ``with_mean_of_all_pixels``.
     response: NDArray[np.float64]
+    #: (y, x) variance of the response by the noise of the flat frames alone, relative.
     relative_variance: NDArray[np.float64]
+    #: Mean of the flat frames above dark, DN; infinite without a flat.
     mean_dn: float
+    #: (k,) weights of the dark levels that were subtracted from the flat.
     dark_weights: NDArray[np.float64]
+    #: (y, x) True where a flat frame is saturated.
     saturated: NDArray[np.bool_]
+    #: What is uncertain about the flat field, one sentence; None if nothing is.
     note: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectedFrames:
-    """signal : (y, x) DN. coefficients : (3, y, x), see evaluate_variance. saturated : (y, x) True or False."""
+    """The corrected mean of the frames of one exposure."""
 
+    #: (y, x) signal above dark, divided by the flat, DN.
     signal: NDArray[np.float64]
+    #: (3, y, x) coefficients of its variance, see ``evaluate_variance``.
     coefficients: NDArray[np.float64]
+    #: (y, x) True where a repeat is saturated.
     saturated: NDArray[np.bool_]
 
 
 def evaluate_variance(coefficients: NDArray[np.float64], expected_signal: ArrayLike) -> NDArray[np.float64]:
-    """Variance (..., y, x) in DN^2 of the corrected signal, averaged over repeats.
+    """Variance of the corrected signal, averaged over repeats: c0 + c1 S + c2 S^2.
 
-    coefficients : (..., 3, y, x) of c0 + c1 S + c2 S^2. expected_signal : (..., y, x) DN, the expectation S of
-    the corrected signal; negative values are set to 0.
+    Parameters
+    ----------
+    coefficients
+        (..., 3, y, x) c0 in DN^2, c1 in DN, c2 without unit.
+    expected_signal
+        (..., y, x) expectation S of the corrected signal, DN; negative values are set to 0.
+
+    Returns
+    -------
+    NDArray
+        (..., y, x) variance, DN^2.
     """
     signal = np.maximum(np.asarray(expected_signal, float), 0.0)
     c0, c1, c2 = np.moveaxis(coefficients, -3, 0)
@@ -76,7 +87,22 @@ def evaluate_variance(coefficients: NDArray[np.float64], expected_signal: ArrayL
 
 
 def uniform_flat(shape: tuple[int, int], dark: DarkLibrary, note: str | None = None) -> FlatField:
-    """A flat field of response 1 and variance 0."""
+    """A flat field of response 1 and variance 0.
+
+    Parameters
+    ----------
+    shape
+        (height, width) of the frames, px.
+    dark
+        The dark levels; all have weight 0 in this flat field.
+    note
+        Why the flat field is uniform; None if there is nothing to report.
+
+    Returns
+    -------
+    FlatField
+        Its ``mean_dn`` is infinite, which marks a flat field that was not measured.
+    """
     zeros = np.zeros(shape)
     return FlatField(zeros + 1, zeros, np.inf, np.zeros(dark.exposure_s.size), zeros.astype(bool), note)
 
@@ -88,11 +114,33 @@ def read_flat(
     noise: NoiseModel,
     channel: NDArray[np.bool_] | None = None,
 ) -> FlatField:
-    """The flat field of a band; of several flats the one at the band's f-number is preferred.
+    """The flat field of a band, from the flat frames at the band's f-number where there are any.
 
-    Without a flat (or if it was divided beforehand) the response is 1 and its variance 0.
-    channel : (y, x) the pixels of the band's channel, if the sensor has a mosaic.
-    Raises InputError for a faulty frame.
+    Without a flat, or if it was divided beforehand, the response is 1 and its variance 0. The same holds for flat
+    frames that are saturated or dark, with a note.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    band
+        Identifier of the band.
+    dark
+        The dark levels.
+    noise
+        Noise model of one count.
+    channel
+        (y, x) True for the pixels of the band's channel; None without a mosaic.
+
+    Returns
+    -------
+    FlatField
+        Its response has mean 1 over the pixels that are not saturated.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     tables = capture.flats(band)
     if not tables:
@@ -111,7 +159,7 @@ def read_flat(
         return uniform_flat(capture.shape, dark, text)
     mean = float(above_dark[usable].mean())
     variance = noise.variance(above_dark + dark.thermal(table.exposure_s)) / len(table.frames)
-    response = np.maximum(above_dark / mean, _SMALLEST_RESPONSE)
+    response = np.maximum(above_dark / mean, _MIN_RELATIVE_RESPONSE)
     weights = dark.weights(table.exposure_s)
     return FlatField(response, variance / mean**2, mean, weights, saturated, note)
 
@@ -119,28 +167,44 @@ def read_flat(
 def with_mean_of_all_pixels(
     band: str, flat: FlatField, others: Sequence[FlatField], channel: NDArray[np.bool_] | None = None
 ) -> FlatField:
-    """A flat field whose response has mean 1 over all pixels of its channel, though some are saturated.
+    """Rescale a response to mean 1 over all pixels of its channel, saturated ones included.
 
-    ``read_flat`` knows the mean of the others alone, which are the darker ones. How much darker they are is taken from
-    that of ``others``, flat fields of other bands through the same lens, which is saturated least. Where they are
-    saturated as much, the flat field stays as it is, with a note unless few pixels are.
+    ``read_flat`` knows the mean of the unsaturated pixels alone, which are the darker ones. The flat field of another
+    band through the same lens, the one with the fewest saturated pixels, gives how much darker they are. If that one
+    is saturated as much, the flat field stays unchanged. A note is then added unless only few pixels are saturated.
+
+    Parameters
+    ----------
+    band
+        Identifier of the band, for the note.
+    flat
+        The flat field as read.
+    others
+        Flat fields of the bands at the same f-number, ``flat`` included.
+    channel
+        (y, x) True for the pixels of the band's channel; None without a mosaic.
+
+    Returns
+    -------
+    FlatField
+        ``flat`` itself if none of its pixels is saturated.
     """
-    whole = np.ones(flat.saturated.shape, bool) if channel is None else channel
-    share = float(flat.saturated[whole].mean())
+    in_channel = np.ones(flat.saturated.shape, bool) if channel is None else channel
+    share = float(flat.saturated[in_channel].mean())
     if share == 0:
         return flat
     measured = [other for other in others if np.isfinite(other.mean_dn)]
-    clean = min(measured, key=lambda other: other.saturated[whole].mean(), default=None)
-    if clean is not None and clean.saturated[whole].mean() < share / 2:
-        seen = whole & ~clean.saturated
-        darker = float(clean.response[seen & ~flat.saturated].mean() / clean.response[seen].mean())
+    clean = min(measured, key=lambda other: other.saturated[in_channel].mean(), default=None)
+    if clean is not None and clean.saturated[in_channel].mean() < share / 2:
+        unsaturated = in_channel & ~clean.saturated
+        darker = float(clean.response[unsaturated & ~flat.saturated].mean() / clean.response[unsaturated].mean())
         return replace(
             flat,
             response=flat.response * darker,
             relative_variance=flat.relative_variance * darker**2,
             mean_dn=flat.mean_dn / darker,
         )
-    if share < _FEW_SATURATED:
+    if share < _MAX_DEFECT_SATURATED_SHARE:
         return flat
     text = f"{band}: the flat frames are saturated in {share:.0%} of the pixels: the scale of the band is uncertain"
     return replace(flat, note="; ".join(filter(None, [flat.note, text])))
@@ -149,17 +213,38 @@ def with_mean_of_all_pixels(
 def correct(
     capture: Capture, table: FrameTable, flat: FlatField, dark: DarkLibrary, noise: NoiseModel
 ) -> CorrectedFrames:
-    """The frames of a table, averaged and corrected by equation 1 of this module.
+    """Average the frames of a table and correct them by equation 1 of this module.
 
-    Raises InputError for a faulty frame.
+    Parameters
+    ----------
+    capture
+        The capture.
+    table
+        The table of the manifest that names the frames and their exposure.
+    flat
+        Flat field to divide by.
+    dark
+        The dark levels, subtracted at the table's exposure.
+    noise
+        Noise model of one count.
+
+    Returns
+    -------
+    CorrectedFrames
+        Signal, variance and saturation of the mean over repeats.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     stack = capture.frames(table)
     repeats = stack.shape[0]
     response, mean = flat.response, flat.mean_dn
     signal = (stack.mean(axis=0) - dark.at(table.exposure_s)) / response
     weights = dark.weights(table.exposure_s)
-    own = noise.variance(dark.thermal(table.exposure_s)) / repeats
-    shared = np.zeros((3, *capture.shape))
+    frame_variance = noise.variance(dark.thermal(table.exposure_s)) / repeats
+    dark_variance = np.zeros((3, *capture.shape))
     for index, exposure in enumerate(dark.exposure_s):
         level_variance = noise.variance(dark.thermal(exposure)) / dark.repeats[index]
         for power, share in enumerate(
@@ -169,12 +254,12 @@ def correct(
                 (flat.dark_weights[index] / mean) ** 2,
             )
         ):
-            shared[power] += share * level_variance
+            dark_variance[power] += share * level_variance
     coefficients = np.stack(
         [
-            (own + shared[0]) / response**2,
-            noise.shot_dn / (repeats * response) + shared[1] / response**2,
-            (flat.relative_variance + shared[2]) / response**2,
+            (frame_variance + dark_variance[0]) / response**2,
+            noise.shot_dn / (repeats * response) + dark_variance[1] / response**2,
+            (flat.relative_variance + dark_variance[2]) / response**2,
         ]
     )
     return CorrectedFrames(signal, coefficients, stack.max(axis=0) >= capture.saturation_dn)

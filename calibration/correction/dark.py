@@ -11,35 +11,47 @@ from ..capture import Capture
 
 __all__ = ["DarkLibrary", "read_darks"]
 
-# With a larger share of zeros, the frames are taken as clipped at 0 DN (part of the read noise is cut off).
+#: Share of zeros above which frames count as clipped at 0 DN: part of their read noise is then cut off.
 _CLIPPED_SHARE = 0.05
+#: Standard deviation of a normal distribution over its median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
-# Pixels beyond this have an unusual dark current; by noise alone this occurs in one of 1.7 million pixels.
+#: Standard deviations beyond which a dark current is unusual: noise alone exceeds it in one of 1.7 million pixels.
 _UNUSUAL_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class DarkLibrary:
-    """The dark frames of a capture, one level per exposure.
+    """The dark frames of a capture, one level per exposure."""
 
-    exposure_s : (k,) ascending; k = 0 without dark frames. repeats : (k,) frames averaged.
-    level : (k, y, x) DN, mean of the frames. bias : (y, x) DN, the level at zero exposure, from a straight line in
-    time through all levels (the level itself if there is only one; 0 without dark frames).
-    rate : (y, x) DN/s >= 0, the slope of the line (see ``_fit_line``). clipped : the frames are clipped at 0 DN.
-    """
-
+    #: (k,) exposure times, ascending, s; k = 0 without dark frames.
     exposure_s: NDArray[np.float64]
+    #: (k,) number of frames averaged for each level.
     repeats: NDArray[np.int64]
+    #: (k, y, x) mean of the frames, DN.
     level: NDArray[np.float64]
+    #: (y, x) level at zero exposure, DN, by a straight line in time through all levels. With one exposure it is that
+    #: level, without dark frames 0.
     bias: NDArray[np.float64]
+    #: (y, x) slope of the line, DN/s, 0 or more (see ``_fit_line``).
     rate: NDArray[np.float64]
+    #: True if the frames are clipped at 0 DN.
     clipped: bool
 
     def weights(self, exposure_s: float) -> NDArray[np.float64]:
-        """(k,) weights of the levels whose weighted sum is the dark level at an exposure.
+        """Weights of the levels whose weighted sum is the dark level at an exposure.
 
-        The level measured at that exposure, if any; else linear interpolation between the two nearest exposures,
-        extrapolated beyond the ends; the only level if there is one.
+        The level measured at that exposure has weight 1, if there is one. Otherwise the two nearest exposures are
+        interpolated linearly, and extrapolated beyond the ends. A single level has weight 1 at any exposure.
+
+        Parameters
+        ----------
+        exposure_s
+            Exposure time, s.
+
+        Returns
+        -------
+        NDArray
+            (k,) weights; their sum is 1 (empty without dark frames).
         """
         count = self.exposure_s.size
         weights = np.zeros(count)
@@ -56,17 +68,50 @@ class DarkLibrary:
         return weights
 
     def at(self, exposure_s: float) -> NDArray[np.float64]:
-        """(y, x) DN, the dark level at an exposure, by ``weights``; 0 without dark frames."""
+        """Dark level at an exposure.
+
+        Parameters
+        ----------
+        exposure_s
+            Exposure time, s.
+
+        Returns
+        -------
+        NDArray
+            (y, x) level by ``weights``, DN; 0 without dark frames.
+        """
         return np.tensordot(self.weights(exposure_s), self.level, axes=1)
 
     def thermal(self, exposure_s: float) -> NDArray[np.float64]:
-        """(y, x) DN >= 0, the thermal charge in the dark level, which has shot noise."""
+        """Thermal charge in the dark level, which has shot noise.
+
+        Parameters
+        ----------
+        exposure_s
+            Exposure time, s.
+
+        Returns
+        -------
+        NDArray
+            (y, x) charge, DN, 0 or more.
+        """
         return self.rate * exposure_s
 
     def note(self, exposure_s: float) -> str | None:
-        """A note on how the dark at an exposure was obtained; None if it was measured at that exposure."""
-        taken = np.any(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0))
-        if self.exposure_s.size == 0 or taken:
+        """Note on an exposure at which no dark frames were taken.
+
+        Parameters
+        ----------
+        exposure_s
+            Exposure time, s.
+
+        Returns
+        -------
+        str | None
+            How its dark level was obtained; None if it was measured at that exposure, or without dark frames.
+        """
+        is_measured = np.any(np.isclose(self.exposure_s, exposure_s, rtol=1e-6, atol=0))
+        if self.exposure_s.size == 0 or is_measured:
             return None
         if self.exposure_s.size == 1:
             return f"no dark frames at {exposure_s:g} s: those at {self.exposure_s[0]:g} s were used"
@@ -80,7 +125,7 @@ def _fit_line(
     level: NDArray[np.float64],
     frame_variance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bias and rate of every pixel by a straight line in time through its levels.
+    """Bias (DN) and rate (DN/s) of every pixel by a straight line in time through its levels.
 
     Short exposures determine the rate of a single pixel poorly, and noise clipped at 0 would look like dark
     current. The rates are therefore shrunk towards their median by the fraction of their variance that is noise
@@ -89,26 +134,39 @@ def _fit_line(
     mean_time = np.average(exposure, weights=repeats)
     lever = repeats * (exposure - mean_time)
     length = float(np.sum(lever * (exposure - mean_time)))
-    own = np.tensordot(lever, level, axes=1) / length
-    middle = float(np.median(own))
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(own - middle)))
+    fitted_rate = np.tensordot(lever, level, axes=1) / length
+    middle = float(np.median(fitted_rate))
+    spread = _MAD_TO_SIGMA * float(np.median(np.abs(fitted_rate - middle)))
     noise = frame_variance / length  # of a rate: each level has the variance frame_variance / repeats
     share = max(0.0, 1.0 - noise / spread**2) if spread > 0 else 0.0
-    usual = np.abs(own - middle) <= _UNUSUAL_SIGMAS * spread
-    rate = np.maximum(np.where(usual, middle + share * (own - middle), own), 0.0)
+    usual = np.abs(fitted_rate - middle) <= _UNUSUAL_SIGMAS * spread
+    rate = np.maximum(np.where(usual, middle + share * (fitted_rate - middle), fitted_rate), 0.0)
     return np.average(level, axis=0, weights=repeats) - rate * mean_time, rate
 
 
 def _frame_variance(stacks: list[NDArray[np.uint16]]) -> float:
-    """DN^2, the mean variance of one frame, from repeats; 0 without repeats."""
+    """Mean variance of one frame by its repeats, DN^2; 0 without repeats."""
     pairs = [stack.astype(float) for stack in stacks if stack.shape[0] > 1]
     return float(np.mean([stack.var(axis=0, ddof=1).mean() for stack in pairs])) if pairs else 0.0
 
 
 def read_darks(capture: Capture) -> DarkLibrary:
-    """The dark frames of a capture; an empty library if it has none or they were subtracted beforehand.
+    """The dark levels of a capture.
 
-    Raises InputError for a faulty frame.
+    Parameters
+    ----------
+    capture
+        The capture.
+
+    Returns
+    -------
+    DarkLibrary
+        Empty (k = 0) if the capture has no dark frames or the dark was subtracted beforehand.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     tables = sorted(capture.manifest.darks, key=lambda dark: dark.exposure_s)
     zeros = np.zeros(capture.shape)

@@ -1,4 +1,4 @@
-"""Defective pixels, found in dark and flat frames by robust thresholds with a stated false-alarm rate."""
+"""Defective pixels in dark and flat frames, by robust thresholds of stated false-alarm rate."""
 
 from __future__ import annotations
 
@@ -14,33 +14,59 @@ __all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "vignetted_pix
 #: Mean number of sound pixels flagged in an image by each test, if sound pixels are normally distributed.
 FALSE_ALARMS_PER_IMAGE = 0.01
 
+#: Standard deviation of a normal distribution over its median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
+#: Share of the flat's maximum below which a pixel is vignetted.
 _VIGNETTED_SHARE = 0.1
-# 5 x 5 without the pixel itself: it would often be the median, and the spread would be underestimated.
+#: 5 x 5 pixels without the pixel itself: it would often be the median, and the spread would be underestimated.
 _NEIGHBOURS = np.ones((5, 5), bool)
 _NEIGHBOURS[2, 2] = False
 
 
 def _robust(values: NDArray[np.float64], smallest_sigma: float) -> NDArray[np.float64]:
+    """Deviations from the median in robust standard deviations."""
     middle = np.median(values)
     sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(values - middle))), smallest_sigma)
     return (values - middle) / sigma
 
 
 def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[np.bool_]:
-    """(y, x) True where the dark level (y, x) in DN is unusually high.
+    """Pixels whose dark level is unusually high (threshold: FALSE_ALARMS_PER_IMAGE).
 
-    The standard deviation is estimated from the median absolute deviation, and is at least smallest_sigma_dn (the
-    noise, for frames whose median deviation rounds to 0). Threshold: FALSE_ALARMS_PER_IMAGE.
+    The standard deviation is estimated from the median absolute deviation.
+
+    Parameters
+    ----------
+    dark
+        (y, x) dark level, DN.
+    smallest_sigma_dn
+        Lower bound of the standard deviation, DN: the noise, for frames whose median deviation rounds to 0.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for hot pixels.
     """
     return _robust(dark, smallest_sigma_dn) > norm.isf(FALSE_ALARMS_PER_IMAGE / dark.size)
 
 
 def dead_pixels(response: NDArray[np.float64], mosaic: bool = False) -> NDArray[np.bool_]:
-    """(y, x) True where the flat response (y, x) is unusually low compared with the pixel's 5 x 5 neighbours.
+    """Pixels whose flat response is unusually low compared with their 5 x 5 neighbours.
 
-    Tests the ratio to the neighbours' median against the median absolute deviation of this ratio; threshold:
-    FALSE_ALARMS_PER_IMAGE. mosaic : compare only pixels of the same position in the mosaic's 2 x 2 cell.
+    The ratio to the neighbours' median is tested against the median absolute deviation of this ratio. Threshold:
+    FALSE_ALARMS_PER_IMAGE.
+
+    Parameters
+    ----------
+    response
+        (y, x) relative response.
+    mosaic
+        True to compare only pixels of the same position in the mosaic's 2 x 2 cell.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for dead pixels.
     """
     step = 2 if mosaic else 1
     ratio = np.empty_like(response)
@@ -54,5 +80,16 @@ def dead_pixels(response: NDArray[np.float64], mosaic: bool = False) -> NDArray[
 
 
 def vignetted_pixels(response: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(y, x) True where the flat is below a tenth of its maximum (99.9th percentile)."""
+    """Pixels in which the flat is below a tenth of its maximum.
+
+    Parameters
+    ----------
+    response
+        (y, x) relative response.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for vignetted pixels; the maximum is the 99.9th percentile.
+    """
     return response < _VIGNETTED_SHARE * np.percentile(response, 99.9)

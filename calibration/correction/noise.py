@@ -23,29 +23,33 @@ __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 #: Variance of rounding to whole counts, DN^2.
 ROUNDING_VARIANCE = 1.0 / 12.0
 
-# Normal noise exceeds this many standard deviations once in 2.6e7 samples; samples beyond it are rejected as
-# cosmic rays.
+#: Standard deviations beyond which a sample is a cosmic ray: normal noise exceeds it once in 2.6e7 samples.
 _OUTLIER_SIGMAS = 5.5
-# Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
+#: Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
 _HARMONICS = 1000
-# Variance of dark counts (DN^2) below which rounding rules it: half way between two counts it is 1/4 by rounding alone.
-# The true one then lies between that of rounding and this (compare 0.24 in EMVA 1288).
+#: Variance of dark counts below which rounding dominates, DN^2: half way between two counts rounding alone gives 1/4.
+#: The true variance then lies between that of rounding and this value (compare 0.24 in EMVA 1288).
 _ROUNDED_VARIANCE = 0.3
-# A value of which nothing is known, and its standard deviation.
+#: An unknown value and its standard deviation.
 _UNKNOWN = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Gain (e-/DN) and read noise (e-, rms); None if neither measured nor stated in the manifest.
+    """Gain and read noise of the sensor. A sigma is one standard deviation.
 
-    The sigmas are one standard deviation, None for a value that is only stated in the manifest.
+    A value is None if it was neither measured nor stated in the manifest. Its sigma is None if it is only stated.
     """
 
+    #: Electrons per count, e-/DN.
     gain_e_per_dn: float | None
+    #: Standard deviation of the gain, e-/DN.
     gain_sigma: float | None
+    #: Root mean square read noise, e-.
     read_noise_e: float | None
+    #: Standard deviation of the read noise, e-.
     read_noise_sigma: float | None
+    #: What could not be measured, and contradictions with the manifest, one sentence each.
     notes: tuple[str, ...] = ()
 
     @property
@@ -60,25 +64,41 @@ class NoiseModel:
 
     @property
     def rounding_error_dn(self) -> float:
-        """Error of a dark level by rounding, DN, rms over the levels between two counts; repeats do not lower it.
+        """Error of a dark level by rounding, DN, rms over the levels between two counts.
 
-        Noise of sigma (DN) smooths the steps of the counts: the mean of rounded counts misses a level x by the sum
-        over k of (-1)^k exp(-2 pi^2 k^2 sigma^2) sin(2 pi k x) / (pi k). It is 0.2 DN at sigma = 0.1, 0.002 at 0.5
-        (Widrow and Kollar, Quantization Noise, 2008).
+        Repeats do not lower it. Noise of sigma (DN) smooths the steps of the counts. The mean of rounded counts
+        misses a level x by the sum over k of (-1)^k exp(-2 pi^2 k^2 sigma^2) sin(2 pi k x) / (pi k). It is 0.2 DN at
+        sigma = 0.1, 0.002 at 0.5 (Widrow and Kollar, Quantization Noise, 2008).
         """
         sigma_dn, k = self.shot_dn * (self.read_noise_e or 0.0), np.arange(1, _HARMONICS)
         waves = np.exp(-2 * (np.pi * k * sigma_dn) ** 2) / (np.pi * k)
         return float(np.sqrt(np.sum(waves**2) / 2))
 
     def variance(self, charge_dn: ArrayLike) -> NDArray[np.float64]:
-        """Variance of one count in DN^2, given its expected value above bias in DN (any shape)."""
+        """Variance of one count.
+
+        Parameters
+        ----------
+        charge_dn
+            Expected value above bias, any shape, DN; negative values count as 0.
+
+        Returns
+        -------
+        NDArray
+            Variance in the same shape, DN^2.
+        """
         return np.maximum(np.asarray(charge_dn, float), 0.0) * self.shot_dn + self.floor_dn2
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
+    """Variances of single pixels against their charge, of one table."""
+
+    #: (n,) charge above bias, DN.
     charge: NDArray[np.float64]
+    #: (n,) variance over repeats, DN^2.
     variance: NDArray[np.float64]
+    #: Degrees of freedom of each variance, repeats - 1.
     degrees: int
 
 
@@ -88,6 +108,10 @@ def _samples(
     saturation: int,
     is_dark: bool,
 ) -> _Samples:
+    """Charge and variance of the usable pixels of repeats (repeat, y, x).
+
+    Bright repeats that are copies of one frame give no samples.
+    """
     counts = stack.astype(float)
     good = (stack.max(axis=0) < saturation) & (stack.min(axis=0) > 0)
     copied = not is_dark and bool((stack == stack[0]).all())
@@ -109,14 +133,14 @@ def _samples(
 def _fit_line(
     samples: list[_Samples], floor: tuple[float, float] = _UNKNOWN, slope: tuple[float, float] = _UNKNOWN
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(floor, slope) of variance against charge and their covariance, by iteratively reweighted least squares.
+    """Straight line of variance against charge by iteratively reweighted least squares.
 
-    floor, slope : what is known of each beforehand, and its standard deviation. Sample variances are chi-square
-    distributed with a standard deviation proportional to their expectation. The weights are computed from the fitted
-    line; weights from the samples would bias the fit low.
+    Returns (floor, slope) and their covariance (2, 2). ``floor`` and ``slope`` are prior values with their standard
+    deviations. Sample variances are chi-square distributed with a standard deviation proportional to their
+    expectation. The weights are computed from the fitted line; weights from the samples would bias the fit low.
     """
-    known, sigmas = np.transpose([floor, slope])
-    prior = np.diag(sigmas**-2.0)
+    prior_mean, prior_sigma = np.transpose([floor, slope])
+    prior_weight = np.diag(prior_sigma**-2.0)
     charge = np.concatenate([s.charge for s in samples])
     variance = np.concatenate([s.variance for s in samples])
     degrees = np.concatenate([np.full(s.charge.size, float(s.degrees)) for s in samples])
@@ -127,19 +151,19 @@ def _fit_line(
         model = np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
         weight = keep * degrees / (2 * model**2)
         cross = np.sum(weight * charge)
-        normal = prior + np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
-        seen = np.array([np.sum(weight * variance), np.sum(weight * charge * variance)])
-        line = np.linalg.solve(normal, seen + prior @ known)
+        normal = prior_weight + np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
+        weighted_sums = np.array([np.sum(weight * variance), np.sum(weight * charge * variance)])
+        line = np.linalg.solve(normal, weighted_sums + prior_weight @ prior_mean)
         keep = variance < _OUTLIER_SIGMAS**2 * np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
     return line, np.asarray(np.linalg.inv(normal), np.float64)
 
 
 def _phase_sigma(variance_dn2: float) -> float:
-    """Standard deviation (DN^2) of the variance of rounded counts over the places of a level between two counts.
+    """Standard deviation of the variance of rounded counts over the phases of a level, DN^2.
 
-    Noise of variance s about a level at x of the way to the next count has, once rounded, the variance
-    s + 1/12 - A cos(2 pi x), A = (1/pi^2 + 4 s) exp(-2 pi^2 s) (Widrow and Kollar, Quantization Noise, 2008). All
-    pixels of a dark may share x, which is not known.
+    Take noise of variance s about a level at x of the way to the next count. Once rounded it has the variance
+    s + 1/12 - A cos(2 pi x), where A = (1/pi^2 + 4 s) exp(-2 pi^2 s) (Widrow and Kollar, Quantization Noise, 2008).
+    All pixels of a dark may share x, which is unknown.
     """
     amplitude = (1 / np.pi**2 + 4 * variance_dn2) * np.exp(-2 * np.pi**2 * variance_dn2)
     return float(amplitude / np.sqrt(2))
@@ -148,8 +172,24 @@ def _phase_sigma(variance_dn2: float) -> float:
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     """Gain and read noise from repeated flat and dark frames, else from the manifest.
 
-    A measured value replaces a stated one; a difference of more than five standard deviations is noted. Raises
-    InputError for a faulty frame.
+    A measured value replaces a stated one. A difference of more than five standard deviations is noted.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    dark
+        Its dark levels; their bias is subtracted.
+
+    Returns
+    -------
+    NoiseModel
+        With notes on what could not be measured.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     camera, notes = capture.manifest.camera, []
     flats = [flat for flat in capture.manifest.flats if len(flat.frames) > 1]
@@ -162,28 +202,31 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
             "the dark frames are clipped at 0 DN: read noise and a negative offset cannot be measured from them"
         )
     bias, saturation = dark.bias, capture.saturation_dn
-    lit = [_samples(capture.frames(table), bias, saturation, is_dark=False) for table in flats]
-    unlit = [_samples(capture.frames(table), bias, saturation, is_dark=True) for table in usable_darks]
-    lit, unlit = [s for s in lit if s.charge.size], [s for s in unlit if s.charge.size]
-    quietest = min((float(s.variance.mean()) for s in unlit), default=np.inf)
+    bright_samples = [_samples(capture.frames(table), bias, saturation, is_dark=False) for table in flats]
+    dark_samples = [_samples(capture.frames(table), bias, saturation, is_dark=True) for table in usable_darks]
+    bright_samples, dark_samples = (
+        [s for s in bright_samples if s.charge.size],
+        [s for s in dark_samples if s.charge.size],
+    )
+    quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
     rounded = quietest < _ROUNDED_VARIANCE
-    if not lit:
+    if not bright_samples:
         notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
-    if not unlit:
+    if not dark_samples:
         notes.append("read noise not measured: no usable dark frames with repeats")
-    shown, floor, slope = [*lit, *unlit], _UNKNOWN, _UNKNOWN
+    fitted_samples, floor, slope = [*bright_samples, *dark_samples], _UNKNOWN, _UNKNOWN
     if rounded:
         low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE
-        shown, floor = lit, ((low + high) / 2, (high - low) / float(np.sqrt(12)))
-    if not lit and gain is not None:
+        fitted_samples, floor = bright_samples, ((low + high) / 2, (high - low) / float(np.sqrt(12)))
+    if not bright_samples and gain is not None:
         slope = 1 / gain, 1e-6 / gain
-    if lit or (shown and gain is not None):
-        line, covariance = _fit_line(shown, floor, slope)
-        if lit:
+    if bright_samples or (fitted_samples and gain is not None):
+        line, covariance = _fit_line(fitted_samples, floor, slope)
+        if bright_samples:
             gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
-        if unlit and not rounded and gain is not None:
+        if dark_samples and not rounded and gain is not None:
             read_dn = float(np.sqrt(max(line[0], _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
-            gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if lit else 0.0])
+            gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if bright_samples else 0.0])
             by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
             read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
             read = read_dn * gain
@@ -193,12 +236,19 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         if read is None and gain is not None:
             read = gain * float(np.sqrt(max(quietest - ROUNDING_VARIANCE, largest**2 / 4)))
             read_sigma = gain * largest / float(np.sqrt(12))
-    for name, stated, value, sigma in (
+    for quantity, manifest_value, value, sigma in (
         ("gain", camera.gain_e_per_dn, gain, gain_sigma),
         ("read noise", camera.read_noise_e, read, read_sigma),
     ):
-        if stated is not None and value is not None and sigma is not None and abs(stated - value) > 5 * sigma:
-            notes.append(f"{name}: the manifest states {stated:g}, the frames show {value:.4g} +- {sigma:.2g}")
+        if (
+            manifest_value is not None
+            and value is not None
+            and sigma is not None
+            and abs(manifest_value - value) > 5 * sigma
+        ):
+            notes.append(
+                f"{quantity}: the manifest states {manifest_value:g}, the frames show {value:.4g} +- {sigma:.2g}"
+            )
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
     return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes))

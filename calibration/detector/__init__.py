@@ -1,4 +1,4 @@
-"""Properties of the detector measured from the frames: photon transfer, dark current, linearity, response."""
+"""Properties of the detector, measured from the frames."""
 
 from .dark_fit import dark_level_sigma
 from .linearity import Linearity, measure_linearity

@@ -1,6 +1,6 @@
-"""Linearity from brackets: the black level and the exposure offset that make counts proportional to time.
+"""Linearity from brackets: black level and exposure offset.
 
-The mean count of an image tile with rate r at the exposure t is
+With both, counts are proportional to time: the mean count of an image tile with rate r at the exposure t is
 
     DN = r (t + exposure_offset) - black_level + dark(t)
 
@@ -26,66 +26,83 @@ from .response import REPEATABILITY
 
 __all__ = ["Linearity", "measure_linearity"]
 
+#: Width and height of a tile, px.
 _TILE_PX = 16
-# Range of counts used: above the bias by rounding and clipping at 0, below the clipping of single pixels.
-_LOWEST_MEAN_DN = 3.0
-_HIGHEST_SHARE = 0.92
-# Assumed relative scatter of tile means beyond the noise model; it limits the weight of bright tiles.
-_SCATTER = 0.003
-_IMPROBABLE = 1e-2
+#: Lowest mean count of a tile, DN: below it rounding and clipping at 0 bias the mean.
+_MIN_MEAN_DN = 3.0
+#: Largest share of saturation in a tile: above it single pixels clip.
+_MAX_SATURATION_SHARE = 0.92
+#: Assumed relative scatter of tile means beyond the noise model: limits the weight of bright tiles.
+_RELATIVE_SCATTER = 0.003
+#: Probability below which the scatter of exposures is significantly larger than expected.
+_SIGNIFICANCE = 1e-2
 
 
 @dataclass(frozen=True)
 class Linearity(OwnMappings):
-    """black_level_dn and exposure_offset_s with one standard deviation each, common to all bands.
+    """Black level and exposure offset, common to all bands. A sigma is one standard deviation."""
 
-    rms_deviation : by band, root mean square relative deviation of the tile means from proportionality to time.
-    rms_corrected : the same with both corrections. tiles : number of tile means used.
-    """
-
+    #: Level that the converter subtracts before digitising, DN.
     black_level_dn: float
+    #: Its standard deviation, DN.
     black_level_sigma: float
+    #: Time by which the shutter is open longer than stated, s.
     exposure_offset_s: float
+    #: Its standard deviation, s.
     exposure_offset_sigma: float
+    #: By band, root mean square relative deviation of the tile means from proportionality to time.
     rms_deviation: Mapping[str, float]
+    #: By band, the same with black level and exposure offset corrected.
     rms_corrected: Mapping[str, float]
+    #: Number of tile means used.
     tiles: int
 
 
 @dataclass(frozen=True, eq=False)
 class _TileMeans:
+    """Mean counts of n tiles, over all bands and exposures; each tile occurs twice or more."""
+
+    #: (n,) index of the band.
     band: NDArray[np.int64]
+    #: (n,) index of the tile, different for each band.
     tile: NDArray[np.int64]
+    #: (n,) exposure time, s.
     exposure: NDArray[np.float64]
+    #: (n,) mean count above dark, DN.
     mean: NDArray[np.float64]
+    #: (n,) standard deviation by noise and ``_RELATIVE_SCATTER``, DN.
     sigma: NDArray[np.float64]
+    #: (n,) standard deviation by noise alone, DN.
     noise: NDArray[np.float64]
+    #: (n,) repeats averaged.
     frames: NDArray[np.int64]
+    #: (n,) index of the table of the manifest.
     table: NDArray[np.int64]
 
 
 def _tile_means(
     capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None
 ) -> _TileMeans:
+    """Means of the unclipped tiles of all exposures of all bands."""
     width = capture.shape[1]
     rows, columns = np.indices(capture.shape) // _TILE_PX
     tiles = rows * (width // _TILE_PX + 1) + columns
-    limit = _HIGHEST_SHARE * capture.saturation_dn
+    limit = _MAX_SATURATION_SHARE * capture.saturation_dn
     parts: list[tuple[NDArray, ...]] = []
     for index, band in enumerate(capture.manifest.band):
-        own: NDArray[np.bool_] = np.ones(capture.shape, bool)
+        in_channel: NDArray[np.bool_] = np.ones(capture.shape, bool)
         if channels is not None and capture.manifest.mosaic is not None:
-            own = channel_mask(capture.manifest.mosaic.pattern, capture.shape, channels[band.id])
+            in_channel = channel_mask(capture.manifest.mosaic.pattern, capture.shape, channels[band.id])
         tables: tuple[FrameTable, ...] = (band, *capture.brackets(band.id))
         for table in tables:
             counts = capture.frames(table)
             net = counts.mean(axis=0) - dark.at(table.exposure_s)
             # Tiles with a clipped pixel of any channel are left out, since charge spreads between channels.
-            usable = (maximum_filter(counts.max(axis=0), 3) < limit) & ((counts.min(axis=0) > 0) | ~own)
-            size = np.bincount(tiles[own], minlength=tiles.max() + 1)
+            usable = (maximum_filter(counts.max(axis=0), 3) < limit) & ((counts.min(axis=0) > 0) | ~in_channel)
+            size = np.bincount(tiles[in_channel], minlength=tiles.max() + 1)
             unclipped = (np.bincount(tiles[~usable], minlength=size.size) == 0) & (size > 0)
-            mean = np.bincount(tiles[own], net[own], size.size) / np.maximum(size, 1)
-            good = np.flatnonzero(unclipped & (mean > _LOWEST_MEAN_DN))
+            mean = np.bincount(tiles[in_channel], net[in_channel], size.size) / np.maximum(size, 1)
+            good = np.flatnonzero(unclipped & (mean > _MIN_MEAN_DN))
             variance = noise.variance(mean[good]) / (size[good] * len(table.frames))
             parts.append(
                 (
@@ -93,7 +110,7 @@ def _tile_means(
                     index * size.size + good,
                     np.full(good.size, table.exposure_s),
                     mean[good],
-                    np.sqrt(variance + (_SCATTER * mean[good]) ** 2),
+                    np.sqrt(variance + (_RELATIVE_SCATTER * mean[good]) ** 2),
                     np.sqrt(variance),
                     np.full(good.size, len(table.frames)),
                     np.full(good.size, len(parts)),
@@ -107,6 +124,7 @@ def _tile_means(
 
 
 def _deviations(means: _TileMeans, black: float, offset: float) -> NDArray[np.float64]:
+    """(n,) deviation of the means from proportionality to time at each tile's best rate, DN."""
     signal, time = means.mean + black, means.exposure + offset
     weight = 1 / means.sigma**2
     rate = np.bincount(means.tile, weight * signal * time) / np.bincount(means.tile, weight * time**2)
@@ -137,28 +155,52 @@ def _covariance(
     common[np.arange(means.mean.size), shot] = means.mean / means.sigma
     common = without_rates(common)
     sizes = np.bincount(shot, common[np.arange(shot.size), shot] ** 2, count)
-    shown = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count) / np.maximum(sizes, 1e-12)
+    projection = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count)
+    exposure_residual = projection / np.maximum(sizes, 1e-12)
     spare = count - np.unique(means.band).size - 2
     scatter = (1.4826 * float(np.median(np.abs(residual)))) ** 2 * residual.size / freedom
-    own = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
+    relative_sigma = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
     frames = np.array([means.frames[shot == k][0] for k in range(count)])
     jitter = REPEATABILITY**2 / frames
-    expected = jitter + np.bincount(shot, own**2, count) / np.bincount(shot, minlength=count) / np.maximum(sizes, 1e-12)
+    mean_variance = np.bincount(shot, relative_sigma**2, count) / np.bincount(shot, minlength=count)
+    expected = jitter + mean_variance / np.maximum(sizes, 1e-12)
     # With few exposures the observed scatter is uncertain: it is used only if significantly larger.
-    misfit = float(np.sum(shown**2 / expected))
-    if spare > 0 and chi2.sf(misfit, spare) < _IMPROBABLE:
+    misfit = float(np.sum(exposure_residual**2 / expected))
+    if spare > 0 and chi2.sf(misfit, spare) < _SIGNIFICANCE:
         jitter = jitter + expected * (misfit / spare - 1)
     lever = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
-    return np.asarray((lever * own**2) @ lever.T + (lever @ common * jitter) @ (lever @ common).T, np.float64)
+    return np.asarray(
+        (lever * relative_sigma**2) @ lever.T + (lever @ common * jitter) @ (lever @ common).T, np.float64
+    )
 
 
 def measure_linearity(
     capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
 ) -> Linearity | None:
-    """Black level and exposure offset by robust least squares over all bands; None without (enough) brackets.
+    """Black level and exposure offset by robust least squares over all bands.
 
-    The rate of each tile of 16 x 16 px is eliminated from the fit. Sigmas: see ``_covariance``. Raises InputError
-    for a faulty frame.
+    The rate of each tile of 16 x 16 px is eliminated from the fit. Sigmas: see ``_covariance``.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    dark
+        Its dark levels.
+    noise
+        Noise model of one count.
+    channels
+        With a mosaic, the channel of each band; None without one.
+
+    Returns
+    -------
+    Linearity | None
+        None without brackets, for a single exposure time, or for fewer than ten degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     if not capture.manifest.bracket:
         return None

@@ -1,13 +1,13 @@
-"""Sensor parameters by the method and in the symbols of EMVA 1288: K, sigma_d, DSNU, PRNU, saturation.
+"""Sensor parameters by EMVA 1288, in its symbols: K, sigma_d, DSNU, PRNU, saturation.
 
 Temporal noise comes from differences between repeats, spatial patterns from means of repeats. With mu_y a mean
 count and sigma_y^2 its temporal variance, photon transfer is the straight line
 
     sigma_y^2 - sigma_y.dark^2 = K (mu_y - mu_y.dark),    sigma_y.dark^2 = (K sigma_d)^2 + 1/12,
 
-and the nonuniformities are DSNU = s_y.dark / K and PRNU = sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark), the
-spatial variances s^2 corrected for the temporal noise left in the means. A polynomial of fourth order removes the
-flat field's gradients from s_y^2; the standard requires uniform light instead.
+and the nonuniformities are DSNU = s_y.dark / K and PRNU = sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark). The
+spatial variances s^2 are corrected for the temporal noise that remains in the means. A polynomial of fourth order
+removes the flat field's gradients from s_y^2; the standard requires uniform light instead.
 """
 
 from __future__ import annotations
@@ -23,58 +23,70 @@ from ..correction import ROUNDING_VARIANCE, DarkLibrary, hot_pixels
 
 __all__ = ["FrameStatistics", "PhotonTransfer", "frame_statistics", "measure_photon_transfer", "transfer"]
 
-# K is fitted up to this share of saturation (EMVA 1288, release 4.0, section 6.6).
+#: Share of saturation up to which K is fitted (EMVA 1288, release 4.0, section 6.6).
 _FITTED_SHARE = 0.7
-# Pixels further than this from the mean are defects and are left out.
+#: Standard deviations from the mean beyond which a pixel is a defect and is left out.
 _OUTLIER_SIGMAS = 6.0
-_ORDER = 4
-# A level is beyond saturation if its variance is below this share of the largest, significantly.
-_FALLEN = 0.95
-# Largest share of clipped pixels in a level used for the fit; hot pixels may clip in any frame.
-_CLIPPED_SHARE = 1e-3
+#: Order of the polynomial that describes the gradients of a flat field.
+_GRADIENT_ORDER = 4
+#: Share of the largest variance below which, if significant, a level is beyond saturation.
+_MAX_SATURATED_VARIANCE_SHARE = 0.95
+#: Share of clipped pixels in a level used for the fit, at most: hot pixels may clip in any frame.
+_MAX_CLIPPED_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
 class FrameStatistics:
-    """Repeats of one setting. mean : mu_y, DN. temporal : sigma_y^2 of one frame, DN^2, and its sigma.
+    """Mean, temporal and spatial variance of repeats of one setting."""
 
-    spatial : s_y^2 of the pixels' means, DN^2 (can be negative by noise), and its sigma.
-    clipped : share of pixels at the largest count, 0 to 1.
-    """
-
+    #: mu_y, mean count, DN.
     mean: float
+    #: sigma_y^2, temporal variance of one frame, DN^2.
     temporal: float
+    #: Its standard deviation, DN^2.
     temporal_sigma: float
+    #: s_y^2, variance of the pixels' means, DN^2; it can be negative by noise.
     spatial: float
+    #: Its standard deviation, DN^2.
     spatial_sigma: float
+    #: Share of pixels at the largest count, 0 to 1.
     clipped: float
 
 
 @dataclass(frozen=True)
 class PhotonTransfer:
-    """gain : K in DN/e-. dark_noise_e : sigma_d in e-. dsnu_e in e-. prnu : relative. Each with one sigma.
+    """Sensor parameters by photon transfer. A sigma is one standard deviation.
 
-    saturation_e : electrons of a full pixel, or at the largest temporal variance; None if no level lies beyond it.
-    converter_limit_e : electrons at the largest count, above the dark level.
-    NaN where a value cannot be determined (a spatial variance below 0, a read noise below rounding).
+    NaN where a value cannot be determined: a spatial variance below 0, a read noise below rounding.
     """
 
+    #: K, DN/e-.
     gain_dn_per_e: float
+    #: Standard deviation of K, DN/e-.
     gain_sigma: float
+    #: sigma_d, noise without light, e-.
     dark_noise_e: float
+    #: Its standard deviation, e-.
     dark_noise_sigma: float
+    #: Dark signal nonuniformity, e-.
     dsnu_e: float
+    #: Its standard deviation, e-.
     dsnu_sigma: float
+    #: Photoresponse nonuniformity, relative.
     prnu: float
+    #: Its standard deviation, relative.
     prnu_sigma: float
+    #: Electrons of a full pixel, or at the largest temporal variance; None if no level lies beyond it.
     saturation_e: float | None
+    #: Electrons at the largest count, above the dark level.
     converter_limit_e: float
 
 
 def _smooth_part(mean: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(y, x) polynomial of order ``_GRADIENT_ORDER`` through the good pixels of a mean image."""
     v, u = np.indices(mean.shape)
     x, y = 2 * u / max(mean.shape[1] - 1, 1) - 1, 2 * v / max(mean.shape[0] - 1, 1) - 1
-    basis = np.stack([x**j * y**k for j in range(_ORDER + 1) for k in range(_ORDER + 1 - j)], axis=-1)
+    basis = np.stack([x**j * y**k for j in range(_GRADIENT_ORDER + 1) for k in range(_GRADIENT_ORDER + 1 - j)], axis=-1)
     fit = np.linalg.lstsq(basis[good], mean[good], rcond=None)[0]
     return np.asarray(basis @ fit, np.float64)
 
@@ -82,9 +94,28 @@ def _smooth_part(mean: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[
 def frame_statistics(
     stack: NDArray[np.uint16], saturation_dn: int, *, flatten: bool, pixels: NDArray[np.bool_] | None = None
 ) -> FrameStatistics:
-    """Statistics of at least two repeats (repeat, y, x). Raises ValueError for fewer.
+    """Statistics of repeats of one setting.
 
-    flatten : remove smooth gradients of the field from the spatial variance. pixels : (y, x) True for pixels used.
+    Parameters
+    ----------
+    stack
+        (repeat, y, x) counts of at least two repeats, DN.
+    saturation_dn
+        The count from which a pixel is saturated, DN.
+    flatten
+        True to remove smooth gradients of the field from the spatial variance.
+    pixels
+        (y, x) True for pixels used; all where left out. Outliers of the spatial pattern are left out in any case.
+
+    Returns
+    -------
+    FrameStatistics
+        Mean deviations of single repeats are removed before the temporal variance is taken.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two repeats.
     """
     if stack.shape[0] < 2:
         raise ValueError("temporal noise needs at least two repeats")
@@ -102,25 +133,40 @@ def frame_statistics(
         # Nonuniform sensitivity is relative to the local light.
         weight = float(mean[good].mean()) / np.maximum(smooth, 1.0)
         residual = (mean - smooth) * weight
-    taken = 1 + (flatten * ((_ORDER + 1) * (_ORDER + 2) // 2 - 1))
+    pattern_parameters = 1 + (flatten * ((_GRADIENT_ORDER + 1) * (_GRADIENT_ORDER + 2) // 2 - 1))
     count, repeats = int(good.sum()), stack.shape[0]
     # The light may change between repeats: remove each frame's mean deviation.
     steady = counts - (counts - mean)[:, good].mean(axis=1)[:, None, None]
-    own = steady.var(axis=0, ddof=1)
-    temporal = float(own[good].mean())
-    measured = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - taken))
+    pixel_variance = steady.var(axis=0, ddof=1)
+    temporal = float(pixel_variance[good].mean())
+    spatial_variance = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - pattern_parameters))
     return FrameStatistics(
         float(mean[good].mean()),
         temporal,
         temporal * float(np.sqrt(2 / (count * (repeats - 1)))),
-        measured - float((own * weight**2)[good].mean()) / repeats,
-        float(np.sqrt(2 / count) * np.hypot(measured, temporal / repeats / np.sqrt(repeats - 1))),
+        spatial_variance - float((pixel_variance * weight**2)[good].mean()) / repeats,
+        float(np.sqrt(2 / count) * np.hypot(spatial_variance, temporal / repeats / np.sqrt(repeats - 1))),
         clipped,
     )
 
 
 def transfer(dark: FrameStatistics, bright: Sequence[FrameStatistics], saturation_dn: int) -> PhotonTransfer | None:
-    """The parameters from one dark and some bright settings; None if no bright setting can be used."""
+    """Sensor parameters from one dark and several bright settings.
+
+    Parameters
+    ----------
+    dark
+        Statistics without light.
+    bright
+        Statistics of bright settings. Repeats without temporal noise are left out: they are copies or clipped.
+    saturation_dn
+        The largest count, DN.
+
+    Returns
+    -------
+    PhotonTransfer | None
+        None if no bright setting can be used.
+    """
     # repeats without any noise are copies of one frame, or clipped
     levels = sorted((b for b in bright if b.mean > dark.mean and b.temporal > 0), key=lambda b: b.mean)
     if not levels:
@@ -128,11 +174,12 @@ def transfer(dark: FrameStatistics, bright: Sequence[FrameStatistics], saturatio
     peak = max(levels, key=lambda b: b.temporal)
     saturates = any(
         b.mean > peak.mean
-        and b.temporal < _FALLEN * peak.temporal - 5 * np.hypot(b.temporal_sigma, peak.temporal_sigma)
+        and b.temporal
+        < _MAX_SATURATED_VARIANCE_SHARE * peak.temporal - 5 * np.hypot(b.temporal_sigma, peak.temporal_sigma)
         for b in levels
     )
     full = (peak.mean if saturates else saturation_dn) - dark.mean
-    fitted = [b for b in levels if b.mean - dark.mean <= _FITTED_SHARE * full and b.clipped < _CLIPPED_SHARE]
+    fitted = [b for b in levels if b.mean - dark.mean <= _FITTED_SHARE * full and b.clipped < _MAX_CLIPPED_SHARE]
     if not fitted:
         return None
     x = np.array([b.mean - dark.mean for b in fitted])
@@ -169,9 +216,28 @@ def transfer(dark: FrameStatistics, bright: Sequence[FrameStatistics], saturatio
 def measure_photon_transfer(
     capture: Capture, dark: DarkLibrary, channels: dict[str, str] | None = None
 ) -> PhotonTransfer | None:
-    """Parameters from the darks of the shortest exposure and all flats and references with repeats; else None.
+    """Sensor parameters from the darks of the shortest exposure and all flats and references.
 
-    Raises InputError for a faulty frame.
+    Only exposures with repeats are used.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    dark
+        Its dark levels.
+    channels
+        With a mosaic, the channel of each band; None without one.
+
+    Returns
+    -------
+    PhotonTransfer | None
+        None without repeated darks, with darks clipped at 0, or without a usable bright exposure.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     darks = sorted((t for t in capture.manifest.darks if len(t.frames) > 1), key=lambda t: t.exposure_s)
     tables: list[FrameTable] = [*capture.manifest.flats, *capture.manifest.reference]
@@ -189,10 +255,10 @@ def measure_photon_transfer(
             pixels &= channel_mask(capture.manifest.mosaic.pattern, capture.shape, channel)
         stack = capture.frames(table)
         # The hot pixels are left out. Thermal charge has the same K, so it needs no subtraction.
-        found = frame_statistics(stack, capture.saturation_dn, flatten=True, pixels=pixels)
+        statistics = frame_statistics(stack, capture.saturation_dn, flatten=True, pixels=pixels)
         # The dark pattern grows with exposure time: subtract its growth since the shortest exposure.
-        longer = patterns.get(table.exposure_s, first).spatial - first.spatial
-        bright.append(replace(found, spatial=found.spatial - longer))
+        pattern_growth = patterns.get(table.exposure_s, first).spatial - first.spatial
+        bright.append(replace(statistics, spatial=statistics.spatial - pattern_growth))
     sensor = transfer(first, bright, capture.full_scale_dn)
     if sensor is None or capture.full_well_dn is None:
         return sensor

@@ -1,12 +1,12 @@
-"""Response to one setting at a time: tests whether the signal is proportional to it, and describes departures.
+"""Response to one setting at a time: test of proportionality, and departures from it.
 
 The sensor equation (Pattanaik et al. 1997, eq. 3) states S = a x with x the exposure time, the inverse square
 of the f-number, the inverse square of the image distance, or the photon flux. Three departures are
 distinguished, with v = a x the proportional signal:
 
-    offset     S = a (x + x0)             a shutter that opens longer, stray light, a black level
-    bend       S = v + b v^2 / full scale a nonlinear converter or amplifier
-    exponent   S = a x^(1 + p)            settings with wrong nominal values
+- offset, S = a (x + x0): a shutter that opens longer, stray light, a black level
+- bend, S = v + b v^2 / full scale: a nonlinear converter or amplifier
+- exponent, S = a x^(1 + p): settings with wrong nominal values
 """
 
 from __future__ import annotations
@@ -23,17 +23,21 @@ __all__ = ["LAWS", "REPEATABILITY", "Departure", "Law", "ResponseFit", "fit_resp
 
 #: Assumed relative scatter of shutter and lamp between exposures, in addition to the noise model.
 REPEATABILITY = 0.001
-# Proportionality is rejected below this probability of the chi-square.
-_IMPROBABLE = 1e-3
+#: Probability of the chi-square below which proportionality is rejected.
+_SIGNIFICANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Law:
-    """The law signal proportional to setting ** power. unit : of the setting. offset_name : for messages."""
+    """The law signal proportional to setting ** power."""
 
+    #: Name of the setting, for messages.
     setting: str
+    #: Unit of the setting.
     unit: str
+    #: Power of the setting.
     power: int
+    #: Name of an offset of this law, for messages.
     offset_name: str
 
 
@@ -48,40 +52,47 @@ LAWS: Mapping[str, Law] = {
 
 @dataclass(frozen=True)
 class Departure:
-    """kind : "offset", "bend" or "exponent". size, sigma : x0 in s (else a x0 in DN), b, or p times the power.
+    """A departure from proportionality with its size."""
 
-    largest : the largest relative effect on a signal of the series. text : description.
-    """
-
+    #: "offset", "bend" or "exponent".
     kind: str
+    #: Offset: x0 in s, or a x0 in DN where the setting is no time. Bend: b. Exponent: p times the power of the law.
     size: float
+    #: Standard deviation of the size, in its unit.
     sigma: float
+    #: Largest relative effect on a signal of the series.
     largest: float
+    #: Description with size and unit.
     text: str
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """A series and its fit.
+    """A series of one setting, the fit S = a x, and the departure from it."""
 
-    setting, signal, sigma : (n,) the values set, mean counts above dark in DN, and their standard deviations
-        by noise and REPEATABILITY. slope, slope_sigma : a, DN per unit of x = setting ** power.
-    residual : (n,) (signal - a x) / (a x). chi2, probability : of proportionality, n - 1 degrees of freedom.
-    departure : the one that reduces the misfit most; None if proportionality holds or none of the three helps.
-    residual_after : (n,) residual with the departure in the model. verdict : one sentence.
-    """
-
+    #: The law tested.
     law: Law
+    #: (n,) values set, in the unit of the law.
     setting: NDArray[np.float64]
+    #: (n,) mean counts above dark, DN.
     signal: NDArray[np.float64]
+    #: (n,) standard deviations of the signals by noise and REPEATABILITY, DN.
     sigma: NDArray[np.float64]
+    #: a, DN per unit of x = setting ** power.
     slope: float
+    #: Standard deviation of a, the factor common to all signals included.
     slope_sigma: float
+    #: (n,) relative residual (signal - a x) / (a x).
     residual: NDArray[np.float64]
+    #: Chi-square of proportionality, with n - 1 degrees of freedom.
     chi2: float
+    #: Probability of a chi-square as large or larger.
     probability: float
+    #: The departure that reduces the misfit most; None if proportionality holds or none of the three helps.
     departure: Departure | None
+    #: (n,) relative residual with the departure in the model.
     residual_after: NDArray[np.float64]
+    #: The result, one sentence.
     verdict: str
 
     @property
@@ -90,11 +101,12 @@ class ResponseFit:
         return float(np.abs(self.residual).max())
 
 
+#: Signals (n,) by the slope and one further, scaled parameter.
 Model = Callable[[float, float], NDArray[np.float64]]
 
 
 def _models(x: NDArray[np.float64], full_scale_dn: float) -> dict[str, Model]:
-    """By kind of departure, the signal (n,) as a function of the slope and one further, scaled parameter."""
+    """By kind of departure, the signal (n,) by the slope and one further, scaled parameter."""
     middle = float(np.exp(np.mean(np.log(x))))
 
     def bent(slope: float, bend: float) -> NDArray[np.float64]:
@@ -117,12 +129,36 @@ def fit_response(
     frames: ArrayLike = 1,
     shared_sigma: float = 0.0,
 ) -> ResponseFit:
-    """Fit S = a x by weighted least squares; if the fit is rejected, find the departure that explains it best.
+    """Fit S = a x by weighted least squares; if the fit is rejected, find the best departure.
 
-    setting, signal, sigma : (n,), n >= 3; signal and sigma in DN, sigma from noise only. full_scale_dn : for the
-    bend. frames : number averaged for each point. shared_sigma : relative uncertainty of a factor common to all
-    signals; it affects only the slope.
-    Raises ValueError for fewer points or for settings or signals that are not above 0.
+    A departure is reported for four points or more, if it halves the chi-square.
+
+    Parameters
+    ----------
+    law
+        The law tested, of LAWS.
+    setting
+        (n,) values set, n >= 3, above 0, in the unit of the law.
+    signal
+        (n,) mean signals above dark, above 0, DN.
+    sigma
+        (n,) standard deviations of the signals by noise alone, DN.
+    full_scale_dn
+        Largest count, to which a bend refers, DN.
+    frames
+        Repeats averaged for each point, scalar or (n,).
+    shared_sigma
+        Relative uncertainty of a factor common to all signals; it affects only the slope.
+
+    Returns
+    -------
+    ResponseFit
+        In the order of the settings given.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three points, or for settings or signals that are not above 0.
     """
     value, level = np.asarray(setting, float), np.asarray(signal, float)
     if value.size < 3 or np.any(value <= 0) or np.any(level <= 0):
@@ -134,11 +170,11 @@ def fit_response(
     misfit = float(np.sum(weight * (level - slope * x) ** 2))
     probability = float(chi2.sf(misfit, value.size - 1))
     residual = level / (slope * x) - 1
-    departure, after = None, residual
-    if probability < _IMPROBABLE and value.size > 3:
-        departure, after, left = _best_departure(law, x, level, spread, slope, full_scale_dn)
-        if left > 0.5 * misfit:
-            departure, after = None, residual
+    departure, residual_after = None, residual
+    if probability < _SIGNIFICANCE and value.size > 3:
+        departure, residual_after, remaining_chi2 = _best_departure(law, x, level, spread, slope, full_scale_dn)
+        if remaining_chi2 > 0.5 * misfit:
+            departure, residual_after = None, residual
     return ResponseFit(
         law,
         value,
@@ -150,8 +186,8 @@ def fit_response(
         misfit,
         probability,
         departure,
-        after,
-        _verdict(law, residual, probability, departure, after),
+        residual_after,
+        _verdict(law, residual, probability, departure, residual_after),
     )
 
 
@@ -163,6 +199,7 @@ def _best_departure(
     slope: float,
     full_scale_dn: float,
 ) -> tuple[Departure, NDArray[np.float64], float]:
+    """Departure of least chi-square, relative residual (n,) with it, and that chi-square."""
     fits = {}
     for kind, model in _models(x, full_scale_dn).items():
         fit = least_squares(
@@ -171,9 +208,9 @@ def _best_departure(
         fits[kind] = fit, model(slope * fit.x[0], fit.x[1])
     kind = min(fits, key=lambda name: fits[name][0].cost)
     fit, predicted = fits[kind]
-    left = 2 * float(fit.cost)
+    remaining_chi2 = 2 * float(fit.cost)
     # The sigma is scaled up if a misfit remains.
-    growth = max(1.0, left / max(level.size - 2, 1))
+    growth = max(1.0, remaining_chi2 / max(level.size - 2, 1))
     sigma = float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[1, 1] * growth))
     size = float(fit.x[1])
     effect = predicted / (slope * fit.x[0] * x) - 1
@@ -192,7 +229,7 @@ def _best_departure(
         size = law.power * size
         name = f"exponent {power:.4f} +- {sigma:.4f} instead of {law.power}"
     departure = Departure(kind, size, sigma, float(np.abs(effect).max()), name)
-    return departure, level / predicted - 1, left
+    return departure, level / predicted - 1, remaining_chi2
 
 
 def _verdict(
@@ -202,9 +239,10 @@ def _verdict(
     departure: Departure | None,
     after: NDArray[np.float64],
 ) -> str:
+    """One sentence: whether the law holds, the largest deviation, and what departs from it."""
     how = "proportional to" if law.power == 1 else "inverse square of"
     largest = f"largest deviation {100 * np.abs(residual).max():.2g} %"
-    if probability >= _IMPROBABLE:
+    if probability >= _SIGNIFICANCE:
         return f"{how} {law.setting}: holds, {largest}"
     if departure is None:
         return f"{how} {law.setting}: does not hold, {largest}; no single departure explains it"

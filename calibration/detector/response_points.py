@@ -27,61 +27,71 @@ from .response import LAWS, REPEATABILITY, ResponseFit, fit_response
 
 __all__ = ["ResponsePoint", "ResponseSeries", "light_series", "measure_responses", "response_points"]
 
-# Points with a larger share of clipped pixels are left out.
-_CLIPPED_SHARE = 1e-3
-# The sensor equation holds near the axis: use this share of the field's width and height, in the middle.
-_MIDDLE = 0.5
-_FEWEST_PIXELS = 16
-# Range of counts used: above the bias by rounding and clipping at 0, below the clipping of single pixels.
-_LOWEST_DN = 3.0
-_HIGHEST_SHARE = 0.92
+#: Share of clipped pixels above which a point is left out.
+_MAX_CLIPPED_SHARE = 1e-3
+#: Share of the field's width and height that is used, in the middle: the sensor equation holds near the axis.
+_MIDDLE_SHARE = 0.5
+#: Pixels of a point, at least.
+_MIN_PIXELS = 16
+#: Lowest mean signal of a point, DN: below it rounding and clipping at 0 bias the mean.
+_MIN_SIGNAL_DN = 3.0
+#: Largest share of saturation: above it single pixels clip.
+_MAX_SATURATION_SHARE = 0.92
 
 
 @dataclass(frozen=True)
 class ResponsePoint(OwnMappings):
-    """One exposure of a steady light.
+    """One exposure of a steady light."""
 
-    source : "reference", "flat" or "scene". settings : by key of LAWS, None where not stated; the flux is
-    Int F Q T L dl of the reference, proportional to photoelectrons per second.
-    signal_dn, sigma_dn : mean above dark over the middle of the field, flat-corrected, and its standard deviation
-    by noise. flat_sigma : relative standard deviation by the flat, common to all points of one light.
-    count_dn : mean count as stored, dark included. frames : repeats averaged.
-    """
-
+    #: Identifier of the band.
     band: str
+    #: "reference", "flat" or "scene".
     source: str
+    #: By key of LAWS, None where not stated. The flux is Int F Q T L dl of the source, proportional to photoelectrons
+    #: per second.
     settings: Mapping[str, float | None]
+    #: Mean above dark over the middle of the field, flat-corrected, DN.
     signal_dn: float
+    #: Its standard deviation by noise, DN.
     sigma_dn: float
+    #: Mean count as stored, dark included, DN.
     count_dn: float
+    #: Repeats averaged.
     frames: int = 1
+    #: Relative standard deviation by the flat, common to all points of one light.
     flat_sigma: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseSeries:
-    """Points of one light in which only the setting ``key`` (of LAWS) was changed, and their fit."""
+    """Points of one light in which only one setting was changed, and their fit."""
 
+    #: The setting that was changed, a key of LAWS.
     key: str
+    #: Identifier of the band.
     band: str
+    #: "reference", "flat" or "scene".
     source: str
+    #: The fit of the law to the points.
     fit: ResponseFit
 
 
 def _middle(shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """(y, x) True in the middle of the field, see ``_MIDDLE_SHARE``."""
     inside: NDArray[np.bool_] = np.zeros(shape, bool)
-    margins = [round(size * (1 - _MIDDLE) / 2) for size in shape]
+    margins = [round(size * (1 - _MIDDLE_SHARE) / 2) for size in shape]
     inside[margins[0] : shape[0] - margins[0], margins[1] : shape[1] - margins[1]] = True
     return inside
 
 
 def _unclipped(capture: Capture, table: BandTable | BracketTable) -> NDArray[np.bool_]:
-    """(y, x) True where a pixel and its neighbours are well below the largest count in all repeats."""
+    """(y, x) True where a pixel and its neighbours are well below saturation in all repeats."""
     brightest = maximum_filter(capture.frames(table).max(axis=0), 3)
-    return np.asarray(brightest < _HIGHEST_SHARE * capture.saturation_dn, np.bool_)
+    return np.asarray(brightest < _MAX_SATURATION_SHARE * capture.saturation_dn, np.bool_)
 
 
 def _flux(capture: Capture, table: BandTable | BracketTable, channel: str | None) -> float | None:
+    """Photoelectrons per second of a source, up to a constant; None if not stated."""
     radiance = getattr(table, "radiance", None)
     curve = response_curve(capture, capture.band(table.band), channel) if radiance else None  # type: ignore[union-attr]
     if curve is None:
@@ -97,10 +107,33 @@ def response_points(
     noise: NoiseModel,
     channels: Mapping[str, str] | None = None,
 ) -> tuple[ResponsePoint, ...]:
-    """Points of all references, all flats with a stated radiance, and the scene where a band has three exposures.
+    """Points of all references, of all flats with a stated radiance, and of the scene.
 
-    Points with clipped pixels are left out. The scene's points are means over the pixels that are not clipped in
-    any of its exposures used. Raises InputError for a faulty frame.
+    The scene is used where a band has three exposures or more. Points with clipped pixels are left out. The scene's
+    points are means over the pixels that are not clipped in any of its exposures used.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    bands
+        Its corrected bands, for flats and masks.
+    dark
+        Its dark levels.
+    noise
+        Noise model of one count.
+    channels
+        With a mosaic, the channel of each band; None without one.
+
+    Returns
+    -------
+    tuple
+        The points, by band and source.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     points: list[ResponsePoint] = []
     for band in capture.manifest.band:
@@ -134,6 +167,7 @@ def _points(
     noise: NoiseModel,
     channel: str | None,
 ) -> list[ResponsePoint]:
+    """Points of the tables of one band and source."""
     if not tables:
         return []
     band = tables[0].id if isinstance(tables[0], BandTable) else tables[0].band
@@ -142,18 +176,18 @@ def _points(
     if source == "scene":
         # Keep the exposures in which more than half of the field is not clipped.
         clear = [_unclipped(capture, table) for table in tables]
-        whole = [bool(np.any(usable)) and c[usable].mean() > 0.5 for c in clear]
-        for c, keep in zip(clear, whole, strict=True):
-            usable = usable & c if keep else usable
+        usable_tables = [bool(np.any(usable)) and c[usable].mean() > 0.5 for c in clear]
+        for c, is_usable in zip(clear, usable_tables, strict=True):
+            usable = usable & c if is_usable else usable
     else:
-        whole = [bool(np.any(usable)) and f.saturated[usable].mean() < _CLIPPED_SHARE for f in frames]
-    if usable.sum() < _FEWEST_PIXELS:
+        usable_tables = [bool(np.any(usable)) and f.saturated[usable].mean() < _MAX_CLIPPED_SHARE for f in frames]
+    if usable.sum() < _MIN_PIXELS:
         return []
     points = []
     response = float(flat.response[usable].sum())
-    for table, frame, keep in zip(tables, frames, whole, strict=True):
+    for table, frame, is_usable in zip(tables, frames, usable_tables, strict=True):
         level = frame.signal[usable].sum() / response
-        if not keep or level < _LOWEST_DN:
+        if not is_usable or level < _MIN_SIGNAL_DN:
             continue
         variance = evaluate_variance(frame.coefficients, frame.signal)[usable].sum() / response**2
         shared = float(np.sqrt(flat.relative_variance[usable].sum())) / response
@@ -180,14 +214,27 @@ def _points(
 
 
 def measure_responses(points: tuple[ResponsePoint, ...], full_scale_dn: float) -> tuple[ResponseSeries, ...]:
-    """Fits of all series of at least three points of one light in which only one setting was changed."""
-    found = []
+    """Fit all series of three points or more in which only one setting was changed.
+
+    Parameters
+    ----------
+    points
+        The points of a capture.
+    full_scale_dn
+        Largest count, DN.
+
+    Returns
+    -------
+    tuple
+        One ResponseSeries per light and setting.
+    """
+    series = []
     for band, source in dict.fromkeys((p.band, p.source) for p in points):
-        own = [p for p in points if (p.band, p.source) == (band, source)]
+        light_points = [p for p in points if (p.band, p.source) == (band, source)]
         for key, law in LAWS.items():
             others = [name for name in LAWS if name != key]
             groups: dict[tuple[float | None, ...], dict[float, ResponsePoint]] = {}
-            for point in own:
+            for point in light_points:
                 value = point.settings[key]
                 if value is not None:
                     groups.setdefault(tuple(point.settings[o] for o in others), {})[value] = point
@@ -195,27 +242,40 @@ def measure_responses(points: tuple[ResponsePoint, ...], full_scale_dn: float) -
                 if len(group) < 3:
                     continue
                 values = np.array(sorted(group))
-                chosen = [group[float(value)] for value in values]
+                series_points = [group[float(value)] for value in values]
                 signal, sigma, frames = (
-                    [getattr(p, name) for p in chosen] for name in ("signal_dn", "sigma_dn", "frames")
+                    [getattr(p, name) for p in series_points] for name in ("signal_dn", "sigma_dn", "frames")
                 )
-                fit = fit_response(law, values, signal, sigma, full_scale_dn, frames, chosen[0].flat_sigma)
-                found.append(ResponseSeries(key, band, source, fit))
-    return tuple(found)
+                fit = fit_response(law, values, signal, sigma, full_scale_dn, frames, series_points[0].flat_sigma)
+                series.append(ResponseSeries(key, band, source, fit))
+    return tuple(series)
 
 
 def light_series(points: tuple[ResponsePoint, ...]) -> list[LightSeries]:
-    """The points as light series, one per band and source; light is t f^-2 d^-2, times the flux if it is known.
+    """The points as light series, one per band and source, for the calibration curve.
 
-    Series of fewer than three points are left out. The counts include the dark level.
+    Light is t f^-2 d^-2, times the flux if it is known; settings that are not stated count as 1. The counts include
+    the dark level.
+
+    Parameters
+    ----------
+    points
+        The points of a capture.
+
+    Returns
+    -------
+    list
+        The series of three points or more.
     """
     series = []
     for band, source in dict.fromkeys((p.band, p.source) for p in points):
-        own = [p for p in points if (p.band, p.source) == (band, source)]
-        if len(own) < 3:
+        light_points = [p for p in points if (p.band, p.source) == (band, source)]
+        if len(light_points) < 3:
             continue
-        light = [float(np.prod([(p.settings[key] or 1.0) ** law.power for key, law in LAWS.items()])) for p in own]
-        count = np.array([p.count_dn for p in own])
-        sigma = np.array([np.hypot(p.sigma_dn, REPEATABILITY * p.signal_dn / np.sqrt(p.frames)) for p in own])
+        light = [
+            float(np.prod([(p.settings[key] or 1.0) ** law.power for key, law in LAWS.items()])) for p in light_points
+        ]
+        count = np.array([p.count_dn for p in light_points])
+        sigma = np.array([np.hypot(p.sigma_dn, REPEATABILITY * p.signal_dn / np.sqrt(p.frames)) for p in light_points])
         series.append(LightSeries(f"{band} {source}", np.array(light), count, sigma))
     return series

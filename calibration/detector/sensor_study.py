@@ -1,4 +1,4 @@
-"""Study of the sensor, beyond what the correction needs: photon transfer, dark level, response, curve."""
+"""Study of the sensor beyond the correction: photon transfer, dark level, response, curve."""
 
 from __future__ import annotations
 
@@ -15,19 +15,25 @@ from .response_points import ResponsePoint, ResponseSeries, light_series, measur
 
 __all__ = ["SensorStudy", "study_sensor"]
 
-# Series that span less than this factor of light are left out of the curve.
-_SPAN = 3.0
-_FEWEST_POINTS = 8
+#: Largest over smallest light of a series below which it is left out of the curve: it would not show the shape.
+_MIN_LIGHT_RATIO = 3.0
+#: Points of all series below which no curve is fitted.
+_MIN_POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class SensorStudy:
     """Results of the study; None or empty where the capture lacks the frames."""
 
+    #: Sensor parameters by photon transfer.
     transfer: PhotonTransfer | None
+    #: Dark level over exposure time.
     dark_fit: DarkFit | None
+    #: All exposures of steady lights.
     points: tuple[ResponsePoint, ...]
+    #: Series in which one setting was changed.
     responses: tuple[ResponseSeries, ...]
+    #: Curve from counts to linear light.
     curve: CalibrationCurve | None
 
     @property
@@ -44,11 +50,35 @@ def study_sensor(
     noise: NoiseModel,
     channels: dict[str, str] | None,
 ) -> SensorStudy:
-    """All parts of the study for which the capture has frames. Raises InputError for a faulty frame."""
+    """All parts of the study for which the capture has frames.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    bands
+        Its corrected bands.
+    dark
+        Its dark levels.
+    noise
+        Noise model of one count.
+    channels
+        With a mosaic, the channel of each band; None without one.
+
+    Returns
+    -------
+    SensorStudy
+        None or empty for parts without frames.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
+    """
     points = response_points(capture, bands, dark, noise, channels)
-    series = [s for s in light_series(points) if s.light.max() > _SPAN * s.light.min()]
+    series = [s for s in light_series(points) if s.light.max() > _MIN_LIGHT_RATIO * s.light.min()]
     curve = None
-    if sum(s.light.size for s in series) >= _FEWEST_POINTS:
+    if sum(s.light.size for s in series) >= _MIN_POINTS:
         level = float(np.median(dark.level[0])) if dark.exposure_s.size else 0.0
         curve = fit_curve(series, level)
     return SensorStudy(

@@ -1,4 +1,4 @@
-"""The instrument's model that calibration and rendering share: sensor equation, observer, band images."""
+"""Model of the instrument that calibration and rendering share."""
 
 from .band_images import Mask, band_images
 from .band_response import (

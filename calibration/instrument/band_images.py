@@ -1,4 +1,4 @@
-"""BandImages: one image per filter with its variance and a mask of the reasons for excluding pixels."""
+"""Images of a capture, one per band, with their variance and a mask of excluded pixels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Mask", "band_images"]
 
 
 class Mask(IntFlag):
-    """Why a pixel is excluded; 0 means it is used."""
+    """Reasons for excluding a pixel; 0 means it is used."""
 
     SATURATED = 1
     LAMP = 2
@@ -25,11 +25,28 @@ class Mask(IntFlag):
 def band_images(
     bands: Sequence[str], signal: ArrayLike, variance: ArrayLike, mask: ArrayLike | None = None
 ) -> xr.Dataset:
-    """Dataset with dimensions (band, y, x).
+    """Dataset of band images with dimensions (band, y, x).
 
-    signal : DN after dark and flat correction, at the band's exposure.
-    variance : DN^2, of the independent per-pixel noise. mask : Mask flags, uint8; default 0.
-    Raises ValueError if the shapes differ or do not fit the number of bands.
+    Parameters
+    ----------
+    bands
+        Identifiers of the bands, which become the coordinate ``band``.
+    signal
+        (band, y, x) signal after dark and flat correction, at the band's exposure, DN.
+    variance
+        (band, y, x) variance of the independent noise of each pixel, DN^2.
+    mask
+        (band, y, x) ``Mask`` flags, uint8; 0 (every pixel is used) where left out.
+
+    Returns
+    -------
+    Dataset
+        Variables ``signal``, ``variance`` and ``mask`` with their units.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or do not fit the number of bands.
     """
     signal = np.asarray(signal, np.float64)
     variance = np.asarray(variance, np.float64)

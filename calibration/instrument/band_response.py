@@ -1,7 +1,7 @@
-"""Band responses: filter times lens times quantum efficiency times quanta per joule, on one grid of wavelengths.
+"""Band responses: filter, lens, quantum efficiency and quanta per joule on one grid.
 
-Every response in the program is built here, from tables of spectra: those that a capture states (``sensor_equation``),
-those of the simulated laboratory, and those that effects of the filters have changed.
+Every response in the program is built here, from tables of spectra: those that a capture states
+(``sensor_equation``), those of the simulated laboratory, and those that effects of the filters have changed.
 """
 
 from __future__ import annotations
@@ -27,41 +27,66 @@ __all__ = [
     "tabulation_errors",
 ]
 
-#: The constants with the digits that the capture format prescribes.
+#: Planck constant, J s, with the digits that the capture format prescribes.
 PLANCK_J_S = 6.626e-34
+#: Speed of light, m/s, with the digits that the capture format prescribes.
 SPEED_OF_LIGHT_M_S = 2.998e8
-
-
 #: The largest step for integrals over wavelength that CIE 15 recommends.
 TABLE_STEP_NM = 5.0
 
 
 def lens_constant(focal_length_mm: float, pixel_pitch_um: float, gain_e_per_dn: float) -> float:
-    """C of a lens without losses, mm^2 m^2 / (e-/DN)."""
+    """Constant C of a lens without losses, pi / 4 (focal length times pixel pitch)^2 / gain.
+
+    Parameters
+    ----------
+    focal_length_mm
+        Focal length, mm.
+    pixel_pitch_um
+        Distance of neighbouring pixels, um; square pixels.
+    gain_e_per_dn
+        Electrons per count, e-/DN.
+
+    Returns
+    -------
+    float
+        C, mm^2 m^2 / (e-/DN).
+    """
     return float(np.pi / 4 * focal_length_mm**2 * (pixel_pitch_um * 1e-6) ** 2 / gain_e_per_dn)
 
 
 def quanta_per_joule(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-    """F = l / (h c) at wavelengths (any shape, nm)."""
+    """Photons per joule of light, F = wavelength / (h c).
+
+    Parameters
+    ----------
+    wavelength_nm
+        Wavelengths, any shape, nm.
+
+    Returns
+    -------
+    NDArray
+        Photons per joule, in the same shape.
+    """
     return np.asarray(wavelength_nm, float) * 1e-9 / (PLANCK_J_S * SPEED_OF_LIGHT_M_S)
 
 
 @dataclass(frozen=True, eq=False)
 class BandResponse:
-    """The response of one band to spectral radiance.
+    """The response of one band to spectral radiance."""
 
-    grid : of n wavelengths. response : (n,) F Q T_lens T_i, quanta per joule.
-    factor : K = C t / (f_number^2 d^2), DN per (W m^-2 sr^-1 quanta J^-1), for a flat of 1.
-    """
-
+    #: Identifier of the band.
     band: str
+    #: Grid of n wavelengths on which the response is tabulated.
     grid: WavelengthGrid
+    #: (n,) F Q T_lens T_filter, quanta per joule.
     response: NDArray[np.float64]
+    #: K = C t / (f_number^2 d^2) for a flat of 1, DN per (W m^-2 sr^-1 quanta J^-1).
     factor: float
 
     @property
     def wavelength_nm(self) -> NDArray[np.float64]:
-        """(n,) nm."""
+        """(n,) wavelengths of the grid, nm."""
         return self.grid.nm
 
     @property
@@ -70,20 +95,54 @@ class BandResponse:
         return self.factor * self.response * self.grid.weights
 
     def signal(self, radiance: ArrayLike) -> NDArray[np.float64]:
-        """Signal (...) in DN above dark, for radiance (..., n) in W m^-2 sr^-1 nm^-1 on ``wavelength_nm``."""
+        """Signal of the band for spectral radiance.
+
+        Parameters
+        ----------
+        radiance
+            (..., n) spectral radiance on ``wavelength_nm``, W m^-2 sr^-1 nm^-1.
+
+        Returns
+        -------
+        NDArray
+            (...) signal above dark, DN.
+        """
         return np.asarray(radiance, float) @ self.weights
 
 
 def sensor_matrix(responses: tuple[BandResponse, ...]) -> NDArray[np.float64]:
-    """(band, wavelength) matrix W: the signals of radiance L (on the common grid) are W L."""
+    """Matrix W of several bands: the signals of radiance L on the common grid are W L.
+
+    Parameters
+    ----------
+    responses
+        Responses of the bands, all on one grid.
+
+    Returns
+    -------
+    NDArray
+        (band, wavelength) weights, DN per (W m^-2 sr^-1 nm^-1).
+    """
     return np.stack([response.weights for response in responses])
 
 
 def tabulation_errors(responses: tuple[BandResponse, ...], radiance: Spectrum) -> NDArray[np.float64]:
-    """(band,) relative change of the signals of a light source where the integral is taken in coarser steps.
+    """Relative change of each band's signal where the integral is taken in coarser steps.
 
-    How large the error of tables, known at some wavelengths only, may be: the trapezoidal rule in steps of
-    TABLE_STEP_NM against that of the responses' grid. Large where a spectrum begins or ends within a band.
+    Estimates the error of tables with few wavelengths: the trapezoidal rule in steps of TABLE_STEP_NM against that of
+    the responses' grid. The error is large where a spectrum begins or ends within a band.
+
+    Parameters
+    ----------
+    responses
+        Responses of the bands, all on one grid.
+    radiance
+        Spectral radiance of the light source; its scale cancels.
+
+    Returns
+    -------
+    NDArray
+        (band,) coarse signal over fine signal, minus 1.
     """
     grid = responses[0].grid
     coarse = slice(None, None, round(TABLE_STEP_NM / grid.step_nm))
@@ -94,20 +153,27 @@ def tabulation_errors(responses: tuple[BandResponse, ...], radiance: Spectrum) -
 
 @dataclass(frozen=True, eq=False)
 class ResponseFactors:
-    """The responses of several bands, with the filters separate from the other factors.
+    """The responses of several bands, with the filters separate from the other factors."""
 
-    grid : of w wavelengths, INTEGRAL_GRID or one that holds it. transmittance : (band, w) of the filters alone.
-    rest : (band, w) F Q T_lens, see ``rest_curve``. factor : (band,) K, see BandResponse.
-    """
-
+    #: Identifiers of the bands.
     bands: tuple[str, ...]
+    #: Grid of w wavelengths: INTEGRAL_GRID or a wider one that contains it.
     grid: WavelengthGrid
+    #: (band, w) transmittance of the filters alone.
     transmittance: NDArray[np.float64]
+    #: (band, w) F Q T_lens, quanta per joule, see ``rest_curve``.
     rest: NDArray[np.float64]
+    #: (band,) K, see ``BandResponse.factor``.
     factor: NDArray[np.float64]
 
     def responses(self) -> tuple[BandResponse, ...]:
-        """The bands' responses on INTEGRAL_GRID; the lens transmits no light outside it."""
+        """The responses of the bands on INTEGRAL_GRID; the lens transmits no light outside it.
+
+        Returns
+        -------
+        tuple
+            One BandResponse per band, in the order of ``bands``.
+        """
         inside = self.grid.part(INTEGRAL_GRID)
         curves = self.rest[:, inside] * self.transmittance[:, inside]
         return tuple(
@@ -117,7 +183,22 @@ class ResponseFactors:
 
 
 def rest_curve(efficiency: Spectrum, lens: Spectrum, grid: WavelengthGrid = INTEGRAL_GRID) -> NDArray[np.float64]:
-    """(w,) F Q T_lens, quanta per joule: a band's response without its filter, 0 outside INTEGRAL_GRID."""
+    """Response of a band without its filter, F Q T_lens.
+
+    Parameters
+    ----------
+    efficiency
+        Quantum efficiency of the sensor, 0 to 1.
+    lens
+        Transmittance of the lens, 0 to 1.
+    grid
+        Grid of w wavelengths.
+
+    Returns
+    -------
+    NDArray
+        (w,) quanta per joule, 0 outside INTEGRAL_GRID.
+    """
     inside = grid.part(INTEGRAL_GRID)
     wavelength = grid.nm[inside]
     rest = np.zeros(grid.count)
@@ -131,6 +212,23 @@ def response_factors(
     factors: Sequence[float],
     grid: WavelengthGrid = INTEGRAL_GRID,
 ) -> ResponseFactors:
-    """From the filters' transmittances by band and, in their order, ``rest_curve`` on ``grid`` and K of each."""
+    """Tabulate the filters of several bands next to their other factors.
+
+    Parameters
+    ----------
+    filters
+        By band, the transmittance of its filter.
+    rests
+        (w,) ``rest_curve`` of each band on ``grid``, in the order of ``filters``.
+    factors
+        K of each band, see ``BandResponse.factor``.
+    grid
+        Grid of w wavelengths.
+
+    Returns
+    -------
+    ResponseFactors
+        The bands in the order of ``filters``.
+    """
     transmittance = np.array([curve.at(grid.nm) for curve in filters.values()])
     return ResponseFactors(tuple(filters), grid, transmittance, np.array(rests), np.array(factors))

@@ -1,4 +1,4 @@
-"""The CIE 1931 standard observer: colour-matching functions, luminous efficacy, chromaticity."""
+"""CIE 1931 standard observer: colour-matching functions, luminous efficacy, chromaticity."""
 
 from __future__ import annotations
 
@@ -15,9 +15,19 @@ OBSERVER_RANGE_NM = (360.0, 830.0)
 
 
 def colour_matching_functions(wavelength_nm: ArrayLike = WAVELENGTH_NM) -> NDArray[np.float64]:
-    """(3, n) CIE 1931 2-degree xbar, ybar, zbar, by default on WAVELENGTH_NM (tables of colour-science).
+    """CIE 1931 2-degree xbar, ybar, zbar (tables of colour-science).
 
     The table has 360 to 830 nm (OBSERVER_RANGE_NM) by 1 nm. It is linear between its samples and 0 beyond its ends.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (n,) wavelengths, nm; WAVELENGTH_NM where left out.
+
+    Returns
+    -------
+    NDArray
+        (3, n) values of the three functions.
     """
     from colour import MSDS_CMFS  # slow to import, and only needed here
 
@@ -27,7 +37,18 @@ def colour_matching_functions(wavelength_nm: ArrayLike = WAVELENGTH_NM) -> NDArr
 
 
 def chromaticity(xyz: ArrayLike) -> NDArray[np.float64]:
-    """(..., 2) CIE 1931 x, y of X, Y, Z (..., 3); NaN where their sum is not above 0."""
+    """CIE 1931 chromaticity coordinates x, y of tristimulus values.
+
+    Parameters
+    ----------
+    xyz
+        (..., 3) X, Y, Z in any common unit.
+
+    Returns
+    -------
+    NDArray
+        (..., 2) x and y; NaN where X + Y + Z is not above 0.
+    """
     values = np.asarray(xyz, float)
-    whole = values.sum(axis=-1, keepdims=True)
-    return values[..., :2] / np.where(whole > 0, whole, np.nan)
+    total = values.sum(axis=-1, keepdims=True)
+    return values[..., :2] / np.where(total > 0, total, np.nan)

@@ -1,0 +1,196 @@
+"""Readers of frames: one file per format, and those of entry point ``cboxlab.frames``."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import iter_modules
+
+import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import require_regular_file
+from numpy.typing import NDArray
+
+from ._frame_reader import FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of
+
+__all__ = [
+    "FrameFacts",
+    "FrameHeader",
+    "FrameReader",
+    "as_counts",
+    "catalogue",
+    "frame_header",
+    "pattern_of",
+    "read_pictures",
+    "reader_of",
+    "suffixes",
+]
+
+#: Entry points of this group are readers of other packages.
+_GROUP = "cboxlab.frames"
+#: Headers kept: a capture's frames are checked once and read several times.
+_HEADERS_KEPT = 4096
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> dict[str, FrameReader]:
+    """All readers, those of other packages included.
+
+    Returns
+    -------
+    dict
+        By identifier, the readers.
+
+    Raises
+    ------
+    InputError
+        For an entry point that cannot be loaded, is no FrameReader, or has the identifier or an ending of another.
+    """
+    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
+    readers = {name: import_module(f"{__name__}.{name}").READER for name in names}
+    for entry in entry_points(group=_GROUP):
+        reader = _loaded(entry)
+        if reader.id in readers:
+            raise InputError(_where(entry), f"'{reader.id}', which exists already", "a new identifier")
+        endings = {ending for other in readers.values() for ending in other.suffixes}
+        if shared := [ending for ending in reader.suffixes if ending in endings]:
+            raise InputError(_where(entry), f"the ending {shared[0]}, which has a reader already", "other endings")
+        readers[reader.id] = reader
+    return readers
+
+
+def _where(entry: EntryPoint) -> str:
+    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
+
+
+def _loaded(entry: EntryPoint) -> FrameReader:
+    """The reader of an entry point; InputError if it cannot be imported or is none."""
+    try:
+        reader = entry.load()
+    except Exception as error:  # whatever the other package's import raises
+        hint = "Mend or uninstall the package that has this entry point"
+        raise InputError(_where(entry), f"{type(error).__name__}: {error}", "a FrameReader", hint) from error
+    if not isinstance(reader, FrameReader):
+        raise InputError(_where(entry), f"a {type(reader).__name__}", "a FrameReader")
+    return reader
+
+
+def suffixes() -> tuple[str, ...]:
+    """All endings of file names that a reader takes.
+
+    Returns
+    -------
+    tuple
+        In small letters with the dot, those of TIFF first.
+    """
+    first = catalogue()["tiff"].suffixes
+    return (*first, *(ending for reader in catalogue().values() for ending in reader.suffixes if ending not in first))
+
+
+def reader_of(path: Path) -> FrameReader | None:
+    """The reader for a file by the ending of its name.
+
+    Parameters
+    ----------
+    path
+        Path of the file, which need not exist.
+
+    Returns
+    -------
+    FrameReader | None
+        The one with the longest ending that fits; None if no ending fits.
+    """
+    name = path.name.lower()
+    fitting = [(len(end), reader) for reader in catalogue().values() for end in reader.suffixes if name.endswith(end)]
+    return max(fitting, key=lambda pair: pair[0])[1] if fitting else None
+
+
+def _usable_reader(path: Path) -> FrameReader:
+    """The reader for a file whose package is installed. Other endings are those of TIFF frames."""
+    reader = reader_of(path) or catalogue()["tiff"]
+    require_regular_file(path, f"a {reader.name} frame")
+    if reader.needs is not None and find_spec(reader.needs) is None:
+        requirement = f"a file that needs the package {reader.needs} to be read"
+        raise InputError(path, requirement, "that package installed", reader.install)
+    return reader
+
+
+def _unreadable(path: Path, reader: FrameReader, error: Exception) -> InputError:
+    fault = f"a file that cannot be read as {reader.name} ({error})"
+    return InputError(path, fault, f"a {reader.name} frame", "The file is damaged or truncated: copy it again.")
+
+
+@lru_cache(maxsize=_HEADERS_KEPT)
+def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
+    """Header of one version of a file."""
+    reader = _usable_reader(path)
+    try:
+        return reader.header(path)
+    except InputError:
+        raise
+    except Exception as error:  # each library raises its own exceptions for damaged files
+        raise _unreadable(path, reader, error) from None
+
+
+def frame_header(path: Path) -> FrameHeader:
+    """Size of a file's pictures and what it says of camera and lens, without its counts.
+
+    Parameters
+    ----------
+    path
+        The file. Its ending chooses the reader; one with an unknown ending is read as TIFF.
+
+    Returns
+    -------
+    FrameHeader
+        Number and size of the pictures, and the facts.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or damaged, and for a package that is not installed.
+    """
+    reader = _usable_reader(path)
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise _unreadable(path, reader, error) from None
+    return _header_as_of(path, state.st_mtime_ns, state.st_size)
+
+
+def read_pictures(path: Path, pictures: range | None = None) -> NDArray[np.uint16]:
+    """Counts of pictures of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pictures
+        Numbers of the pictures, from 0; all of them where left out.
+
+    Returns
+    -------
+    NDArray
+        (n, y, x) counts, uint16, first row at the top.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or damaged, for values that are no counts, and for a package that is not
+        installed.
+    """
+    header, reader = frame_header(path), _usable_reader(path)
+    pictures = range(header.pictures) if pictures is None else pictures
+    try:
+        counts = reader.read(path, pictures)
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreadable(path, reader, error) from None
+    if counts.shape != (len(pictures), *header.shape):
+        expected = f"{(len(pictures), *header.shape)} as in the file's header"
+        raise InputError(path, f"pictures of shape {counts.shape}", expected)
+    return counts

@@ -1,0 +1,164 @@
+"""TIFF frames: 16-bit unsigned counts of one channel, one page or a stack of repeats."""
+
+from __future__ import annotations
+
+import zlib
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from cboxlab.utils.errors import InputError
+from numpy.typing import NDArray
+
+from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, pattern_of, positive_number
+
+#: TIFF 6.0's numbers of compressions that need no further library: none, LZW, deflate, PackBits, old deflate.
+_COMPRESSIONS = (1, 5, 8, 32773, 32946)
+#: Those of them by zlib, which packs without limit.
+_DEFLATED = (8, 32946)
+#: The first bytes of files that are mistaken for TIFF frames.
+_OTHER_FORMATS = {
+    b"\x89PNG": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"SIMPLE  ": "FITS",
+    b"\x93NUMPY": "NumPy",
+    b"\x89HDF": "HDF5",
+    b"\x1f\x8b": "gzip",
+    b"PK\x03\x04": "zip",
+    b"P5": "PGM",
+    b"v/1\x01": "OpenEXR",
+}
+_TRUNCATED_HINT = "The file is truncated: copy it again."
+
+
+def _other_format(path: Path) -> str | None:
+    """Format of a file that is no TIFF, by its first bytes; None if they do not show one."""
+    with path.open("rb") as file:
+        begin = file.read(8)
+    if not begin:
+        return "an empty file"
+    return next((f"a file of the kind {kind}" for mark, kind in _OTHER_FORMATS.items() if begin.startswith(mark)), None)
+
+
+def _require_counts(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:
+    """Raise InputError for a page that is no complete picture of 16-bit counts of one channel."""
+    if page.samplesperpixel != 1 or len(page.shape) != 2:
+        raise InputError(path, f"an image of shape {page.shape}", "one channel, (height, width)", EXPORT_HINT)
+    if page.dtype != np.uint16:
+        raise InputError(path, f"pixels of type {page.dtype}", "uint16", EXPORT_HINT)
+    if (orientation := page.tags.valueof("Orientation", 1)) != 1:
+        hint = "Save the frame with its first row at the top and without an orientation tag."
+        raise InputError(path, f"orientation {orientation}", "orientation 1, rows as the sensor read them", hint)
+    if page.compression not in _COMPRESSIONS:
+        raise InputError(path, f"compression {page.compression}", "none, deflate, LZW or PackBits", EXPORT_HINT)
+    end = max((o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
+    if end == 0 or file.filehandle.size < end:
+        expected = f"{end} bytes according to its header"
+        raise InputError(path, f"{file.filehandle.size} bytes", expected, _TRUNCATED_HINT)
+
+
+def _virtual_pages(file: tifffile.TiffFile) -> int:
+    """Pictures of a stack whose only page describes them in its text; 1 for other files."""
+    if file.is_imagej:
+        return int((file.imagej_metadata or {}).get("images", 1))
+    shape = (file.shaped_metadata or ({},))[0].get("shape", (1, 1)) if file.is_shaped else (1, 1)
+    return int(np.prod(shape[:-2], dtype=object))
+
+
+def _pages(path: Path, file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
+    """The pages of full size, checked; previews of a reduced size are left out.
+
+    The pages of a stack are repeats. Pages of different sizes, and channels of an OME-TIFF or ImageJ stack, are not.
+    """
+    first = file.pages.first
+    if len(file.pages) == 1:
+        _require_counts(path, file, first)
+        if (count := _virtual_pages(file)) > 1:
+            hint = "Save it as a TIFF of several pages."
+            raise InputError(path, f"a stack of {count} pictures in one page", "a page for each picture", hint)
+        return [first]
+    pages = [page for page in (file.pages[k] for k in range(len(file.pages))) if not getattr(page, "is_reduced", 0)]
+    pages = [page if isinstance(page, tifffile.TiffPage) else page.aspage() for page in pages]
+    for page in pages:
+        if page.shape != pages[0].shape:
+            sizes = f"images of {pages[0].shape} and {page.shape} in the file"
+            raise InputError(path, sizes, "repeats of one size", EXPORT_HINT)
+        _require_counts(path, file, page)
+    if sum(sum(page.databytecounts) for page in pages) > file.filehandle.size:
+        raise InputError(path, "pages that share their bytes", "each page with data", _TRUNCATED_HINT)
+    axes = dict(zip(file.series[0].axes, file.series[0].shape, strict=True)) if file.is_ome or file.is_imagej else {}
+    if (channels := axes.get("C", 1)) > 1:
+        hint = "Write each channel into a file: a file holds repeats of one exposure."
+        raise InputError(path, f"{channels} channels in the stack", "one channel", hint)
+    return pages
+
+
+def _exif_time(tags: dict[str, Any]) -> datetime | None:
+    """Moment of the exposure by EXIF, with its fraction of a second; None if not stated."""
+    text = str(tags.get("DateTimeOriginal") or "").strip("\0 ")
+    fraction = str(tags.get("SubsecTimeOriginal") or tags.get("SubSecTimeOriginal") or "").strip("\0 ")
+    try:
+        moment = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+    return moment.replace(microsecond=int(f"{fraction[:6]:0<6}")) if fraction.isdigit() else moment
+
+
+def _cfa_pattern(path: Path, page: tifffile.TiffPage) -> str | None:
+    """Mosaic of a TIFF/EP file; None without its tags."""
+    repeat, colours = page.tags.valueof(33421), page.tags.valueof(33422)
+    if repeat is None or colours is None:
+        return None
+    letters = np.array(["RGBCMYW"[c] if c < 7 else "?" for c in bytes(colours)]).reshape(tuple(repeat))
+    return pattern_of(path, np.tile(letters, (2, 2)))
+
+
+def _facts(path: Path, page: tifffile.TiffPage) -> FrameFacts:
+    """Facts by the tags of the page and of its EXIF."""
+    exif = page.tags.valueof("ExifTag")
+    tags = {**(exif if isinstance(exif, dict) else {}), **{tag.name: tag.value for tag in page.tags}}
+    iso = tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))
+    model = tags.get("Model")
+    return FrameFacts(
+        exposure_s=positive_number(tags.get("ExposureTime")),
+        f_number=positive_number(tags.get("FNumber")),
+        iso=positive_number(iso[0] if isinstance(iso, tuple) and iso else iso),
+        pattern=_cfa_pattern(path, page),
+        focal_length_mm=positive_number(tags.get("FocalLength")),
+        time=_exif_time(tags),
+        model=model.strip("\0 ") or None if isinstance(model, str) else None,
+    )
+
+
+def _header(path: Path) -> FrameHeader:
+    if (kind := _other_format(path)) is not None:
+        raise InputError(path, kind, "a TIFF frame", EXPORT_HINT)
+    with tifffile.TiffFile(path) as file:
+        pages = _pages(path, file)
+        return FrameHeader(pages[0].shape, len(pages), _facts(path, pages[0]))
+
+
+def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:
+    """Raise InputError where deflated data unpack to more than the picture takes."""
+    if page.compression not in _DEFLATED:
+        return
+    largest = int(np.prod(page.chunks)) * 2
+    for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
+        file.filehandle.seek(offset)
+        unpacked = zlib.decompressobj().decompress(file.filehandle.read(size), largest + 1)
+        if len(unpacked) > largest:
+            expected = f"{largest} bytes in each strip"
+            raise InputError(path, "packed data of more than its size", expected, EXPORT_HINT)
+
+
+def _read(path: Path, pictures: range) -> NDArray[np.uint16]:
+    with tifffile.TiffFile(path) as file:
+        pages = [_pages(path, file)[k] for k in pictures]
+        for page in pages:
+            _require_bounded_segments(path, file, page)
+        return np.stack([np.asarray(page.asarray(), np.uint16) for page in pages])
+
+
+READER = FrameReader("tiff", "TIFF", (".tif", ".tiff"), None, _header, _read)

@@ -1,0 +1,352 @@
+"""Frames of every format: counts to the last one, and what the file says; nothing where it says nothing."""
+
+import gzip
+import importlib.metadata
+from datetime import datetime
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from cboxlab.calibration import frame_readers
+from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
+from cboxlab.utils.errors import InputError
+from helpers.fakes.capture import FakeCapture
+from helpers.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
+
+SHAPE = (12, 16)
+CUBE = np.random.default_rng(1).integers(0, 65535, (3, *SHAPE)).astype(np.uint16)
+
+
+def counts(shape, seed=1):
+    return np.random.default_rng(seed).integers(0, 4095, shape).astype(np.uint16)
+
+
+def write_stack(path, stack):
+    tifffile.imwrite(path, stack, photometric="minisblack")
+
+
+def exact(path, image, pictures):
+    header = frame_header(path)
+    assert header.pictures == pictures and header.shape == image.shape[-2:]
+    np.testing.assert_array_equal(read_pictures(path), image.reshape(-1, *image.shape[-2:]))
+    last = range(pictures - 1, pictures)
+    np.testing.assert_array_equal(read_pictures(path, last), image.reshape(-1, *image.shape[-2:])[-1:])
+
+
+@pytest.mark.parametrize("name", ["a.fits", "a.FIT", "a.fts", "a.fits.gz", "a.fits.fz", "a.fit.gz"])
+@pytest.mark.parametrize("order", ["TOP-DOWN", "BOTTOM-UP"])
+@pytest.mark.parametrize("image", [CUBE, CUBE[0]], ids=["cube", "image"])
+def test_fits_of_every_packing(tmp_path, name, order, image):
+    write_fits(tmp_path / name, image, ROWORDER=order)
+    exact(tmp_path / name, image, 3 if image.ndim == 3 else 1)
+
+
+@pytest.mark.parametrize("options", [{}, {"ome": True}, {"imagej": True}, {"bigtiff": True}, {"metadata": None}])
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_tiff_stacks(tmp_path, options, compression):
+    axes = {"metadata": {"axes": "TYX"}} if options.keys() & {"ome", "imagej"} else {}
+    if compression and "imagej" in options:
+        pytest.skip("ImageJ stacks are not packed")
+    tifffile.imwrite(tmp_path / "a.tif", CUBE, photometric="minisblack", compression=compression, **options, **axes)
+    exact(tmp_path / "a.tif", CUBE, 3)
+
+
+def test_a_preview_in_a_tiff_is_no_picture(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(CUBE[0], photometric="minisblack", metadata=None)
+        file.write(CUBE[0, ::2, ::2], photometric="minisblack", subfiletype=1, metadata=None)
+    exact(tmp_path / "a.tif", CUBE[0], 1)
+
+
+@pytest.mark.parametrize("options", [{"ome": True}, {"imagej": True}])
+def test_channels_of_a_stack_are_no_repeats(tmp_path, options):
+    tifffile.imwrite(tmp_path / "a.tif", CUBE, photometric="minisblack", metadata={"axes": "CYX"}, **options)
+    with pytest.raises(InputError, match=r"a\.tif: found 3 channels in the stack"):
+        frame_header(tmp_path / "a.tif")
+
+
+def test_pages_of_two_sizes_are_no_repeats(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for page in (CUBE[0], CUBE[0, 1:]):
+            file.write(page, photometric="minisblack", metadata=None)
+    with pytest.raises(InputError, match="repeats of one size"):
+        frame_header(tmp_path / "a.tif")
+
+
+def test_a_stack_described_in_words_loses_no_picture(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", CUBE, photometric="minisblack", truncate=True)
+    with pytest.raises(InputError, match="a stack of 3 pictures in one page"):
+        frame_header(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("rows", [BAYER, XTRANS], ids=["Bayer", "X-Trans"])
+@pytest.mark.parametrize(("down", "right"), [(0, 0), (0, 1), (1, 0), (1, 1), (3, 2), (5, 4)])
+def test_the_mosaic_of_a_raw_file(tmp_path, rows, down, right):
+    """The expected letters are those of the file, tiled over the frame, one by one."""
+    mosaic = shifted(rows, down, right)
+    image = counts((48, 66))
+    write_dng(tmp_path / "a.dng", image, rows=mosaic)
+    exact(tmp_path / "a.dng", image, 1)
+    facts = frame_header(tmp_path / "a.dng").facts
+    assert facts.pattern == ("".join(mosaic) if len(mosaic) == 2 else " ".join(mosaic))
+    assert facts.exposure_s == 0.25 and facts.f_number == 8 and facts.white_level == 4095
+    assert facts.black_level == {"R": 0, "G": 0, "B": 0} and facts.iso is None and facts.time is None
+
+
+@pytest.mark.parametrize("pattern", ["RGGB", "GBRG", "GRBG", "BGGR"])
+@pytest.mark.parametrize(("down", "right"), [(0, 0), (1, 0), (0, 1), (1, 1), (2, 3)])
+def test_the_phase_of_a_fits_mosaic(tmp_path, pattern, down, right):
+    write_fits(tmp_path / "a.fits", CUBE[0], BAYERPAT=pattern, XBAYROFF=right, YBAYROFF=down, ROWORDER="TOP-DOWN")
+    rows = shifted((pattern[:2], pattern[2:]), down, right)
+    assert frame_header(tmp_path / "a.fits").facts.pattern == "".join(rows)
+
+
+def test_a_fits_mosaic_of_six_by_six(tmp_path):
+    write_fits(tmp_path / "a.fits", CUBE[0], BAYERPAT="".join(XTRANS), XBAYROFF=2, ROWORDER="TOP-DOWN")
+    assert frame_header(tmp_path / "a.fits").facts.pattern == " ".join(shifted(XTRANS, 0, 2))
+
+
+def test_a_mosaic_of_other_letters_is_refused(tmp_path):
+    write_fits(tmp_path / "a.fits", CUBE[0], BAYERPAT="CMYG")
+    with pytest.raises(InputError, match="channels C, G, M, Y"):
+        frame_header(tmp_path / "a.fits")
+
+
+def test_what_a_fits_header_says(tmp_path):
+    header = {"EXPTIME": 2.5, "FILTER": "f550", "IMAGETYP": "Light Frame", "EGAIN": 1.3, "XPIXSZ": 9.0, "FOCRATIO": 8}
+    write_fits(
+        tmp_path / "a.fits", CUBE[0], FOCALLEN=35, INSTRUME="PXL", **{"DATE-OBS": "2026-11-28T10:20:30.5"}, **header
+    )
+    assert frame_header(tmp_path / "a.fits").facts == FrameFacts(
+        exposure_s=2.5,
+        f_number=8.0,
+        focal_length_mm=35.0,
+        time=datetime(2026, 11, 28, 10, 20, 30, 500_000),
+        kind="light frame",
+        filter="f550",
+        model="PXL",
+        pixel_pitch_um=9.0,
+        gain_e_per_dn=1.3,
+    )
+
+
+def test_what_exif_says(tmp_path):
+    tags = [(33434, 5, 1, (1, 4), True), (33437, 5, 1, (8, 1), True), (272, "s", 4, "PXL", True)]
+    tifffile.imwrite(tmp_path / "a.tif", CUBE[0], extratags=tags)
+    assert frame_header(tmp_path / "a.tif").facts == FrameFacts(exposure_s=0.25, f_number=8.0, model="PXL")
+
+
+def test_a_file_that_says_nothing(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", CUBE[0], metadata=None)
+    write_fits(tmp_path / "a.fits", CUBE[0])
+    assert frame_header(tmp_path / "a.tif").facts == frame_header(tmp_path / "a.fits").facts == FrameFacts()
+
+
+def test_an_exr_stack_is_a_band_per_channel(tmp_path):
+    stack = {"f450": counts(SHAPE, 3).astype(np.float32), "f550": counts(SHAPE, 4).astype(np.float32) + np.float32(0.4)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, stack).write(str(tmp_path / "a.exr"))
+    assert frame_header(tmp_path / "a.exr") == FrameHeader(SHAPE, 2, FrameFacts(), ("f450", "f550"))
+    np.testing.assert_array_equal(read_pictures(tmp_path / "a.exr"), np.stack([counts(SHAPE, 3), counts(SHAPE, 4)]))
+
+
+def test_values_between_0_and_1_are_no_counts(tmp_path):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": np.full(SHAPE, 0.5, np.float32)}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(InputError, match="Multiply by the largest count"):
+        read_pictures(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("value", [-1.0, 70000.0, np.nan])
+def test_fits_values_that_are_no_counts(tmp_path, value):
+    write_fits(tmp_path / "a.fits", np.full(SHAPE, value, np.float32))
+    with pytest.raises(InputError, match=r"a\.fits: found values"):
+        read_pictures(tmp_path / "a.fits")
+
+
+@pytest.mark.parametrize("name", ["a.fits", "a.fits.gz", "a.fits.fz", "a.dng", "a.cr2", "a.exr", "a.tif", "a.xyz"])
+def test_damaged_files_are_named(tmp_path, name):
+    (tmp_path / name).write_bytes(b"no frame at all")
+    with pytest.raises(InputError, match=name):
+        frame_header(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.fits", "a.fits.gz", "a.fits.fz", "a.tif"])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_truncated_files_are_named(tmp_path, name, share):
+    image = counts((3, 150, 100))
+    write_fits(tmp_path / name, image) if "fits" in name else write_stack(tmp_path / name, image)
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match=name):
+        read_pictures(tmp_path / name)
+
+
+def test_a_packed_file_that_announces_more_than_it_holds(tmp_path):
+    cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
+    cards += [f"NAXIS{k}  =               100000" for k in (1, 2)] + ["END"]
+    (tmp_path / "a.fits.gz").write_bytes(gzip.compress("".join(f"{card:80}" for card in cards).ljust(2880).encode()))
+    with pytest.raises(InputError, match="according to its header"):
+        frame_header(tmp_path / "a.fits.gz")
+
+
+@pytest.mark.parametrize(("name", "package"), [("a.fits", "astropy"), ("a.dng", "rawpy")])
+def test_a_missing_package_is_named_once(tmp_path, monkeypatch, name, package):
+    (tmp_path / name).write_bytes(b"whatever")
+    monkeypatch.setattr(frame_readers, "find_spec", lambda module: None)
+    with pytest.raises(InputError, match=rf"needs the package {package} .*pip install 'cboxlab\[readers\]'"):
+        frame_header(tmp_path / name)
+
+
+class Entry:
+    """An entry point of another package."""
+
+    name, value = "mine", "mine:READER"
+
+    def __init__(self, loaded):
+        self.loaded = loaded
+
+    def load(self):
+        return self.loaded
+
+
+def mine(**changes):
+    fields = {
+        "id": "mine",
+        "name": "mine",
+        "suffixes": (".mine",),
+        "needs": None,
+        "header": lambda path: FrameHeader(SHAPE, 3, FrameFacts(exposure_s=2.0)),
+        "read": lambda path, pictures: CUBE[list(pictures)],
+    }
+    return FrameReader(**{**fields, **changes})
+
+
+@pytest.fixture
+def plugged(monkeypatch):
+    def plug(reader):
+        monkeypatch.setattr(frame_readers, "entry_points", lambda group: [Entry(reader)])
+        frame_readers.catalogue.cache_clear()
+
+    yield plug
+    frame_readers.catalogue.cache_clear()
+
+
+def test_a_reader_of_another_package(tmp_path, plugged):
+    plugged(mine())
+    (tmp_path / "a.mine").touch()
+    exact(tmp_path / "a.mine", CUBE, 3)
+    assert ".mine" in frame_readers.suffixes()
+
+
+@pytest.mark.parametrize(
+    ("reader", "words"),
+    [(7, "a int"), (mine(id="fits"), "'fits', which exists"), (mine(suffixes=(".tif",)), "ending .tif")],
+    ids=["no reader", "identifier", "ending"],
+)
+def test_a_reader_that_does_not_fit_is_refused(plugged, reader, words):
+    plugged(reader)
+    with pytest.raises(InputError, match=f"cboxlab.frames.*{words}"):
+        frame_readers.catalogue()
+
+
+def test_a_reader_whose_pictures_do_not_fit_its_header(tmp_path, plugged):
+    plugged(mine(read=lambda path, pictures: CUBE[:1]))
+    (tmp_path / "a.mine").touch()
+    with pytest.raises(InputError, match="as in the file's header"):
+        read_pictures(tmp_path / "a.mine")
+
+
+def test_the_readers_are_the_files_of_the_folder():
+    assert list(frame_readers.catalogue()) == ["exr", "fits", "raw", "tiff"]
+    assert importlib.metadata.entry_points(group="cboxlab.frames") is not None
+
+
+# In a capture
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return FakeCapture(tmp_path / "capture", centres=(450, 550)).write()
+
+
+def with_frames(folder, old, new):
+    path = folder / "capture.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def band_frames(capture, folder):
+    return "frames = [" + ", ".join(f'"{name}"' for name in capture.band("f450").frames) + "]"
+
+
+@pytest.mark.parametrize("name", ["box.fits", "box.fits.gz", "box.fits.fz", "box.tif"])
+def test_a_cube_counts_as_its_repeats(folder, name):
+    """The same counts in one file give the same capture as in a file each."""
+    before = load_capture(folder)
+    stack = before.frames(before.band("f450"))
+    assert len(stack) > 1
+    write_fits(folder / name, stack) if "fits" in name else write_stack(folder / name, stack)
+    with_frames(folder, band_frames(before, folder), f'frames = ["{name}"]')
+    after = load_capture(folder)
+    assert after.band("f450").frames == tuple(f"{name}[{k}]" for k in range(len(stack)))
+    np.testing.assert_array_equal(after.frames(after.band("f450")), stack)
+    np.testing.assert_array_equal(after.frame(f"{name}[1]"), stack[1])
+
+
+@pytest.mark.parametrize(("names", "order"), [('"a.fits[1]"', [1]), ('"a.fits[1]", "a.fits[0]"', [1, 0])])
+def test_single_pictures_of_a_cube(folder, names, order):
+    before = load_capture(folder)
+    stack = before.frames(before.band("f450"))
+    write_fits(folder / "a.fits", stack)
+    with_frames(folder, band_frames(before, folder), f"frames = [{names}]")
+    after = load_capture(folder)
+    np.testing.assert_array_equal(after.frames(after.band("f450")), stack[order])
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ('"a.fits[7]"', "the picture \\[7\\] of a.fits; expected 0 to 1"),
+        ('"a.fits", "a.fits[0]"', "'a.fits\\[0\\]' next to 'a.fits'"),
+        ('"b.fits[0]"', "'b.fits', which does not exist"),
+    ],
+)
+def test_pictures_that_are_not_there(folder, names, words):
+    before = load_capture(folder)
+    write_fits(folder / "a.fits", before.frames(before.band("f450"))[:2])
+    with_frames(folder, band_frames(before, folder), f"frames = [{names}]")
+    with pytest.raises(InputError, match=words):
+        load_capture(folder)
+
+
+def test_a_frame_whose_name_ends_in_brackets(folder):
+    before = load_capture(folder)
+    name = before.band("f450").frames[0]
+    renamed = name.replace(".tif", ".tif[3]")
+    (folder / name).rename(folder / renamed)
+    with_frames(folder, f'"{name}"', f'"{renamed}"')
+    after = load_capture(folder)
+    assert renamed in after.band("f450").frames and after.frame(renamed).shape == after.shape
+
+
+def test_a_raw_file_in_a_capture(folder):
+    before = load_capture(folder)
+    image = before.frame(before.band("f450").frames[0])
+    write_dng(folder / "IMG_0550.dng", image)
+    with_frames(folder, band_frames(before, folder), 'frames = ["IMG_0550.dng"]')
+    after = load_capture(folder)
+    np.testing.assert_array_equal(after.frames(after.band("f450"))[0], image)
+
+
+def test_bands_in_one_file_are_no_frames(folder):
+    before = load_capture(folder)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    stack = {name: np.full(before.shape, 5, np.float32) for name in ("a", "b")}
+    OpenEXR.File(header, stack).write(str(folder / "a.exr"))
+    with_frames(folder, band_frames(before, folder), 'frames = ["a.exr"]')
+    with pytest.raises(InputError, match="the bands a, b in one file"):
+        load_capture(folder)
