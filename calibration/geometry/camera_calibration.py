@@ -15,6 +15,7 @@ __all__ = ["calibrate_camera"]
 
 
 def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
+    """Points detected in the target frames, px of the whole frame, and notes on failures."""
     views, notes = [], []
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     for target in capture.manifest.target:
@@ -25,15 +26,16 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
                 row, column = divmod(int(channel_mask(pattern, (2, 2), "G").argmax()), 2)
                 image, step = image[row::2, column::2], 2
             try:
-                world, found = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
+                world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
                 notes.append(f"target not used: {fault}")
                 continue
-            views.append((world, step * found + [column, row]))
+            views.append((world, step * corners + [column, row]))
     return views, notes
 
 
 def _survey(capture: Capture) -> tuple[SurveyedPoints, CameraFit] | None:
+    """Surveyed points of the capture and the camera fitted to them; None without [geometry]."""
     geometry, camera = capture.manifest.geometry, capture.manifest.camera
     if geometry is None:
         return None
@@ -50,12 +52,29 @@ def _survey(capture: Capture) -> tuple[SurveyedPoints, CameraFit] | None:
 
 
 def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | None, list[str]]:
-    """Camera from the surveyed points (or None), intrinsics from flat targets (or None), and notes.
+    """Camera of a capture and the intrinsics from its flat targets.
 
-    Image coordinates refer to the stored frames, also for a crop. Targets that cannot be detected or do not
-    determine the intrinsics are noted and left out.
+    Image coordinates refer to the stored frames, also for a crop. Targets that cannot be detected or do not determine
+    the intrinsics are noted and not used.
 
-    Raises InputError for surveyed points that are faulty or cannot determine a camera.
+    Parameters
+    ----------
+    capture
+        Capture with `[geometry]` (surveyed points), `[[target]]` tables, both or neither.
+
+    Returns
+    -------
+    CameraFit | None
+        Camera fitted to the surveyed points; None without `[geometry]`.
+    TargetFit | None
+        Fit of the target views, jointly with the survey if there is one; None without usable targets.
+    list[str]
+        Notes: targets not used, outliers, scatter beyond the stated sigma, a better distortion model.
+
+    Raises
+    ------
+    InputError
+        If the surveyed points are faulty or cannot determine a camera.
     """
     survey = _survey(capture)
     views, notes = _views(capture)

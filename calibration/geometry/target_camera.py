@@ -1,4 +1,4 @@
-"""Camera intrinsics from several views of flat targets (Zhang 2000), alone or jointly with surveyed points.
+"""Camera intrinsics from several views of flat targets (Zhang 2000).
 
 All views share focal length, principal point and one radial term; each has its own pose. In a joint fit the targets
 improve the intrinsics of the surveyed camera.
@@ -23,10 +23,14 @@ from .targets import TargetView
 
 __all__ = ["TargetFit", "fit_camera_targets"]
 
+#: Next step in messages about views that do not determine the intrinsics.
 HINT = "Photograph the target tilted by 20 to 45 degrees, in several directions, over the whole image"
 
-#: Shared parameters (focal length, principal point, k1) and those of each pose.
-INTRINSICS, POSE = slice(6, 10), slice(0, 6)
+#: Shared parameters in PARAMETER_NAMES: focal length, principal point, k1.
+INTRINSICS = slice(6, 10)
+
+#: Parameters of each pose in PARAMETER_NAMES.
+POSE = slice(0, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +98,8 @@ def fit_camera_targets(
         targets = np.concatenate(residuals[: len(views)])
         if point_sigma_px is None:
             # The targets' share of the parameters is the trace of their part of the hat matrix (Foerstner 1979).
-            taken = float(np.einsum("ij,jk,ik->", jacobian[:count], inverse, jacobian[:count]))
-            ratio = np.sqrt(np.sum(targets**2) / (count - taken)) / sigmas[0]
+            target_parameters = float(np.einsum("ij,jk,ik->", jacobian[:count], inverse, jacobian[:count]))
+            ratio = np.sqrt(np.sum(targets**2) / (count - target_parameters)) / sigmas[0]
             sigmas[: len(views)] = [sigmas[0] * ratio] * len(views)
             if survey is None:
                 inverse = inverse * ratio**2
@@ -124,7 +128,7 @@ def fit_camera_targets(
 def _starting_cameras(
     views: Sequence[TargetView], width_px: int, height_px: int, lens: Camera | None, source: str
 ) -> list[Camera]:
-    """Poses and intrinsics by OpenCV; only the poses if ``lens`` gives the intrinsics."""
+    """Initial poses and intrinsics by OpenCV; only the poses if ``lens`` has the intrinsics."""
     worlds = [world.astype(np.float32) for world, _ in views]
     images = [image.astype(np.float32) for _, image in views]
     if lens is None:
@@ -151,7 +155,7 @@ def _starting_cameras(
 
 
 def _adjust(cameras: Sequence[Camera], measured: Sequence[TargetView], sigmas: Sequence[float]) -> list[Camera]:
-    """Least squares over the shared intrinsics and all poses, each view weighted by its sigma."""
+    """Cameras by least squares: shared intrinsics, a pose per view, views weighted by sigma."""
 
     def with_values(values: NDArray[np.float64]) -> list[Camera]:
         return [
@@ -184,18 +188,18 @@ def _jacobian(
     sigmas: Sequence[float],
     values: Sequence[NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64]:
-    """(m, 4 + 6 views) derivative of the weighted positions by the intrinsics, then each view's pose."""
+    """(m, 4 + 6 views) derivative of weighted positions by the intrinsics, then by each pose."""
     rows = []
     for index, (camera, (world, _), sigma) in enumerate(zip(cameras, measured, sigmas, strict=True)):
-        own = parameter_jacobian(camera, world, values[index] if values else None) / sigma
-        block = np.zeros((len(own), 4 + 6 * len(cameras)))
-        block[:, :4] = own[:, INTRINSICS]
-        block[:, 4 + 6 * index : 10 + 6 * index] = own[:, POSE]
+        derivative = parameter_jacobian(camera, world, values[index] if values else None) / sigma
+        block = np.zeros((len(derivative), 4 + 6 * len(cameras)))
+        block[:, :4] = derivative[:, INTRINSICS]
+        block[:, 4 + 6 * index : 10 + 6 * index] = derivative[:, POSE]
         rows.append(block)
     return np.concatenate(rows)
 
 
 def _of_view(covariance: NDArray[np.float64], index: int) -> NDArray[np.float64]:
-    """(10, 10) of one view's camera, in the order of PARAMETER_NAMES."""
-    chosen = np.r_[4 + 6 * index : 10 + 6 * index, 0:4]
-    return covariance[np.ix_(chosen, chosen)]
+    """(10, 10) covariance of one view's camera, in the order of PARAMETER_NAMES."""
+    order = np.r_[4 + 6 * index : 10 + 6 * index, 0:4]
+    return covariance[np.ix_(order, order)]
