@@ -14,9 +14,9 @@ from .targets import TargetView, detect_target
 __all__ = ["calibrate_camera"]
 
 
-def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
-    """Points detected in the target frames, px of the whole frame, and notes on failures."""
-    views, notes = [], []
+def _views(capture: Capture) -> tuple[list[TargetView], list[str], list[str]]:
+    """Points detected in target frames, px of the whole frame, the frames, and notes."""
+    views, names, notes = [], [], []
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     for target in capture.manifest.target:
         for name in target.frames:
@@ -31,7 +31,8 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
                 notes.append(f"target not used: {fault}")
                 continue
             views.append((world, step * corners + [column, row]))
-    return views, notes
+            names.append(name)
+    return views, names, notes
 
 
 def _survey(capture: Capture) -> tuple[SurveyedPoints, CameraFit] | None:
@@ -69,7 +70,8 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
     TargetFit | None
         Fit of the target views, jointly with the survey if there is one; None without usable targets.
     list[str]
-        Notes: targets not used, outliers, scatter beyond the stated sigma, a better distortion model.
+        Notes: targets not used (file, scatter and limit), outliers, scatter beyond the stated sigma, a better
+        distortion model.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
         If the surveyed points are faulty or cannot determine a camera.
     """
     survey = _survey(capture)
-    views, notes = _views(capture)
+    views, names, notes = _views(capture)
     targets = None
     if views:
         try:
@@ -87,7 +89,9 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
                 height_px=capture.shape[0],
                 survey=survey,
                 source=f"{capture.folder / 'capture.toml'}: target",
+                names=names,
             )
+            notes += targets.notes
         except InputError as fault:
             notes.append(f"targets not used: {fault}")
     if survey is None:
