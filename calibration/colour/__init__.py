@@ -1,4 +1,4 @@
-"""From band signals to CIE XYZ: filter weights, their colour errors, chart patches."""
+"""CIE XYZ from band signals: filter weights, their colour errors, chart patches."""
 
 from .colorimetry import FilterWeights, xyz_image
 from .colour_error import ColourError

@@ -1,8 +1,8 @@
-"""XYZ from band signals: filter weights b_i and the tristimulus values computed with them (Pattanaik et al. 1997).
+"""XYZ from band signals by filter weights (Pattanaik et al. 1997).
 
 The colour-matching functions are approximated by sums of the bands' responses F_i = F Q T_lens T_i,
 
-    xbar(l) ~ Sum_i b_i F_i(l)    (eq. 5),    X = 683 lm/W Sum_i b_i S_i / K_i    (eq. 4),
+     xbar(l) ~ Sum_i b_i F_i(l)    (eq. 5),    X = 683 lm/W Sum_i b_i S_i / K_i    (eq. 4),
 
 so X, Y, Z are absolute (Y is luminance in cd m^-2) if the calibration factor C is.
 """
@@ -30,23 +30,26 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class FilterWeights:
-    """The filter weights b_i and their quality.
+    """Filter weights b_i and their quality."""
 
-    weights : (3, band), J per quantum, rows X, Y, Z. reconstructed : (3, wavelength), Sum_i b_i F_i.
-    target : (3, wavelength), the colour-matching functions. residual_rms : (3,) of reconstructed - target.
-    noise_gain : (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, divided by the
-        relative standard deviation of every band's signal; the lowest possible value is 1 / sqrt(bands).
-    method : "least squares", "regularised" or "trained". relative_noise : (band,) the noise assumed.
-    """
-
+    #: Identifiers of the bands.
     bands: tuple[str, ...]
+    #: Wavelengths of the curves, nm.
     wavelength_nm: NDArray[np.float64]
+    #: (3, band) weights, J per quantum, rows X, Y, Z.
     weights: NDArray[np.float64]
+    #: (3, wavelength) curves Sum_i b_i F_i.
     reconstructed: NDArray[np.float64]
+    #: (3, wavelength) curves to reconstruct: the colour-matching functions.
     target: NDArray[np.float64]
+    #: (3,) root mean square of `reconstructed` - `target`.
     residual_rms: NDArray[np.float64]
+    #: (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, divided by that of every band's
+    #: signal; at least 1 / sqrt(bands).
     noise_gain: NDArray[np.float64]
+    #: "least squares", "regularised" or "trained".
     method: str
+    #: (band,) relative standard deviation of the signals that was assumed.
     relative_noise: NDArray[np.float64]
 
 
@@ -57,14 +60,26 @@ def fit_filter_weights(
 ) -> FilterWeights:
     """Filter weights by least squares with Tikhonov regularisation; the noise sets its strength.
 
-    relative_noise : standard deviation over signal of a band (one number, or one per band), for light of
-        equal energy per nm. 0 gives plain least squares. target : (3, wavelength), default CIE 1931.
+    The error of X has two parts: the misfit e(l) = xbar - Sum b_i F_i integrated over the light's spectrum, and the
+    noise Sum b_i n_i. The spectrum is modelled as L0 times random values of unit variance. They are constant within
+    intervals of length D and independent between them, D = range / number of bands (the spectral resolution of the
+    bands). The expected square of the misfit part is then L0^2 D Int e^2 dl. That of the noise part is L0^2 Sum b_i^2
+    (relative_noise_i Int F_i dl)^2. Their sum is minimised.
 
-    The error of X has two parts: the misfit e(l) = xbar - Sum b_i F_i integrated over the light's spectrum,
-    and the noise Sum b_i n_i. The spectrum is modelled as L0 times random values of unit variance, constant
-    within intervals of length D and independent between them, D = range / number of bands (the spectral
-    resolution of the bands). The expected square of the misfit part is then L0^2 D Int e^2 dl, that of the
-    noise part L0^2 Sum b_i^2 (relative_noise_i Int F_i dl)^2. Their sum is minimised.
+    Parameters
+    ----------
+    responses
+        Response of every band, on one grid.
+    relative_noise
+        Standard deviation over signal of a band (one number, or one per band), for light of equal energy per nm. 0
+        gives plain least squares.
+    target
+        (3, wavelength) curves to reconstruct; None means the CIE 1931 colour-matching functions.
+
+    Returns
+    -------
+    FilterWeights
+        Weights of the method "least squares" or "regularised".
     """
     wavelength = responses[0].wavelength_nm
     goal = colour_matching_functions() if target is None else target
@@ -85,14 +100,25 @@ def fit_filter_weights(
 def train_filter_weights(
     responses: Sequence[BandResponse], radiances: NDArray[np.float64], relative_noise: ArrayLike
 ) -> FilterWeights:
-    """Filter weights that minimise the mean square relative error of X, Y, Z over an ensemble of radiances.
+    """Filter weights of least mean square relative error of X, Y, Z over radiances.
 
-    radiances : (n, wavelength), see ``radiance_ensemble``. relative_noise : standard deviation of a band's
-    signal over its rms in the ensemble (one number or (band,)).
+    With s the signals of a radiance and t its exact X (or Y, Z), both divided by t, b = E[t s^T] (E[s s^T] + noise
+    covariance)^-1. This is the linear minimum mean square error estimate without a constant term, so that XYZ is
+    proportional to the light (Pratt and Mancill, Applied Optics 15, 1976, for spectra).
 
-    With s the signals of a radiance and t its exact X (or Y, or Z), both divided by t,
-    b = E[t s^T] (E[s s^T] + noise covariance)^-1: the linear minimum mean square error estimate without a
-    constant term, so that XYZ is proportional to the light (Pratt and Mancill, Applied Optics 15, 1976, for spectra).
+    Parameters
+    ----------
+    responses
+        Response of every band, on one grid.
+    radiances
+        (n, wavelength) radiances, see ``radiance_ensemble``.
+    relative_noise
+        Standard deviation of a band's signal over its rms in the ensemble (one number or (band,)).
+
+    Returns
+    -------
+    FilterWeights
+        Weights of the method "trained".
     """
     step, goal = responses[0].grid.weights, colour_matching_functions()
     noise = np.broadcast_to(np.asarray(relative_noise, float), (len(responses),))
@@ -119,6 +145,7 @@ def _described(
     method: str,
     noise: NDArray[np.float64],
 ) -> FilterWeights:
+    """Filter weights with the quality of their reconstruction."""
     curves = np.stack([response.response for response in responses])
     reconstructed = weights @ curves
     scaled = weights * (curves @ responses[0].grid.weights)
@@ -136,6 +163,7 @@ def _described(
 
 
 def _signal_to_xyz(weights: FilterWeights, responses: Sequence[BandResponse]) -> NDArray[np.float64]:
+    """(3, band) X, Y, Z per DN of the bands' signals."""
     return LUMINOUS_EFFICACY * weights.weights / np.array([response.factor for response in responses])
 
 
@@ -146,20 +174,35 @@ def xyz_image(
     uncertainty: Uncertainty | None = None,
     relative_error: NDArray[np.float64] | None = None,
 ) -> xr.Dataset:
-    """Tristimulus images of BandImages (band, y, x).
+    """Tristimulus images of band images.
 
-    Returns ``xyz`` (component, y, x), Y in cd m^-2, its ``variance`` of the same shape from the images'
-    independent noise only, and ``mask`` (y, x), the union of the bands' flags. With an uncertainty also
-    ``covariance_pixel`` and ``covariance_shared`` (y, x, component, component_2): of the noise, and of the errors
-    common to all pixels of a band or of all bands. With the relative errors (n, 3) of the weights over plausible
-    spectra also ``covariance_weights``: of the approximation of the colour-matching functions, which is the same
-    in pixels of the same spectrum.
+    Parameters
+    ----------
+    images
+        BandImages (band, y, x) in DN with variance and mask.
+    weights
+        Filter weights.
+    responses
+        Response of every band, with its factor K_i.
+    uncertainty
+        Band and common components of the signals; None leaves out all covariances.
+    relative_error
+        (n, 3) relative errors of the weights over plausible spectra; None leaves out `covariance_weights`.
+
+    Returns
+    -------
+    xr.Dataset
+        ``xyz`` (component, y, x), Y in cd m^-2; its ``variance`` from the images' independent noise only; ``mask`` (y,
+        x), the union of the bands' flags. With an uncertainty also ``covariance_pixel`` and ``covariance_shared`` (y,
+        x, component, component_2): of the noise, and of the errors common to all pixels of a band or of all bands. With
+        relative errors also ``covariance_weights``: of the approximation of the colour-matching functions, which is the
+        same in pixels of the same spectrum.
     """
     matrix = _signal_to_xyz(weights, responses)
     flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
     signal, variance = images["signal"].values, images["variance"].values
     dims, units = ("component", "y", "x"), {"units": "cd^2 m^-4"}
-    found = xr.Dataset(
+    result = xr.Dataset(
         {
             "xyz": (dims, np.tensordot(matrix, signal, 1), {"units": "cd m^-2 (Y)"}),
             "variance": (dims, np.tensordot(matrix**2, variance, 1), units),
@@ -168,25 +211,40 @@ def xyz_image(
         coords={"component": ["X", "Y", "Z"]},
     )
     if uncertainty is None:
-        return found
+        return result
     parts = xyz_parts(signal, variance, matrix, uncertainty)
     both = ("y", "x", "component", "component_2")
-    found = found.assign(
+    result = result.assign(
         covariance_pixel=(both, parts.pixel, units),
         covariance_shared=(both, parts.band + parts.common, units),
     ).assign_coords(component_2=["X", "Y", "Z"])
     if relative_error is None:
-        return found
-    value = np.moveaxis(found["xyz"].values, 0, -1)
+        return result
+    value = np.moveaxis(result["xyz"].values, 0, -1)
     approximation = (
         value[..., :, None] * value[..., None, :] * (relative_error.T @ relative_error / len(relative_error))
     )
-    return found.assign(covariance_weights=(both, approximation, units))
+    return result.assign(covariance_weights=(both, approximation, units))
 
 
 def xyz_covariance(
     variance: ArrayLike, weights: FilterWeights, responses: Sequence[BandResponse]
 ) -> NDArray[np.float64]:
-    """Covariance (..., 3, 3) of X, Y, Z for independent band variances (band, ...) in DN^2."""
+    """Covariance of X, Y, Z for independent band variances.
+
+    Parameters
+    ----------
+    variance
+        (band, ...) variances of the signals, DN^2.
+    weights
+        Filter weights.
+    responses
+        Response of every band.
+
+    Returns
+    -------
+    NDArray
+        (..., 3, 3) covariance, cd^2 m^-4.
+    """
     matrix = _signal_to_xyz(weights, responses)
     return np.einsum("ib,b...,jb->...ij", matrix, np.asarray(variance, float), matrix, optimize=True)

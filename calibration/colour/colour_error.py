@@ -1,4 +1,4 @@
-"""Colour errors of filter weights, and the choice of the best filters for each number of filters."""
+"""Colour errors of filter weights, and the best filters for each number of filters."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from .radiance_ensemble import Radiances
 
 __all__ = ["ColourError", "FilterChoice", "choose_filters", "colour_error", "lab_differences"]
 
-# With more subsets of one size than this, a local search by exchange replaces the exhaustive search.
+#: With more subsets of one size than this, a local search by exchange replaces the exhaustive search.
 _MOST_SUBSETS = 500
 
 
 @dataclass(frozen=True, eq=False)
 class ColourError:
-    """Errors of noiseless X, Y, Z over n spectra.
+    """Errors of noiseless X, Y, Z over n spectra."""
 
-    relative : (n, 3) (found - exact) / exact. delta_e_ab, delta_e_2000 : (n,) with the white of each spectrum.
-    worst : name of the spectrum with the largest CIEDE2000.
-    """
-
+    #: (n, 3) relative errors of X, Y, Z.
     relative: NDArray[np.float64]
+    #: (n,) Delta E*ab (1976) with the white of each spectrum.
     delta_e_ab: NDArray[np.float64]
+    #: (n,) CIEDE2000 with the white of each spectrum.
     delta_e_2000: NDArray[np.float64]
+    #: Name of the spectrum with the largest CIEDE2000.
     worst: str
 
     @property
@@ -46,39 +46,76 @@ class ColourError:
 
 
 def lab_differences(
-    found: NDArray[np.float64], exact: NDArray[np.float64], white: NDArray[np.float64]
+    xyz: NDArray[np.float64], exact: NDArray[np.float64], white: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Delta E*ab (1976) and CIEDE2000 (n,) between XYZ (n, 3), each against its white (n, 3) at L* = 100."""
+    """CIELAB differences of two sets of XYZ, each against its white at L* = 100.
+
+    Parameters
+    ----------
+    xyz
+        (n, 3) X, Y, Z.
+    exact
+        (n, 3) X, Y, Z with which they are compared.
+    white
+        (n, 3) X, Y, Z of the white of each.
+
+    Returns
+    -------
+    NDArray
+        (n,) Delta E*ab (1976).
+    NDArray
+        (n,) CIEDE2000.
+    """
     from colour import XYZ_to_Lab  # slow to import, and only needed here
     from colour.difference import delta_E_CIE1976, delta_E_CIE2000
 
     chromaticity = white[:, :2] / white.sum(axis=1, keepdims=True)
-    first, second = (XYZ_to_Lab(xyz / white[:, 1:2], chromaticity) for xyz in (found, exact))
+    first, second = (XYZ_to_Lab(item / white[:, 1:2], chromaticity) for item in (xyz, exact))
     return np.asarray(delta_E_CIE1976(first, second)), np.asarray(delta_E_CIE2000(first, second))
 
 
 def colour_error(weights: FilterWeights, responses: Sequence[BandResponse], radiances: Radiances) -> ColourError:
-    """Errors over the radiances. Raises ValueError if X, Y or Z of a radiance is not above 0."""
+    """Errors of filter weights over plausible radiances.
+
+    Parameters
+    ----------
+    weights
+        Filter weights.
+    responses
+        Response of every band.
+    radiances
+        Radiances and their whites.
+
+    Returns
+    -------
+    ColourError
+        Relative errors of X, Y, Z and colour differences of each radiance.
+
+    Raises
+    ------
+    ValueError
+        If X, Y or Z of a radiance is not above 0.
+    """
     step = INTEGRAL_GRID.weights
     target = colour_matching_functions()
     curves = np.stack([response.response for response in responses])
     exact = radiances.values @ (step * target).T
     if np.any(exact <= 0):
         raise ValueError("X, Y and Z of every radiance must be above 0: the relative error is undefined")
-    found = radiances.values @ (step * curves).T @ weights.weights.T
-    first, second = lab_differences(found, exact, radiances.white @ (step * target).T)
-    return ColourError(found / exact - 1, first, second, radiances.names[int(np.argmax(second))])
+    xyz = radiances.values @ (step * curves).T @ weights.weights.T
+    first, second = lab_differences(xyz, exact, radiances.white @ (step * target).T)
+    return ColourError(xyz / exact - 1, first, second, radiances.names[int(np.argmax(second))])
 
 
 @dataclass(frozen=True, eq=False)
 class FilterChoice:
-    """The best set of one number of filters.
+    """Best set of one number of filters."""
 
-    training_rms : rms relative error of X, Y, Z in training. error : over the evaluation spectra.
-    """
-
+    #: Identifiers of the filters.
     bands: tuple[str, ...]
+    #: Root mean square relative error of X, Y, Z in training.
     training_rms: float
+    #: Errors over the evaluation spectra.
     error: ColourError
 
 
@@ -89,31 +126,46 @@ def choose_filters(
     counts: Sequence[int],
     relative_noise: float = 0.003,
 ) -> tuple[FilterChoice, ...]:
-    """For each number in ``counts`` the candidates with the smallest colour error, evaluated over separate spectra.
+    """Candidates with the smallest colour error for each number of filters.
 
-    Minimises the sum over X, Y, Z of the mean square relative error, noise included. All subsets are tried if
-    there are few. Otherwise the best set of the previous size is extended by the best addition, then filters are
-    exchanged one by one until no exchange helps (a local optimum).
+    Minimises the sum over X, Y, Z of the mean square relative error, noise included. All subsets are tried if there are
+    few. Otherwise the best set of the previous size is extended by the best addition, then filters are exchanged one by
+    one until no exchange helps (a local optimum).
 
-    training : (n, wavelength) radiances. evaluation : radiances for the error.
-    relative_noise : standard deviation over signal of every band.
+    Parameters
+    ----------
+    candidates
+        Responses of the filters to choose from.
+    training
+        (n, wavelength) radiances for the choice.
+    evaluation
+        Other radiances, for the error.
+    counts
+        Numbers of filters.
+    relative_noise
+        Standard deviation over signal of every band.
+
+    Returns
+    -------
+    tuple[FilterChoice, ...]
+        Best set of each size in `counts`, the smallest first.
     """
     step, goal = INTEGRAL_GRID.weights, colour_matching_functions()
     signal = training @ (step * np.stack([c.response for c in candidates])).T
     exact = training @ (step * goal).T
-    own, cross = [], []
+    moments, cross = [], []
     for axis in range(3):
         relative = signal / exact[:, axis : axis + 1]
         scale = np.sqrt(np.mean(relative**2, axis=0))
         relative = relative / np.where(scale > 0, scale, 1.0)
-        own.append(relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates)))
+        moments.append(relative.T @ relative / len(signal) + max(relative_noise, 1e-6) ** 2 * np.eye(len(candidates)))
         cross.append(relative.mean(axis=0))
 
-    def loss(chosen: tuple[int, ...]) -> float:
-        index = np.array(chosen)
+    def loss(subset: tuple[int, ...]) -> float:
+        index = np.array(subset)
         return sum(
             float(1 - c[index] @ np.linalg.solve(o[np.ix_(index, index)], c[index]))
-            for o, c in zip(own, cross, strict=True)
+            for o, c in zip(moments, cross, strict=True)
         )
 
     choices: list[FilterChoice] = []
@@ -126,8 +178,8 @@ def choose_filters(
             best = min(((*best, new) for new in everything if new not in best), key=loss)
             while True:
                 swaps = [
-                    (*best[:place], new, *best[place + 1 :])
-                    for place in range(count)
+                    (*best[:position], new, *best[position + 1 :])
+                    for position in range(count)
                     for new in everything
                     if new not in best
                 ]
@@ -136,9 +188,9 @@ def choose_filters(
                     break
                 best = better
         if count in counts:
-            chosen = [candidates[i] for i in sorted(best)]
-            weights = train_filter_weights(chosen, training, relative_noise)
-            error = colour_error(weights, chosen, evaluation)
+            selected = [candidates[i] for i in sorted(best)]
+            weights = train_filter_weights(selected, training, relative_noise)
+            error = colour_error(weights, selected, evaluation)
             rms = float(np.sqrt(max(loss(best), 0.0) / 3))
-            choices.append(FilterChoice(tuple(c.band for c in chosen), rms, error))
+            choices.append(FilterChoice(tuple(c.band for c in selected), rms, error))
     return tuple(choices)

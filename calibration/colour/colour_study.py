@@ -22,15 +22,17 @@ __all__ = ["ColourStudy", "study_colour"]
 
 @dataclass(frozen=True, eq=False)
 class ColourStudy(OwnMappings):
-    """weights, errors : by method. choices : the best subsets of the capture's bands, by size.
+    """Filter weights by three methods with their colour errors."""
 
-    ensemble : description of the training spectra. spectra : description of the evaluation spectra.
-    """
-
+    #: Filter weights by method.
     weights: Mapping[str, FilterWeights]
+    #: Their errors over the evaluation spectra, by method.
     errors: Mapping[str, ColourError]
+    #: Best subsets of the capture's bands, by size.
     choices: tuple[FilterChoice, ...]
+    #: Description of the training spectra.
     ensemble: str
+    #: Description of the evaluation spectra.
     spectra: str
 
     @property
@@ -40,14 +42,14 @@ class ColourStudy(OwnMappings):
 
     @property
     def reason(self) -> str:
-        """Which weights are used and why, in three short sentences."""
-        shown = ", ".join(
+        """The weights in use and the reason, in three short sentences."""
+        errors = ", ".join(
             f"{method} {float(error.delta_e_2000.mean()):.2f} ({100 * float(error.rms[2]):.0f} %)"
             for method, error in self.errors.items()
         )
         return (
             f"XYZ uses {self.recommended} filter weights, with the smallest mean CIEDE2000. Over {self.spectra} it is, "
-            f"beside the rms error of Z: {shown}. Trained weights are fitted to {self.ensemble}."
+            f"next to the rms error of Z: {errors}. Trained weights are fitted to {self.ensemble}."
         )
 
 
@@ -61,17 +63,30 @@ def _reflectances(scene: Scene | None) -> NDArray[np.float64] | None:
 def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_noise: ArrayLike) -> ColourStudy:
     """Least squares, regularised and trained weights of a capture's bands.
 
-    relative_noise : (band,) standard deviation over signal of a single pixel. The training spectra use the lamp
-    and the materials that the capture states, else common lamps and objects.
+    The training spectra use the lamp and the materials that the capture states, otherwise common lamps and objects.
+
+    Parameters
+    ----------
+    capture
+        Capture with or without a lamp and a scene.
+    responses
+        Response of every band.
+    relative_noise
+        (band,) standard deviation over signal of a single pixel.
+
+    Returns
+    -------
+    ColourStudy
+        Weights and errors by method, and the best subsets of the bands.
     """
     lamp = capture.manifest.lamp
-    own = None if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
-    lamps = general_lamps() if own is None or own.min() < 0 or own.mean() <= 0 else {"lamp": own}
+    radiance = None if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
+    lamps = general_lamps() if radiance is None or radiance.min() < 0 or radiance.mean() <= 0 else {"lamp": radiance}
     reflectances = _reflectances(capture.known_scene())
     training, evaluation = training_radiances(lamps, reflectances), evaluation_radiances(lamps)
     weights = {
-        found.method: found
-        for found in (
+        fitted.method: fitted
+        for fitted in (
             fit_filter_weights(responses),
             fit_filter_weights(responses, relative_noise),
             train_filter_weights(responses, training, relative_noise),
@@ -80,7 +95,7 @@ def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_n
     light = "the capture's lamp" if "lamp" in lamps else f"{len(lamps)} common lamps"
     return ColourStudy(
         weights,
-        {method: colour_error(found, responses, evaluation) for method, found in weights.items()},
+        {method: colour_error(fitted, responses, evaluation) for method, fitted in weights.items()},
         choose_filters(responses, training, evaluation, range(1, len(responses) + 1)),
         f"{light} times {'objects' if reflectances is None else 'objects and the materials of the scene'}",
         f"{len(evaluation.names)} spectra ({light}, reflected once or twice by ColorChecker patches and box materials)",

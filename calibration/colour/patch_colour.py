@@ -23,10 +23,22 @@ ILLUMINANT = "D65"
 
 
 def smoothest_spectra(filters: NDArray[np.float64], wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(wavelength, band) matrix M: M r is the spectrum of least curvature whose band means are r.
+    """Matrix M for which M r is the spectrum of least curvature with the band means r.
 
-    filters : (band, wavelength) of unit sum on the even grid ``wavelength_nm``. The integral of the squared
-    second derivative is minimised with the band means as constraints (Lagrange multipliers).
+    The integral of the squared second derivative is minimised with the band means as constraints (Lagrange
+    multipliers).
+
+    Parameters
+    ----------
+    filters
+        (band, wavelength) filters of unit sum.
+    wavelength_nm
+        Even grid of wavelengths, nm.
+
+    Returns
+    -------
+    NDArray
+        (wavelength, band) matrix M, without unit.
     """
     count, bands = wavelength_nm.size, filters.shape[0]
     curvature = np.diff(np.eye(count), 2, axis=0)
@@ -48,38 +60,51 @@ def _illuminant() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class PatchErrors:
-    """Errors of measured patches against their tabulated reflectances, without the white patch (the scale).
+    """Errors of measured patches against their tables, without the white patch (the scale)."""
 
-    labels : n patches with a known reflectance. reflectance : (n, band) measured - known band reflectance.
-    known_xyz : (n, 3) from the tabulated spectra, the white patch at Y = 100. delta_e_ab, delta_e_2000 : (n,)
-    with the white patch as white.
-    """
-
+    #: Numbers of n patches with a tabulated reflectance.
     labels: tuple[int, ...]
+    #: (n, band) measured minus tabulated band reflectance.
     reflectance: NDArray[np.float64]
+    #: (n, 3) X, Y, Z of the tabulated spectra, the white patch at Y = 100.
     known_xyz: NDArray[np.float64]
+    #: (n,) Delta E*ab (1976) with the white patch as white.
     delta_e_ab: NDArray[np.float64]
+    #: (n,) CIEDE2000 with the white patch as white.
     delta_e_2000: NDArray[np.float64]
 
 
-def patch_errors(table: PatchTable, known: Mapping[str, Spectrum]) -> PatchErrors | None:
-    """Errors of all patches whose reflectance is in ``known`` (by column name); None if there are none."""
+def patch_errors(table: PatchTable, reference: Mapping[str, Spectrum]) -> PatchErrors | None:
+    """Errors of all patches with a tabulated reflectance.
+
+    Parameters
+    ----------
+    table
+        Measured patches.
+    reference
+        Tabulated reflectances by column name.
+
+    Returns
+    -------
+    PatchErrors | None
+        Errors without the white patch; None if no other patch has a reflectance.
+    """
     measured, _ = patch_xyz(table)
-    chosen = [
+    selected = [
         index
         for index, label in enumerate(table.labels)
-        if label.column in known and label.label != table.white.label and np.all(np.isfinite(measured[index]))
+        if label.column in reference and label.label != table.white.label and np.all(np.isfinite(measured[index]))
     ]
-    if not chosen:
+    if not selected:
         return None
-    white = _illuminant() @ known[str(table.white.column)].at(WAVELENGTH_NM)
-    spectra = [known[str(table.labels[index].column)] for index in chosen]
+    white = _illuminant() @ reference[str(table.white.column)].at(WAVELENGTH_NM)
+    spectra = [reference[str(table.labels[index].column)] for index in selected]
     exact = np.stack([_illuminant() @ s.at(WAVELENGTH_NM) for s in spectra]) * 100.0 / white[1]
     bands = np.stack([table.filters @ s.at(table.grid.nm) for s in spectra])
-    first, second = lab_differences(measured[chosen], exact, np.broadcast_to(white * 100.0 / white[1], exact.shape))
+    first, second = lab_differences(measured[selected], exact, np.broadcast_to(white * 100.0 / white[1], exact.shape))
     return PatchErrors(
-        tuple(table.labels[index].label for index in chosen),
-        table.reflectance[chosen] - bands,
+        tuple(table.labels[index].label for index in selected),
+        table.reflectance[selected] - bands,
         exact,
         first,
         second,
@@ -87,10 +112,22 @@ def patch_errors(table: PatchTable, known: Mapping[str, Spectrum]) -> PatchError
 
 
 def patch_xyz(table: PatchTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, 3) X, Y, Z under ILLUMINANT with the white patch at Y = 100, and their standard deviations.
+    """X, Y, Z of patches under ILLUMINANT with the white patch at Y = 100.
 
-    The spectrum is the smoothest one with the measured band reflectances. The standard deviations include those
-    of the reflectances, not the error of this interpolation.
+    The spectrum is the smoothest one with the measured band reflectances. The standard deviations include those of the
+    reflectances, not the error of this interpolation.
+
+    Parameters
+    ----------
+    table
+        Measured patches.
+
+    Returns
+    -------
+    NDArray
+        (n, 3) X, Y, Z.
+    NDArray
+        (n, 3) standard deviations.
     """
     spectra = smoothest_spectra(table.filters, table.grid.nm)
     matrix = _illuminant() @ spectra[table.grid.part(INTEGRAL_GRID)]
@@ -100,7 +137,20 @@ def patch_xyz(table: PatchTable) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def patches_csv(table: PatchTable) -> str:
-    """The text of patches.csv: label, name, reflectance per band, X, Y, Z, illuminant, and every sigma."""
+    """Text of patches.csv.
+
+    The columns are label, name, reflectance per band, X, Y, Z, illuminant, and every sigma.
+
+    Parameters
+    ----------
+    table
+        Measured patches.
+
+    Returns
+    -------
+    str
+        Header and one row per patch.
+    """
     xyz, xyz_sigma = patch_xyz(table)
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

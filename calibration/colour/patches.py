@@ -1,11 +1,12 @@
 """Reflectances of labelled patches, measured relative to the white patch.
 
-For each band: take the pixels of the filter's channel; add the black level measured from the brackets to the
-corrected frames; divide by the illumination (see ``shading``); average over each patch without its rim; scale to
-the tabulated band reflectance of the white patch. Stray light adds nearly the same signal to all patches and
-matters most in the darkest. The darkest patch is therefore assumed to be spectrally neutral (as the black patch of
-a chart is designed to be) with its median reflectance over the bands, and the difference in each band is subtracted
-as an offset. No other known reflectance is used.
+For each band: take the pixels of the filter's channel; add the black level measured from the brackets to the corrected
+frames; divide by the illumination (see ``shading``); average over each patch without its rim; scale to the tabulated
+band reflectance of the white patch.
+
+Stray light adds nearly the same signal to all patches and matters most in the darkest. The darkest patch is therefore
+assumed to be spectrally neutral, as the black patch of a chart is designed to be. Its reflectance is its median over
+the bands; the difference in each band is subtracted as an offset. No other tabulated reflectance is used.
 """
 
 from __future__ import annotations
@@ -31,39 +32,60 @@ __all__ = ["PatchTable", "band_filter", "measure_patches"]
 
 #: Wavelength range in which reflectances of charts are tabulated.
 _GRID = FILTER_GRID.between(380.0, 730.0)
+#: Width of the rim of a patch that is not used, px.
 _RIM_PX = 4
+#: Distance from the peak of a filter, nm, beyond which its transmittance counts as leakage.
 _HALF_WIDTH_NM = 15.0
-# Number of the white patch of a ColorChecker.
+#: Number of the white patch of a ColorChecker.
 _WHITE_LABEL = 19
-# In frames reduced in size, counts above this share of the largest may be means that include clipped pixels.
+#: In frames reduced in size, counts above this share of the largest may be means that include clipped pixels.
 _HIGHEST_SHARE = 0.98
+#: Fewest usable pixels of a patch.
 _FEWEST_PIXELS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class PatchTable(OwnMappings):
-    """Measured patches.
+    """Measured patches of a chart."""
 
-    labels : n patches. bands : m identifiers. reflectance, sigma : (n, m); sigma includes noise, shading and the
-    offset, but not the error of the white patch's table. offset : (m,) reflectance that was subtracted.
-    shading : by band. filters : (m, wavelength) of unit sum on ``grid``: filter times sensor, lens and lamp if the
-    capture states all of them, else the filter within 15 nm of its peak.
-    """
-
+    #: n patches.
     labels: tuple[Label, ...]
+    #: m identifiers of bands.
     bands: tuple[str, ...]
+    #: (n, m) band reflectances.
     reflectance: NDArray[np.float64]
+    #: (n, m) standard deviations, by noise, shading and the offset, without the error of the white patch's table.
     sigma: NDArray[np.float64]
+    #: (m,) reflectance that was subtracted.
     offset: NDArray[np.float64]
+    #: Illumination by band, where it could be fitted.
     shading: Mapping[str, Shading]
+    #: Wavelengths of `filters`.
     grid: WavelengthGrid
+    #: (m, wavelength) weights of unit sum: filter times sensor, lens and lamp if the capture states all of them, else
+    #: the filter within 15 nm of its peak.
     filters: NDArray[np.float64]
+    #: White patch.
     white: Label
+    #: Bands without shading, and the offsets.
     notes: tuple[str, ...]
 
 
 def band_filter(transmittance: Spectrum, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) transmittance within 15 nm of its highest peak, 0 elsewhere, scaled to unit sum."""
+    """Transmittance within 15 nm of its highest peak, 0 elsewhere, scaled to unit sum.
+
+    Parameters
+    ----------
+    transmittance
+        Transmittance of a filter.
+    wavelength_nm
+        (n,) grid of wavelengths, nm.
+
+    Returns
+    -------
+    NDArray
+        (n,) weights of unit sum.
+    """
     values = transmittance.at(wavelength_nm)
     peak = wavelength_nm[np.argmax(values)]
     values = np.where(np.abs(wavelength_nm - peak) <= _HALF_WIDTH_NM, values, 0.0)
@@ -88,10 +110,11 @@ def _spectral_weights(
 
 
 def _white(capture: Capture, labels: Sequence[Label]) -> Label | None:
-    known = capture.label_reflectances()
-    usable = [label for label in labels if label.column in known]
-    named = [label for label in usable if "white" in label.name.lower()]
-    return next((label for label in (*usable,) if label.label == _WHITE_LABEL), named[0] if named else None)
+    """White patch with a tabulated reflectance: number 19, or one named white, or None."""
+    reflectances = capture.label_reflectances()
+    usable = [label for label in labels if label.column in reflectances]
+    whites = [label for label in usable if "white" in label.name.lower()]
+    return next((label for label in (*usable,) if label.label == _WHITE_LABEL), whites[0] if whites else None)
 
 
 def _patch_pixels(
@@ -102,6 +125,7 @@ def _patch_pixels(
     black_dn: float,
     labels: Sequence[Label],
 ) -> list[PatchPixels | None]:
+    """Usable pixels of each patch in one band, without its rim; None for a patch with too few."""
     image, manifest = capture.labels(), capture.manifest
     band = manifest.band[index]
     usable = bands.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) == 0
@@ -126,12 +150,12 @@ def _patch_pixels(
 def _relative_signals(
     patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) signals relative to the white patch, corrected for illumination, and their standard deviations."""
+    """(n,) signals over the white patch's, without shading, and standard deviations."""
     level, sigma = np.full(len(patches), np.nan), np.full(len(patches), np.nan)
     reference = patches[white]
     if reference is None:
         return level, sigma
-    place = (float(reference.u_px.mean()), float(reference.v_px.mean()))
+    position = (float(reference.u_px.mean()), float(reference.v_px.mean()))
     for index, patch in enumerate(patches):
         if patch is None:
             continue
@@ -140,7 +164,7 @@ def _relative_signals(
         level[index] = patch.signal.sum() / light.sum()
         uneven = 0.0
         if shading is not None:
-            uneven = float(shading.relative_sigma(patch.u_px.mean(), patch.v_px.mean(), place))
+            uneven = float(shading.relative_sigma(patch.u_px.mean(), patch.v_px.mean(), position))
         noise = patch.sigma * np.sqrt(patch.signal.size) / light.sum()
         sigma[index] = np.hypot(noise, level[index] * uneven)
     relative_white = sigma[white] / level[white]
@@ -155,21 +179,20 @@ def _subtract_offsets(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
     """Two-point scale: the white patch as tabulated (m,), the darkest patch neutral.
 
-    Returns the corrected reflectances and sigmas (n, m), the offsets (m,) and the index of the darkest patch.
-    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o). The variance of
-    an offset is that of the darkest patch plus the excess scatter over its bands, since the patch may not be
-    neutral.
+    The result is the corrected reflectances and sigmas (n, m), the offsets (m,) and the index of the darkest patch.
+    With an offset o in units of reflectance, the white-scaled value is q = (rho + o) w / (w + o). The variance of an
+    offset is that of the darkest patch plus the excess scatter over its bands, since the patch may not be neutral.
     """
     darkest = int(np.nanargmin(np.median(reflectance, axis=1)))
     dark = reflectance[darkest]
     neutral = float(np.median(dark))
     offset = white * (dark - neutral) / (white - dark)
     corrected = reflectance * (white + offset) / white - offset
-    own = sigma[darkest]
-    beyond = max(float(np.sum((dark - dark.mean()) ** 2) / (dark.size - 1) - np.mean(own**2)), 0.0)
+    dark_sigma = sigma[darkest]
+    beyond = max(float(np.sum((dark - dark.mean()) ** 2) / (dark.size - 1) - np.mean(dark_sigma**2)), 0.0)
     # The variance of the median of n normal values is pi / 2 times that of their mean.
-    level = 1.5708 / dark.size * (np.mean(own**2) + beyond)
-    spread = np.sqrt(own**2 + beyond + level) * np.abs(1 - reflectance / white)
+    level = 1.5708 / dark.size * (np.mean(dark_sigma**2) + beyond)
+    spread = np.sqrt(dark_sigma**2 + beyond + level) * np.abs(1 - reflectance / white)
     corrected_sigma = np.hypot(sigma, spread)
     # The darkest patch is set to the same value in all bands.
     corrected_sigma[darkest] = np.sqrt(level + beyond)
@@ -179,9 +202,28 @@ def _subtract_offsets(
 def measure_patches(
     capture: Capture, bands: CorrectedBands, noise: NoiseModel, linearity: Linearity | None
 ) -> PatchTable | None:
-    """Band reflectances of all labelled patches; None without labels, filter transmittances or a white patch.
+    """Band reflectances of all labelled patches.
 
-    Raises InputError for faulty files.
+    Parameters
+    ----------
+    capture
+        Capture with or without `[labels]`.
+    bands
+        Its corrected bands.
+    noise
+        Its noise model.
+    linearity
+        Linearity with the black level of the brackets; None assumes a black level of 0.
+
+    Returns
+    -------
+    PatchTable | None
+        Measured patches; None without labels, filter transmittances or a white patch.
+
+    Raises
+    ------
+    InputError
+        For faulty files.
     """
     if capture.manifest.labels is None:
         return None
@@ -209,10 +251,10 @@ def measure_patches(
     offset = np.zeros(len(capture.band_ids))
     if len(capture.band_ids) >= 3 and np.all(np.isfinite(reflectance)):
         reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
-        shown = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
+        offsets_text = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
         notes.append(
             f"patches: '{labels[darkest].name}' was assumed spectrally neutral; offsets subtracted "
-            f"(above 0: stray light; below 0: unexplained): {shown}"
+            f"(above 0: stray light; below 0: unexplained): {offsets_text}"
         )
     return PatchTable(
         labels,

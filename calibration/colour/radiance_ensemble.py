@@ -1,14 +1,14 @@
-"""Plausible radiances, to train and to evaluate filter weights: lamp times reflectances times interreflection.
+"""Plausible radiances, to train and to evaluate filter weights.
 
 The radiance of a surface in a room is the lamp's spectrum times the reflectance of the surface; part of the light
 reaches the surface after reflection by others:
 
-    L(l) = L_lamp(l) rho_a(l) (d + (1 - d) rho_b(l) / (1 - q rho_c(l)))
+     L(l) = L_lamp(l) rho_a(l) (d + (1 - d) rho_b(l) / (1 - q rho_c(l)))
 
-with d the share of direct light, rho_b the reflectance of the surface that reflected the rest, and q, rho_c
-describing further reflections in an enclosure (a geometric series). Training uses the 99 object samples of
-CIE 224:2017 and the scene's materials if they are known; evaluation uses the 24 patches of a ColorChecker and the
-materials of the published box.
+with d the share of direct light, rho_b the reflectance of the surface that reflected the rest, and q, rho_c describing
+further reflections in an enclosure (a geometric series). Training uses the 99 object samples of CIE 224:2017 and the
+scene's materials if they are known. Evaluation uses the 24 patches of a ColorChecker and the materials of the published
+box.
 """
 
 from __future__ import annotations
@@ -24,38 +24,46 @@ from numpy.typing import NDArray
 
 __all__ = ["Radiances", "evaluation_radiances", "general_lamps", "training_radiances"]
 
-# Reflectances are raised to a power in this range, which models pigment layers of different thickness.
+#: Reflectances are raised to a power in this range, which models pigment layers of different thickness.
 _POWERS = (0.6, 1.6)
-# Relative standard deviation and correlation length of the lamp's spectral shape, as between spectroradiometers.
-_LAMP_SHAPE, _LAMP_LENGTH_NM = 0.01, 50.0
-# Every n-th radiance is that of a white surface in direct light.
+#: Relative standard deviation of the lamp's spectral shape, as between spectroradiometers.
+_LAMP_SHAPE = 0.01
+#: Correlation length of that shape, nm.
+_LAMP_LENGTH_NM = 50.0
+#: Every n-th radiance is that of a white surface in direct light.
 _WHITES = 20
-# Share of the surfaces with a reflectance of the scene's materials, if these are known.
+#: Share of the surfaces with a reflectance of the scene's materials, if these are known.
 _SCENE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Radiances:
-    """names : n labels. values : (n, wavelength) on WAVELENGTH_NM, in the same relative units as ``white``.
+    """Spectral radiances with their whites."""
 
-    white : (n, wavelength) radiance of a perfect diffuser in the same direct light.
-    """
-
+    #: n labels.
     names: tuple[str, ...]
+    #: (n, wavelength) radiances on WAVELENGTH_NM, in the same relative units as `white`.
     values: NDArray[np.float64]
+    #: (n, wavelength) radiance of a perfect diffuser in the same direct light.
     white: NDArray[np.float64]
 
 
 def _smooth_noise(count: int, length_nm: float, generator: np.random.Generator) -> NDArray[np.float64]:
-    """(count, wavelength) Gaussian processes of unit variance and squared-exponential covariance."""
+    """(count, wavelength) Gaussian processes, unit variance, squared-exponential covariance."""
     distance = np.subtract.outer(WAVELENGTH_NM, WAVELENGTH_NM) / length_nm
     values, vectors = np.linalg.eigh(np.exp(-(distance**2) / 2))
-    kept = values > 1e-9 * values[-1]
-    return generator.standard_normal((count, int(kept.sum()))) @ (vectors[:, kept] * np.sqrt(values[kept])).T
+    main = values > 1e-9 * values[-1]
+    return generator.standard_normal((count, int(main.sum()))) @ (vectors[:, main] * np.sqrt(values[main])).T
 
 
 def general_lamps() -> dict[str, NDArray[np.float64]]:
-    """Spectra (wavelength,) of mean 1 of common lamps: incandescent, daylight, phosphor LED, fluorescent."""
+    """Spectra of common lamps: incandescent, daylight, phosphor LED, fluorescent.
+
+    Returns
+    -------
+    dict[str, NDArray]
+        By name, (wavelength,) spectrum of mean 1 on WAVELENGTH_NM.
+    """
     from colour import SDS_ILLUMINANTS  # slow to import, and only needed here
 
     lamps = {f"{kelvin} K": planck(WAVELENGTH_NM, kelvin) for kelvin in (2856.0, 3200.0, 4500.0)}
@@ -66,7 +74,13 @@ def general_lamps() -> dict[str, NDArray[np.float64]]:
 
 
 def object_reflectances() -> NDArray[np.float64]:
-    """(99, wavelength) colour evaluation samples of CIE 224:2017: plants, skin, textiles, paints, plastics."""
+    """Colour evaluation samples of CIE 224:2017: plants, skin, textiles, paints, plastics.
+
+    Returns
+    -------
+    NDArray
+        (99, wavelength) reflectances on WAVELENGTH_NM.
+    """
     from colour import SpectralShape  # slow to import, and only needed here
     from colour.quality.cfi2017 import load_TCS_CIE2017
 
@@ -80,19 +94,33 @@ def training_radiances(
     count: int = 4000,
     seed: int = 1997,
 ) -> NDArray[np.float64]:
-    """(count, wavelength) random radiances under each lamp in turn, by the formula of this module.
+    """Random radiances under each lamp in turn, by the formula of this module.
 
-    lamps : spectra on WAVELENGTH_NM. scene_reflectances : (n, wavelength) of the scene's materials, if known.
+    Parameters
+    ----------
+    lamps
+        Spectra on WAVELENGTH_NM, by name.
+    scene_reflectances
+        (n, wavelength) of the scene's materials; None if they are not known.
+    count
+        Number of radiances.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    NDArray
+        (count, wavelength) radiances, relative.
     """
     generator = np.random.default_rng(seed)
     objects = object_reflectances()
 
     def reflectances() -> NDArray[np.float64]:
-        drawn = objects[generator.integers(0, len(objects), count)]
+        sample = objects[generator.integers(0, len(objects), count)]
         if scene_reflectances is not None:
-            own = generator.random(count) < _SCENE_SHARE
-            drawn[own] = scene_reflectances[generator.integers(0, len(scene_reflectances), int(own.sum()))]
-        return np.asarray(drawn ** generator.uniform(*_POWERS, (count, 1)), np.float64)
+            scene = generator.random(count) < _SCENE_SHARE
+            sample[scene] = scene_reflectances[generator.integers(0, len(scene_reflectances), int(scene.sum()))]
+        return np.asarray(sample ** generator.uniform(*_POWERS, (count, 1)), np.float64)
 
     spectra = np.stack([lamp / lamp.mean() for lamp in lamps.values()])
     light = spectra[np.arange(count) % len(spectra)]
@@ -105,21 +133,37 @@ def training_radiances(
 
 
 def measured_reflectances() -> dict[str, NDArray[np.float64]]:
-    """The 24 patches of a ColorChecker (measured by N. Ohta, 1997) and the materials of the published box."""
+    """The 24 patches of a ColorChecker (measured by N. Ohta, 1997) and the materials of the box.
+
+    Returns
+    -------
+    dict[str, NDArray]
+        By name, (wavelength,) reflectance on WAVELENGTH_NM.
+    """
     from colour import SDS_COLOURCHECKERS  # slow to import, and only needed here
 
-    found = {
+    patches = {
         name: np.interp(WAVELENGTH_NM, table.wavelengths, table.values)
         for name, table in SDS_COLOURCHECKERS["ColorChecker N Ohta"].items()
     }
     materials = cornell_box().materials.items()
-    return found | {f"box {name}": material.reflectance.at(WAVELENGTH_NM) for name, material in materials}
+    return patches | {f"box {name}": material.reflectance.at(WAVELENGTH_NM) for name, material in materials}
 
 
 def evaluation_radiances(lamps: Mapping[str, NDArray[np.float64]]) -> Radiances:
-    """Measured reflectances under each lamp, in direct light and in light reflected by each box material.
+    """Measured reflectances under each lamp, in direct light and in light of each material.
 
     The reflected light is rho_b / (1 - rho_b / 2) times the lamp: one or more reflections in a half-open enclosure.
+
+    Parameters
+    ----------
+    lamps
+        Spectra on WAVELENGTH_NM, by name.
+
+    Returns
+    -------
+    Radiances
+        Radiances of every lamp, reflectance and path of the light.
     """
     reflectances = measured_reflectances()
     materials = {name: values for name, values in reflectances.items() if name.startswith("box ")}

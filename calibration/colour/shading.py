@@ -23,48 +23,78 @@ __all__ = ["ORDERS", "PatchPixels", "Shading", "fit_shading"]
 #: Polynomial orders; cross-validation chooses one.
 ORDERS = (2, 3)
 
-# Smallest signal-to-noise ratio of a pixel at which the bias of the logarithm is negligible.
+#: Smallest signal-to-noise ratio of a pixel at which the bias of the logarithm is negligible.
 _LOWEST_SNR = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class PatchPixels:
-    """The pixels of one patch. u_px, v_px : (n,) positions. signal : (n,) DN. sigma : DN, of one pixel."""
+    """Usable pixels of one patch."""
 
+    #: (n,) columns, px.
     u_px: NDArray[np.float64]
+    #: (n,) rows, px.
     v_px: NDArray[np.float64]
+    #: (n,) signals, DN.
     signal: NDArray[np.float64]
+    #: Standard deviation of the signal of one pixel, DN.
     sigma: float
 
 
 @dataclass(frozen=True, eq=False)
 class Shading(OwnMappings):
-    """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to ``order``, 1 at ``centre_px``.
+    """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to `order`, 1 at `centre_px`."""
 
-    x, y : (u, v) - centre in units of ``scale_px``. covariance : of the coefficients, by the jackknife over
-    patches, which includes unevenness within patches. degrees : degrees of freedom of this covariance, for
-    Student's t. validation : by order, the weighted mean square of the residuals in patches left out of the fit.
-    """
-
+    #: Order of the polynomial.
     order: int
+    #: (terms,) coefficients c_jk.
     coefficients: NDArray[np.float64]
+    #: (terms, terms) of the coefficients, by the jackknife over patches, which includes unevenness within patches.
     covariance: NDArray[np.float64]
+    #: Degrees of freedom of `covariance`, for Student's t.
     degrees: int
+    #: Position (u, v) of the origin of x and y, px.
     centre_px: tuple[float, float]
+    #: Length of the unit of x and y, px.
     scale_px: float
+    #: By order, weighted mean square of the residuals in patches held out of the fit.
     validation: Mapping[int, float]
 
     def _basis(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
         return _basis(u_px, v_px, self.order, self.centre_px, self.scale_px)
 
     def at(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
-        """(...) relative illumination at pixel positions (...)."""
+        """Relative illumination at pixel positions.
+
+        Parameters
+        ----------
+        u_px, v_px
+            (...) positions, px.
+
+        Returns
+        -------
+        NDArray
+            (...) illumination over that at `centre_px`.
+        """
         return np.exp(self._basis(u_px, v_px) @ self.coefficients)
 
     def relative_sigma(
         self, u_px: ArrayLike, v_px: ArrayLike, reference_px: tuple[float, float]
     ) -> NDArray[np.float64]:
-        """(...) relative standard deviation of the illumination's ratio to that at a reference position."""
+        """Relative standard deviation of the illumination's ratio to that at a reference position.
+
+        Parameters
+        ----------
+        u_px, v_px
+            (...) positions, px.
+        reference_px
+            Reference position (u, v), px.
+
+        Returns
+        -------
+        NDArray
+            (...) relative standard deviation.
+        """
         difference = self._basis(u_px, v_px) - self._basis(*reference_px)
         return np.sqrt(np.einsum("...i,ij,...j->...", difference, self.covariance, difference))
 
@@ -72,6 +102,7 @@ class Shading(OwnMappings):
 def _basis(
     u_px: ArrayLike, v_px: ArrayLike, order: int, centre: tuple[float, float], scale: float
 ) -> NDArray[np.float64]:
+    """(..., terms) monomials x^j y^k, j + k from 1 to ``order``."""
     x, y = (np.asarray(u_px, float) - centre[0]) / scale, (np.asarray(v_px, float) - centre[1]) / scale
     powers = [(j, total - j) for total in range(1, order + 1) for j in range(total + 1)]
     return np.stack([x**j * y**k for j, k in powers], axis=-1)
@@ -79,6 +110,8 @@ def _basis(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
+    """Normal equations of one patch."""
+
     normal: NDArray[np.float64]
     right: NDArray[np.float64]
     constant: float
@@ -87,6 +120,7 @@ class _Equations:
 
 def _equations(patch: PatchPixels, basis: NDArray[np.float64]) -> _Equations:
     # One weight per patch, from its mean: weights from single pixels would be correlated with their noise.
+    """Normal equations of a patch whose mean logarithm is removed."""
     weight = float((patch.signal.mean() / patch.sigma) ** 2)
     logarithm = np.log(np.maximum(patch.signal, patch.sigma))
     logarithm = logarithm - logarithm.mean()
@@ -100,10 +134,22 @@ def _equations(patch: PatchPixels, basis: NDArray[np.float64]) -> _Equations:
 
 
 def fit_shading(patches: Sequence[PatchPixels], orders: Sequence[int] = ORDERS) -> Shading | None:
-    """The illumination over the patches; None if fewer than four patches are bright enough.
+    """Illumination over the patches.
 
-    Patches with a mean below eight standard deviations of a pixel, or of ten pixels or fewer, are left out. The
-    order is chosen by leave-one-patch-out cross-validation.
+    Patches with a mean below eight standard deviations of a pixel, or of ten pixels or fewer, are not used. The order
+    is chosen by leave-one-patch-out cross-validation.
+
+    Parameters
+    ----------
+    patches
+        Pixels of the patches.
+    orders
+        Polynomial orders to choose from.
+
+    Returns
+    -------
+    Shading | None
+        Illumination; None if fewer than four patches are bright enough.
     """
     bright = [p for p in patches if p.signal.size > 10 and p.signal.mean() > _LOWEST_SNR * p.sigma]
     if len(bright) < 4:

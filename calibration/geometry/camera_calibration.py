@@ -14,8 +14,9 @@ from .targets import TargetView, detect_target
 __all__ = ["calibrate_camera"]
 
 
-def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
-    views, notes = [], []
+def _views(capture: Capture) -> tuple[list[TargetView], list[str], list[str]]:
+    """Points detected in target frames, px of the whole frame, the frames, and notes."""
+    views, names, notes = [], [], []
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     for target in capture.manifest.target:
         for name in target.frames:
@@ -25,15 +26,17 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str]]:
                 row, column = divmod(int(channel_mask(pattern, (2, 2), "G").argmax()), 2)
                 image, step = image[row::2, column::2], 2
             try:
-                world, found = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
+                world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
                 notes.append(f"target not used: {fault}")
                 continue
-            views.append((world, step * found + [column, row]))
-    return views, notes
+            views.append((world, step * corners + [column, row]))
+            names.append(name)
+    return views, names, notes
 
 
 def _survey(capture: Capture) -> tuple[SurveyedPoints, CameraFit] | None:
+    """Surveyed points of the capture and the camera fitted to them; None without [geometry]."""
     geometry, camera = capture.manifest.geometry, capture.manifest.camera
     if geometry is None:
         return None
@@ -50,15 +53,33 @@ def _survey(capture: Capture) -> tuple[SurveyedPoints, CameraFit] | None:
 
 
 def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | None, list[str]]:
-    """Camera from the surveyed points (or None), intrinsics from flat targets (or None), and notes.
+    """Camera of a capture and the intrinsics from its flat targets.
 
-    Image coordinates refer to the stored frames, also for a crop. Targets that cannot be detected or do not
-    determine the intrinsics are noted and left out.
+    Image coordinates refer to the stored frames, also for a crop. Targets that cannot be detected or do not determine
+    the intrinsics are noted and not used.
 
-    Raises InputError for surveyed points that are faulty or cannot determine a camera.
+    Parameters
+    ----------
+    capture
+        Capture with `[geometry]` (surveyed points), `[[target]]` tables, both or neither.
+
+    Returns
+    -------
+    CameraFit | None
+        Camera fitted to the surveyed points; None without `[geometry]`.
+    TargetFit | None
+        Fit of the target views, jointly with the survey if there is one; None without usable targets.
+    list[str]
+        Notes: targets not used (file, scatter and limit), outliers, scatter beyond the stated sigma, a better
+        distortion model.
+
+    Raises
+    ------
+    InputError
+        If the surveyed points are faulty or cannot determine a camera.
     """
     survey = _survey(capture)
-    views, notes = _views(capture)
+    views, names, notes = _views(capture)
     targets = None
     if views:
         try:
@@ -68,7 +89,9 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
                 height_px=capture.shape[0],
                 survey=survey,
                 source=f"{capture.folder / 'capture.toml'}: target",
+                names=names,
             )
+            notes += targets.notes
         except InputError as fault:
             notes.append(f"targets not used: {fault}")
     if survey is None:

@@ -1,7 +1,7 @@
-"""Camera geometry from one view of surveyed, non-coplanar points (Tsai 1987), with its covariance.
+"""Camera from one view of surveyed, non-coplanar points, with its covariance (Tsai 1987).
 
-Ten parameters are fitted: pose, focal length, principal point and one radial term; pixels are square.
-The nominal focal length is only the initial value, not a prior; the fit keeps it for comparison.
+Ten parameters are fitted: pose, focal length, principal point and one radial term; pixels are square. The nominal focal
+length is only the initial value, not a prior; the fit returns it for comparison.
 """
 
 from __future__ import annotations
@@ -30,29 +30,30 @@ LARGEST_UNCERTAINTY = 0.2
 
 @dataclass(frozen=True, eq=False)
 class CameraFit:
-    """The result of ``fit_camera``.
+    """Camera fitted to surveyed points, by `fit_camera`."""
 
-    camera : with its (10, 10) covariance in the order of PARAMETER_NAMES.
-    residuals_px : (n, 2) measured minus projected, of all points. kept : (n,) True for the points used.
-    outliers : ids of the rejected points.
-    reprojection_rms_px : root mean square of the kept residuals, per coordinate.
-    point_sigma_px : standard deviation of a measured coordinate, stated or (``sigma_estimated``) estimated.
-    chi2, p_value : of the kept points with the stated sigma; None if the sigma was estimated. A very small
-        p_value means that the stated sigma, or the camera model, is wrong.
-    degrees_of_freedom : 2 n_kept - 10.
-    nominal_focal_length_px : as given, for comparison with ``camera.focal_length_px``.
-    """
-
+    #: Fitted camera with its (10, 10) covariance in the order of PARAMETER_NAMES.
     camera: Camera
+    #: (n, 2) measured minus projected image positions of all points, px.
     residuals_px: NDArray[np.float64]
+    #: (n,) True for the points used in the fit.
     kept: NDArray[np.bool_]
+    #: Ids of the rejected points.
     outliers: tuple[str, ...]
+    #: Root mean square of the residuals of the points used, per coordinate, px.
     reprojection_rms_px: float
+    #: Standard deviation of a measured coordinate, px: as stated, otherwise estimated from the residuals.
     point_sigma_px: float
+    #: True if `point_sigma_px` was estimated.
     sigma_estimated: bool
+    #: Sum of squares over the stated variance, of the points used; None if sigma was estimated.
     chi2: float | None
+    #: Probability of a larger `chi2` by noise; None if sigma was estimated. A very small value means that the stated
+    #: sigma or the camera model is wrong.
     p_value: float | None
+    #: Number of coordinates of the points used minus ten.
     degrees_of_freedom: int
+    #: Nominal focal length as given, px, for comparison with the fitted one; None if none was given.
     nominal_focal_length_px: float | None
 
 
@@ -64,46 +65,63 @@ def fit_camera(
     point_sigma_px: float | None = None,
     focal_length_px: float | None = None,
 ) -> CameraFit:
-    """The camera that fits surveyed points to their image positions.
-
-    point_sigma_px : standard deviation of each measured image coordinate; None: estimated from the residuals.
-    focal_length_px : nominal, as initial value; several focal lengths are tried if None.
+    """Camera fitted to surveyed points and their image positions.
 
     The initial pose comes from OpenCV (perspective-n-point with RANSAC), the initial intrinsics from
-    ``cv2.calibrateCamera``; then least squares on ``Camera.project``. Points whose deleted residual would occur by
-    noise in a fraction FALSE_ALARM of all surveys are rejected as outliers. If the majority of the points scatter
-    more than the stated sigma, the observed scatter sets the threshold and p_value is small. With a dozen points
-    or fewer an outlier may not be detected; then, too, only p_value shows it.
-    The covariance is sigma^2 (J^T J)^-1 at the solution.
+    ``cv2.calibrateCamera``; then least squares on ``Camera.project``. The covariance is sigma^2 (J^T J)^-1 at the
+    solution.
 
-    Raises InputError if the points cannot determine the ten parameters: fewer than six, in one plane, all in a
-    small part of the image, in a critical configuration, or inconsistent.
+    Points whose deleted residual would occur by noise in a fraction FALSE_ALARM of all surveys are rejected as
+    outliers. If the majority of the points scatter more than the stated sigma, the observed scatter sets the threshold
+    and p_value is small. With a dozen points or fewer an outlier may not be detected; then, too, only p_value shows it.
+
+    Parameters
+    ----------
+    points
+        Positions in the box, mm, and in the image, px.
+    width_px, height_px
+        Size of the image, px.
+    point_sigma_px
+        Standard deviation of each measured image coordinate, px; None estimates it from the residuals.
+    focal_length_px
+        Nominal focal length, px, as initial value; None tries several focal lengths.
+
+    Returns
+    -------
+    CameraFit
+        Camera with covariance, residuals and rejected points.
+
+    Raises
+    ------
+    InputError
+        If the points cannot determine the ten parameters: fewer than six, in one plane, all in a small part of the
+        image, in a critical configuration, or inconsistent. Also if `point_sigma_px` is not above 0.
     """
     if point_sigma_px is not None and not point_sigma_px > 0:
         raise InputError("geometry.point_sigma_px", f"{point_sigma_px:g}", "a number above 0")
     require_determined(points, np.ones(len(points.ids), bool), width_px, height_px)
     start = _starting_camera(points, width_px, height_px, focal_length_px, point_sigma_px)
-    camera, kept, scale = _robust_fit(start, points, point_sigma_px)
+    camera, in_use, scale = _robust_fit(start, points, point_sigma_px)
     for attempt in range(2 * len(points.ids)):
-        require_determined(points, kept, width_px, height_px)
-        camera = _least_squares(camera, points, kept)
-        accepted = _consistent(camera, points, kept, scale, estimated=point_sigma_px is None)
-        if np.array_equal(accepted, kept):
+        require_determined(points, in_use, width_px, height_px)
+        camera = _least_squares(camera, points, in_use)
+        accepted = _consistent(camera, points, in_use, scale, estimated=point_sigma_px is None)
+        if np.array_equal(accepted, in_use):
             break
         # After ten iterations points may only be removed, so that the loop ends.
-        kept = accepted if attempt < 10 else accepted & kept
+        in_use = accepted if attempt < 10 else accepted & in_use
     residuals = points.image_px - camera.project(points.points_mm)
-    sum_of_squares = float(np.sum(residuals[kept] ** 2))
-    freedom = 2 * int(kept.sum()) - len(PARAMETER_NAMES)
+    sum_of_squares = float(np.sum(residuals[in_use] ** 2))
+    freedom = 2 * int(in_use.sum()) - len(PARAMETER_NAMES)
     sigma = point_sigma_px or float(np.sqrt(sum_of_squares / freedom))
-    camera = replace(camera, covariance=_covariance(camera, points, kept, sigma))
+    camera = replace(camera, covariance=_covariance(camera, points, in_use, sigma))
     chi2 = sum_of_squares / point_sigma_px**2 if point_sigma_px else None
     return CameraFit(
         camera=camera,
         residuals_px=residuals,
-        kept=kept,
-        outliers=tuple(name for name, use in zip(points.ids, kept, strict=True) if not use),
-        reprojection_rms_px=float(np.sqrt(np.mean(residuals[kept] ** 2))),
+        kept=in_use,
+        outliers=tuple(name for name, use in zip(points.ids, in_use, strict=True) if not use),
+        reprojection_rms_px=float(np.sqrt(np.mean(residuals[in_use] ** 2))),
         point_sigma_px=sigma,
         sigma_estimated=point_sigma_px is None,
         chi2=chi2,
@@ -116,6 +134,26 @@ def fit_camera(
 def camera_from_opencv(
     width_px: int, height_px: int, matrix: NDArray, k1: float, turn: NDArray, shift: NDArray
 ) -> Camera:
+    """``Camera`` with the parameters that OpenCV returns.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Size of the image, px.
+    matrix
+        (3, 3) camera matrix; its first element is taken as the focal length, px.
+    k1
+        First radial coefficient, without unit.
+    turn
+        (3,) Rodrigues vector from world to camera axes, radians.
+    shift
+        (3,) or (3, 1) position of the world's origin in camera axes, mm.
+
+    Returns
+    -------
+    Camera
+        Camera without covariance.
+    """
     rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
     return Camera(
         width_px,
@@ -131,7 +169,7 @@ def camera_from_opencv(
 def _starting_camera(
     points: SurveyedPoints, width_px: int, height_px: int, focal_length_px: float | None, sigma: float | None
 ) -> Camera:
-    """Pose by RANSAC at the first of several focal lengths that fits well, else at the one that fits best."""
+    """Initial camera by RANSAC: the first focal length that fits well, otherwise the best."""
     diagonal = float(np.hypot(width_px, height_px))
     middle = focal_length_px or diagonal
     # Allows for a few percent of error in the nominal focal length and a few percent of distortion.
@@ -140,7 +178,7 @@ def _starting_camera(
     for focal in middle * np.array([1.0, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0]):
         matrix = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
         try:
-            found, turn, shift, inliers = cv2.solvePnPRansac(
+            succeeded, turn, shift, inliers = cv2.solvePnPRansac(
                 points.points_mm,
                 points.image_px,
                 matrix,
@@ -152,7 +190,7 @@ def _starting_camera(
             )
         except cv2.error:
             continue
-        if not found or inliers is None or len(inliers) < FEWEST_POINTS:
+        if not succeeded or inliers is None or len(inliers) < FEWEST_POINTS:
             continue
         camera = camera_from_opencv(width_px, height_px, matrix, 0.0, turn, shift)
         errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
@@ -171,8 +209,8 @@ def _starting_camera(
     return _opencv_calibration(best[1], points, best[2])
 
 
-def _opencv_calibration(camera: Camera, points: SurveyedPoints, chosen: NDArray[np.int_]) -> Camera:
-    """All ten parameters by OpenCV on the chosen points; the given camera if OpenCV does not improve it."""
+def _opencv_calibration(camera: Camera, points: SurveyedPoints, selected: NDArray[np.int_]) -> Camera:
+    """Camera fitted by OpenCV to the selected points; the initial one if OpenCV fits worse."""
     matrix = np.array(
         [
             [camera.focal_length_px, 0, camera.principal_point_px[0]],
@@ -189,8 +227,8 @@ def _opencv_calibration(camera: Camera, points: SurveyedPoints, chosen: NDArray[
     )
     try:
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-            [points.points_mm[chosen].astype(np.float32)],
-            [points.image_px[chosen].astype(np.float32)],
+            [points.points_mm[selected].astype(np.float32)],
+            [points.image_px[selected].astype(np.float32)],
             (camera.width_px, camera.height_px),
             matrix,
             np.zeros(5),
@@ -199,15 +237,15 @@ def _opencv_calibration(camera: Camera, points: SurveyedPoints, chosen: NDArray[
     except cv2.error:
         return camera
     refined = camera_from_opencv(camera.width_px, camera.height_px, matrix, distortion.ravel()[0], turns[0], shifts[0])
-    errors = [c.project(points.points_mm[chosen]) - points.image_px[chosen] for c in (camera, refined)]
+    errors = [c.project(points.points_mm[selected]) - points.image_px[selected] for c in (camera, refined)]
     return refined if np.sum(errors[1] ** 2) < np.sum(errors[0] ** 2) else camera
 
 
 def _robust_fit(start: Camera, points: SurveyedPoints, sigma: float | None) -> tuple[Camera, NDArray[np.bool_], float]:
-    """A fit robust against outliers, the points consistent with it (n,), and the scatter of the majority, px.
+    """Robustly fitted camera, the points consistent with it (n,), and the majority's scatter.
 
-    The Cauchy loss grows like a logarithm, so the influence of an outlier decreases with its size. The scale of
-    the loss follows the decreasing scatter of the residuals.
+    The Cauchy loss grows like a logarithm, so the influence of an outlier decreases with its size. The scale of the
+    loss follows the decreasing scatter of the residuals. The scatter is a standard deviation per coordinate, px.
     """
     camera, count = start, len(points.ids)
     # Residuals of n points on 10 fitted parameters are smaller than the noise by this factor.
@@ -222,14 +260,15 @@ def _robust_fit(start: Camera, points: SurveyedPoints, sigma: float | None) -> t
     errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
     scale = shrinkage * float(np.median(errors)) / np.sqrt(2 * np.log(2))
     scale = max(scale, sigma or 0.0, 1e-6)
-    kept = errors < scale * np.sqrt(stats.chi2.isf(FALSE_ALARM / count, 2))
-    return camera, kept, scale
+    in_use = errors < scale * np.sqrt(stats.chi2.isf(FALSE_ALARM / count, 2))
+    return camera, in_use, scale
 
 
 def _least_squares(
-    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], loss: str = "linear", scale: float = 1.0
+    camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], loss: str = "linear", scale: float = 1.0
 ) -> Camera:
-    world, image = points.points_mm[kept], points.image_px[kept]
+    """Camera fitted to the points in use by least squares, or with a robust loss of a scale, px."""
+    world, image = points.points_mm[in_use], points.image_px[in_use]
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
         # Points behind the camera get a large residual, so that the step is rejected.
@@ -254,44 +293,45 @@ def _least_squares(
 
 
 def _consistent(
-    camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], scale: float, *, estimated: bool
+    camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], scale: float, *, estimated: bool
 ) -> NDArray[np.bool_]:
-    """(n,) True for points consistent with the camera fitted to the other kept points.
+    """(n,) True for points consistent with the camera fitted to the other points in use.
 
-    The deleted residual of point i has the squared Mahalanobis length r^T (I - H_i)^-1 r / sigma^2 if i was in the
-    fit, and r^T (I + H_i)^-1 r / sigma^2 if it was not, H_i = J_i (J^T J)^-1 J_i^T. It follows chi2(2), or
-    2 F(2, m) with sigma^2 from the m remaining degrees of freedom (Cook & Weisberg 1982).
+    The deleted residual of point i has the squared Mahalanobis length r^T (I - H_i)^-1 r / sigma^2 if i was in the fit.
+    Otherwise it is r^T (I + H_i)^-1 r / sigma^2. H_i is J_i (J^T J)^-1 J_i^T. The length follows chi2(2), or 2 F(2, m)
+    with sigma^2 from the m remaining degrees of freedom (Cook & Weisberg 1982).
     """
     residuals = points.image_px - camera.project(points.points_mm)
     jacobian = parameter_jacobian(camera, points.points_mm).reshape(-1, 2, len(PARAMETER_NAMES))
-    fitted = jacobian[kept].reshape(-1, len(PARAMETER_NAMES))
+    fitted = jacobian[in_use].reshape(-1, len(PARAMETER_NAMES))
     inverse = inverse_information(fitted, points.source, SURVEY_HINT)
     influence = jacobian @ inverse @ jacobian.transpose(0, 2, 1)
-    spread = np.eye(2) + np.where(kept, -1.0, 1.0)[:, None, None] * influence
+    spread = np.eye(2) + np.where(in_use, -1.0, 1.0)[:, None, None] * influence
     # A point without which a parameter is undetermined cannot be checked: it is kept.
     checkable = np.linalg.eigvalsh(spread)[:, 0] > 1e-6
-    squares = np.zeros(len(kept))
+    squares = np.zeros(len(in_use))
     squares[checkable] = np.einsum(
         "ni,nij,nj->n", residuals[checkable], np.linalg.inv(spread[checkable]), residuals[checkable]
     )
-    level = FALSE_ALARM / len(kept)
+    level = FALSE_ALARM / len(in_use)
     if not estimated:
         return ~(squares / scale**2 > stats.chi2.isf(level, 2))
-    rest = np.sum(residuals[kept] ** 2) - np.where(kept, squares, 0.0)
-    freedom = 2 * (int(kept.sum()) - kept) - len(PARAMETER_NAMES)
+    rest = np.sum(residuals[in_use] ** 2) - np.where(in_use, squares, 0.0)
+    freedom = 2 * (int(in_use.sum()) - in_use) - len(PARAMETER_NAMES)
     # Six points without a stated sigma leave no degrees of freedom for a test.
     testable = freedom > 0
     ratio = squares[testable] / 2 / np.maximum(rest[testable] / freedom[testable], 1e-16)
-    accepted = np.ones(len(kept), bool)
+    accepted = np.ones(len(in_use), bool)
     accepted[testable] = ~(ratio > stats.f.isf(level, 2, freedom[testable]))
     return accepted
 
 
-def _covariance(camera: Camera, points: SurveyedPoints, kept: NDArray[np.bool_], sigma: float) -> NDArray[np.float64]:
+def _covariance(camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], sigma: float) -> NDArray[np.float64]:
+    """(10, 10) covariance sigma^2 (J^T J)^-1; InputError if it is too large to be linearised."""
     covariance = sigma**2 * inverse_information(
-        parameter_jacobian(camera, points.points_mm[kept]), points.source, SURVEY_HINT
+        parameter_jacobian(camera, points.points_mm[in_use]), points.source, SURVEY_HINT
     )
-    distance = float(np.median(np.linalg.norm(points.points_mm[kept] - camera.position_mm, axis=1)))
+    distance = float(np.median(np.linalg.norm(points.points_mm[in_use] - camera.position_mm, axis=1)))
     deviations = np.sqrt(np.diag(covariance))
     share = {
         "focal length": deviations[6] / camera.focal_length_px,

@@ -1,4 +1,4 @@
-"""Derivatives of image positions by the camera parameters, and the inverse of the information matrix."""
+"""Derivatives of image positions by the camera parameters, and the inverse information."""
 
 from __future__ import annotations
 
@@ -15,10 +15,22 @@ def parameter_jacobian(
 ) -> NDArray[np.float64]:
     """Derivative of the projected positions by the ten parameters of PARAMETER_NAMES.
 
-    points_mm : (n, 3) world. Returns (2 n, 10): u and v of the first point, of the second, and so on.
-    values : (10,) parameters to use instead of the camera's. An optimiser whose rotation vector exceeds a half turn
-        needs the derivative at that vector, not at the shorter vector of the same rotation.
     Rows of points behind the camera are zero.
+
+    Parameters
+    ----------
+    camera
+        Camera whose image size and, by default, parameters are used.
+    points_mm
+        (n, 3) world positions, mm.
+    values
+        (10,) parameters to use instead of the camera's. An optimiser whose rotation vector exceeds a half turn needs
+        the derivative at that vector, not at the shorter vector of the same rotation.
+
+    Returns
+    -------
+    NDArray
+        (2 n, 10) derivatives, px per unit of the parameter: u and v of the first point, of the second, and so on.
     """
     values = camera.parameters if values is None else values
     camera = camera.with_parameters(values)
@@ -47,9 +59,28 @@ def parameter_jacobian(
 
 
 def inverse_information(jacobian: NDArray[np.float64], source: str, hint: str) -> NDArray[np.float64]:
-    """(J^T J)^-1 (p, p) of a Jacobian (m, p). Raises InputError (at ``source``) if it is singular.
+    """(p, p) inverse (J^T J)^-1 of the information matrix of a Jacobian.
 
-    The columns are normalised for this test, so that it does not depend on the parameters' units.
+    The columns are normalised for the test of singularity, so that it does not depend on the parameters' units.
+
+    Parameters
+    ----------
+    jacobian
+        (m, p) derivatives of m measurements, in standard deviations, by p parameters.
+    source
+        File or key named in the message of the error.
+    hint
+        Next step in the message of the error.
+
+    Returns
+    -------
+    NDArray
+        (p, p) symmetric matrix; the parameters' covariance if the rows are in standard deviations.
+
+    Raises
+    ------
+    InputError
+        If the measurements do not determine all parameters.
     """
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.where(norms > 0, norms, 1), full_matrices=False)
@@ -70,7 +101,7 @@ def _cross(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _left_jacobian(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) with exp(turn + d) = exp(J d) exp(turn) to first order in d."""
+    """(3, 3) left Jacobian J of SO(3): exp(turn + d) = exp(J d) exp(turn) to first order in d."""
     angle, cross = float(np.linalg.norm(turn)), _cross(turn)
     if angle < 1e-4:
         return np.eye(3) + cross / 2 + cross @ cross / 6

@@ -1,4 +1,4 @@
-"""Surveyed points: reading them, and checking whether their arrangement can determine a camera."""
+"""Surveyed points: their file, and the test that their arrangement determines a camera."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 __all__ = ["FEWEST_POINTS", "SURVEY_HINT", "SurveyedPoints", "read_points", "require_determined"]
 
+#: Columns of points.csv.
 COLUMNS = ("id", "x_mm", "y_mm", "z_mm", "u_px", "v_px")
 
 #: Ten parameters, two coordinates per point: five points would leave no degrees of freedom.
@@ -23,36 +24,52 @@ FLATTEST = 2e-3
 #: Smallest extent of the points in the image, relative to its diagonal.
 SMALLEST_EXTENT = 0.1
 
+#: Next step in messages about points that do not determine a camera.
 SURVEY_HINT = "Survey more points, at several depths and spread over the whole image"
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyedPoints:
-    """Points with known positions in the box and in the image.
+    """Points with measured positions in the box and in the image."""
 
-    ids : n unique names. points_mm : (n, 3) world. image_px : (n, 2) pixel (u, v).
-    source : the file read, for messages.
-    """
-
+    #: n unique names.
     ids: tuple[str, ...]
+    #: (n, 3) positions in the box's axes, mm.
     points_mm: NDArray[np.float64]
+    #: (n, 2) positions (u, v) in the image, px.
     image_px: NDArray[np.float64]
+    #: File that was read, for messages.
     source: str = "surveyed points"
 
 
 def read_points(path: Path) -> SurveyedPoints:
-    """Read points.csv: header ``id,x_mm,y_mm,z_mm,u_px,v_px`` in any order, one row per point.
+    """Surveyed points from points.csv.
 
-    Raises InputError for an unreadable file, a missing or unknown column, a cell that is not a finite
-    number, a duplicate id, or fewer than six points.
+    The header is ``id,x_mm,y_mm,z_mm,u_px,v_px`` in any order; one row per point.
+
+    Parameters
+    ----------
+    path
+        CSV file.
+
+    Returns
+    -------
+    SurveyedPoints
+        All points of the file, in its order.
+
+    Raises
+    ------
+    InputError
+        For an unreadable file, a missing or unknown column, a cell that is not a finite number, a duplicate id, or
+        fewer than six points.
     """
     lines = read_rows(path, "a CSV file of surveyed points")
     header = [name.strip() for name in lines[0][1]] if lines else []
     if sorted(header) != sorted(COLUMNS):
         missing = [name for name in COLUMNS if name not in header]
-        found = f"no column {', '.join(missing)}" if missing else f"the columns {', '.join(header)}"
+        fault = f"no column {', '.join(missing)}" if missing else f"the columns {', '.join(header)}"
         hint = separator_hint(header[0]) if header else ""
-        raise InputError(path, found, f"the columns {','.join(COLUMNS)}, each once", hint)
+        raise InputError(path, fault, f"the columns {','.join(COLUMNS)}, each once", hint)
     ids: dict[str, None] = {}
     table = np.empty((len(lines) - 1, 5))
     for index, (number, row) in enumerate(lines[1:]):
@@ -83,18 +100,34 @@ def _require_enough(points: SurveyedPoints, count: int) -> None:
         raise InputError(points.source, f"{count} usable points", f"at least {FEWEST_POINTS} points", SURVEY_HINT)
 
 
-def require_determined(points: SurveyedPoints, kept: NDArray[np.bool_], width_px: int, height_px: int) -> None:
-    """Raise InputError if the arrangement of the kept points cannot determine a camera."""
-    count = int(kept.sum())
+def require_determined(points: SurveyedPoints, in_use: NDArray[np.bool_], width_px: int, height_px: int) -> None:
+    """Raise InputError if the arrangement of the points in use cannot determine a camera.
+
+    Parameters
+    ----------
+    points
+        Surveyed points.
+    in_use
+        (n,) True for the points in use.
+    width_px, height_px
+        Size of the image, px.
+
+    Raises
+    ------
+    InputError
+        For fewer than six points in use, fewer than half of all, points in one plane, or points within a small part of
+        the image.
+    """
+    count = int(in_use.sum())
     _require_enough(points, count)
-    if count < len(kept) / 2:
+    if count < len(in_use) / 2:
         raise InputError(
             points.source,
-            f"{len(kept) - count} of {len(kept)} points inconsistent with any camera",
+            f"{len(in_use) - count} of {len(in_use)} points inconsistent with any camera",
             "a few outliers at most",
             "Are u and v, or the axes of the box, exchanged?",
         )
-    singular = np.linalg.svd(points.points_mm[kept] - points.points_mm[kept].mean(0), compute_uv=False)
+    singular = np.linalg.svd(points.points_mm[in_use] - points.points_mm[in_use].mean(0), compute_uv=False)
     if singular[2] < FLATTEST * singular[0]:
         raise InputError(
             points.source,
@@ -102,7 +135,7 @@ def require_determined(points: SurveyedPoints, kept: NDArray[np.bool_], width_px
             "points at several depths",
             "One view of a plane does not separate focal length from distance. " + SURVEY_HINT,
         )
-    extent = float(np.linalg.norm(np.ptp(points.image_px[kept], axis=0)))
+    extent = float(np.linalg.norm(np.ptp(points.image_px[in_use], axis=0)))
     diagonal = float(np.hypot(width_px, height_px))
     if extent < SMALLEST_EXTENT * diagonal:
         raise InputError(

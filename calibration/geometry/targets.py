@@ -1,4 +1,4 @@
-"""Flat calibration targets: locating their points in an image with subpixel accuracy.
+"""Flat calibration targets: subpixel positions of their points in an image.
 
 ``rows`` and ``columns`` count the located points: the disks of a circle grid, the inner corners of a chessboard or
 ChArUco board (which has one more square each way).
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 __all__ = ["KINDS", "TargetView", "detect_target"]
 
+#: Kinds of flat targets: the values of `kind` of a `[[target]]` table.
 KINDS = ("chessboard", "circles", "charuco")
 
 #: Points of a flat target (n, 3), z = 0, in mm, and their image positions (n, 2), pixel (u, v).
@@ -34,18 +35,37 @@ def detect_target(
     pitch_mm: float,
     source: str = "target image",
 ) -> TargetView:
-    """The points of a target and their image positions.
+    """Points of a flat target and their image positions.
 
-    image : (y, x), linear, in any unit; of a mosaic, one channel (the caller converts its pixel positions).
-    kind : one of KINDS. rows, columns : number of points. pitch_mm : distance of neighbouring points.
-    Returns (object_mm (n, 3), image_px (n, 2)), n = rows * columns, fewer for a partly visible ChArUco board.
     A symmetric pattern has no origin: its axes may differ by 180 degrees between images.
 
-    The centroid of a disk's image differs from the image of its centre: for a disk of radius r at distance d,
-    tilted by the angle t, by about focal_length_px (r / d)^2 sin t (Heikkila & Silven 1997).
+    The centroid of a disk's image differs from the image of its centre: for a disk of radius r at distance d, tilted by
+    the angle t, by about focal_length_px (r / d)^2 sin t (Heikkila & Silven 1997).
 
-    Raises InputError if the whole pattern (of a ChArUco board, at least six corners) is not found, and for an
-    unknown kind, an invalid grid or an image that is not (y, x) and finite.
+    Parameters
+    ----------
+    image
+        (y, x) linear image in any unit; of a mosaic, one channel (the caller converts its pixel positions).
+    kind
+        One of KINDS.
+    rows, columns
+        Number of points down and across, at least two each.
+    pitch_mm
+        Distance of neighbouring points, mm.
+    source
+        Name of the image in messages.
+
+    Returns
+    -------
+    TargetView
+        Positions on the target (n, 3), mm, and in the image (n, 2), px. n is rows times columns, or fewer for a partly
+        visible ChArUco board.
+
+    Raises
+    ------
+    InputError
+        If the pattern is not in view completely; a ChArUco board needs six corners. Also for an unknown kind, an
+        invalid grid or an image that is not (y, x) and finite.
     """
     if kind not in KINDS:
         raise InputError(f"{source}: target.kind", f"'{kind}'", f"one of {', '.join(KINDS)}")
@@ -61,34 +81,34 @@ def detect_target(
     grid = np.stack([*np.meshgrid(np.arange(columns), np.arange(rows)), np.zeros((rows, columns))], -1)
     object_mm: NDArray[np.float64] = pitch_mm * grid.reshape(-1, 3).astype(np.float64)
     if kind == "charuco":
-        numbers, found = _charuco(_eight_bit(values), rows, columns)
+        numbers, corners = _charuco(_eight_bit(values), rows, columns)
         object_mm = object_mm[numbers]
     elif kind == "chessboard":
-        found = _chessboard(values, rows, columns)
+        corners = _chessboard(values, rows, columns)
     else:
-        found = _circles(values, rows, columns)
-    if len(found) < (6 if kind == "charuco" else rows * columns):
+        corners = _circles(values, rows, columns)
+    if len(corners) < (6 if kind == "charuco" else rows * columns):
         raise InputError(
             source,
             f"no {kind} of {rows} x {columns} points",
             "the whole target in view, sharp",
             "rows and columns count disks, or the inner corners between squares",
         )
-    return object_mm, found
+    return object_mm, corners
 
 
 def _eight_bit(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """(y, x) scaled from the 0.5th to the 99.5th percentile, so that hot pixels do not set the scale."""
+    """(y, x) image scaled from the 0.5th to the 99.5th percentile, which ignores hot pixels."""
     low, high = np.percentile(values, [0.5, 99.5])
     return np.round(255 * np.clip((values - low) / max(high - low, 1e-30), 0, 1)).astype(np.uint8)
 
 
 def _chessboard(values: NDArray[np.float64], rows: int, columns: int) -> NDArray[np.float64]:
-    """Corners by OpenCV's sector detector, refined to subpixel accuracy from the gradients around them."""
-    found, corners = cv2.findChessboardCornersSB(
+    """(n, 2) corners by OpenCV's sector detector, refined from the gradients around them."""
+    succeeded, corners = cv2.findChessboardCornersSB(
         _eight_bit(values), (columns, rows), flags=cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     )
-    if not found:
+    if not succeeded:
         return np.empty((0, 2))
     grid = np.asarray(corners).reshape(rows, columns, 2)
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
@@ -99,7 +119,7 @@ def _chessboard(values: NDArray[np.float64], rows: int, columns: int) -> NDArray
 
 
 def _charuco(image: NDArray[np.uint8], rows: int, columns: int) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
-    """Indices and positions of the corners, with the dictionary and layout that detects the most."""
+    """Indices and positions of the corners, for the dictionary and layout that detect the most."""
     best: tuple[NDArray[np.int_], NDArray[np.float64]] = np.empty(0, int), np.empty((0, 2))
     for name in ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000"):
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
@@ -115,21 +135,21 @@ def _charuco(image: NDArray[np.uint8], rows: int, columns: int) -> tuple[NDArray
 
 
 def _circles(values: NDArray[np.float64], rows: int, columns: int) -> NDArray[np.float64]:
-    """Dark disks on white, or white on dark, in the order of the grid."""
+    """(n, 2) centres of dark disks on white, or white on dark, in the order of the grid."""
     for signed in (values, -values):
         centres = _disk_centres(signed)
         if len(centres) < rows * columns:
             continue
         for method in (0, cv2.CALIB_CB_CLUSTERING):
             # Without a detector, the first argument is a list of centres, which OpenCV's type hints omit.
-            found, ordered = cv2.findCirclesGrid(  # type: ignore[call-overload]
+            succeeded, ordered = cv2.findCirclesGrid(  # type: ignore[call-overload]
                 centres.astype(np.float32).reshape(-1, 1, 2),
                 (columns, rows),
                 cv2.CALIB_CB_SYMMETRIC_GRID | method,
                 None,
                 cv2.CirclesGridFinderParameters(),
             )
-            if found:
+            if succeeded:
                 # Use only the order from OpenCV: its positions are rounded to single precision (1e-5 px).
                 distances = np.linalg.norm(ordered.reshape(-1, 1, 2) - centres[None], axis=2)
                 return centres[np.argmin(distances, axis=1)]
@@ -146,11 +166,11 @@ def _disk_centres(values: NDArray[np.float64]) -> NDArray[np.float64]:
     # Half way between disks and background; Otsu's threshold needs disks that fill much of the image.
     dark = (relative < (np.percentile(relative, 0.5) + np.median(relative)) / 2).astype(np.uint8)
     labels, boxes = (np.asarray(table) for table in cv2.connectedComponentsWithStats(dark)[1:3])
-    left, top, width, height, area = boxes.T
-    whole = (left > 0) & (top > 0) & (left + width < values.shape[1]) & (top + height < values.shape[0])
+    x, y, width, height, area = boxes.T
+    uncut = (x > 0) & (y > 0) & (x + width < values.shape[1]) & (y + height < values.shape[0])
     # An ellipse parallel to its bounding box fills pi / 4 of it; a slanted one fills a different share.
     filled = area / (np.pi / 4 * width * height)
-    disks = np.flatnonzero(whole & (area >= SMALLEST_DISK_PX) & (filled > 0.7) & (filled < 1.25))
+    disks = np.flatnonzero(uncut & (area >= SMALLEST_DISK_PX) & (filled > 0.7) & (filled < 1.25))
     disks = disks[disks > 0]
     if disks.size == 0:
         return np.empty((0, 2))
@@ -159,25 +179,25 @@ def _disk_centres(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _centroid(values: NDArray[np.float64], labels: NDArray, box: NDArray, label: int) -> NDArray[np.float64]:
-    """(u, v) centroid of one disk, weighted by the difference between the background and each pixel.
+    """(u, v) centroid of one disk, weighted by the difference of each pixel from the background.
 
     The background is a plane fitted to the ring around the disk, so that shading causes no bias. The weights extend
     beyond the blurred edge and are not clipped, so that noise causes no bias either.
     """
-    left, top, width, height = box[:4]
+    x, y, width, height = box[:4]
     edge = max(2, round(0.15 * max(width, height)))
     ring = 2 * edge
     window = (
-        slice(max(top - ring, 0), min(top + height + ring, values.shape[0])),
-        slice(max(left - ring, 0), min(left + width + ring, values.shape[1])),
+        slice(max(y - ring, 0), min(y + height + ring, values.shape[0])),
+        slice(max(x - ring, 0), min(x + width + ring, values.shape[1])),
     )
-    own = (labels[window] == label).astype(np.uint8)
+    disk = (labels[window] == label).astype(np.uint8)
     others = ((labels[window] > 0) & (labels[window] != label)).astype(np.uint8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * edge + 1, 2 * edge + 1))
-    inside = cv2.dilate(own, kernel) > 0
+    inside = cv2.dilate(disk, kernel) > 0
     background = ~inside & (cv2.dilate(others, kernel) == 0)
     v, u = np.mgrid[window]
-    terms = np.stack([np.ones(u.shape), u - left, v - top], -1)
+    terms = np.stack([np.ones(u.shape), u - x, v - y], -1)
     plane = np.linalg.lstsq(terms[background], values[window][background], rcond=None)[0]
     expected = terms @ plane
     weights = (expected - values[window])[inside]

@@ -1,4 +1,4 @@
-"""From corrected counts to radiance: the sensor equation, the constant C, spectral sensitivities."""
+"""Radiance from corrected counts: sensor equation, constant C, spectral sensitivities."""
 
 from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
 from .radiometry import Radiometry, measure_constant

@@ -1,9 +1,9 @@
-"""A hyperspectral camera: a sequence of narrow filters, scaled by one spectroradiometer reading.
+"""A spectral cube from narrow filters, scaled by one spectroradiometer reading.
 
 After Vora et al. (2001), section III-B: 31 interference filters of about 10 nm from 400 to 700 nm in front of a
-monochrome CCD; a dark of equal exposure is subtracted from each image; one factor per band scales a uniform region
-to a spectroradiometer's reading of it. Their largest errors came from misalignment between bands, which they did
-not correct; here every band is registered to a reference band.
+monochrome CCD. A dark of equal exposure is subtracted from each image. One factor per band scales a uniform region to a
+spectroradiometer's reading of it. Their largest errors came from misalignment between bands, which they did not
+correct; here every band is registered to a reference band.
 """
 
 from __future__ import annotations
@@ -24,29 +24,31 @@ from .registration import Registration, move, register
 
 __all__ = ["HyperspectralCube", "as_scene", "hyperspectral_cube", "region_mask"]
 
+#: Level of the main lobe of a filter, relative to its peak: its full width at half maximum.
 _HALF_MAXIMUM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class HyperspectralCube:
-    """cube : radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 with standard_error, wavelengths ascending, and
-    scale_relative_sigma (wavelength), common to all pixels of a band.
+    """Spectral cube of a capture, with the scale and the registration of each band."""
 
-    bands : identifiers in the order of the wavelengths. scale : (n,) radiance per DN. scale_relative_sigma : (n,) by
-    noise in the region, without the uncertainty of the spectroradiometer. registrations : n; the identity for the
-    reference band.
-    """
-
+    #: `radiance` and `standard_error` (y, x, wavelength), W m^-2 sr^-1 nm^-1, wavelengths ascending, and
+    #: `scale_relative_sigma` (wavelength), common to all pixels of a band.
     cube: xr.Dataset
+    #: n identifiers in the order of the wavelengths.
     bands: tuple[str, ...]
+    #: (n,) radiance per DN, W m^-2 sr^-1 nm^-1 DN^-1.
     scale: NDArray[np.float64]
+    #: (n,) relative standard deviation of `scale` by noise in the region, without the spectroradiometer's.
     scale_relative_sigma: NDArray[np.float64]
+    #: n registrations to the reference band; the identity for that band.
     registrations: tuple[Registration, ...]
+    #: Bands that could not be registered.
     notes: tuple[str, ...]
 
 
 def _centre(capture: Capture, band: str) -> tuple[float, Spectrum]:
-    """Centroid in nm of the main lobe above half its maximum, and the whole transmittance."""
+    """Centroid, nm, of the main lobe above half its maximum, and the complete transmittance."""
     reference = capture.band(band).transmittance
     if reference is None:
         raise InputError(
@@ -76,9 +78,24 @@ def _filter_mean(curve: Spectrum, reading: Spectrum) -> float:
 
 
 def region_mask(capture: Capture, region: str) -> NDArray[np.bool_]:
-    """(y, x) True in a region: "u0,v0,u1,v1" in pixels (both corners included), or the name of a label.
+    """Pixels of a region: a rectangle or a label.
 
-    Raises InputError for anything else, and for a rectangle that is not within the frame.
+    Parameters
+    ----------
+    capture
+        Capture whose frames or labels define the region.
+    region
+        "u0,v0,u1,v1" in pixels (both corners included), or the name of a label.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True inside the region.
+
+    Raises
+    ------
+    InputError
+        For a rectangle that is not within the frame, a label without [labels], or an unknown label.
     """
     height, width = capture.shape
     if "," in region:
@@ -112,40 +129,61 @@ def hyperspectral_cube(
     reference_band: str | None = None,
     aligned: bool = True,
 ) -> HyperspectralCube:
-    """The capture's bands as a spectral cube.
+    """Spectral cube of the capture's bands.
 
-    region : (y, x) True where the spectroradiometer measured, in pixels of the reference band. reading : the
-    radiance measured, W m^-2 sr^-1 nm^-1. reference_band : the others are registered to it; default the middle one.
-    aligned : False to skip the registration. Pixels masked in a band, or outside its image, are NaN there. The
-    standard error is that of single pixels; the smoothing by interpolation is ignored.
+    Pixels masked in a band, or outside its image, are NaN there. The standard error is that of single pixels; the
+    smoothing by interpolation is ignored.
 
-    Raises InputError for bands without transmittance, an unknown reference band, and a region of another shape,
-    without usable pixels or without light.
+    Parameters
+    ----------
+    capture
+        Capture with a transmittance for every band.
+    bands
+        Its corrected bands.
+    region
+        (y, x) True where the spectroradiometer measured, in pixels of the reference band.
+    reading
+        Radiance that was measured there, W m^-2 sr^-1 nm^-1.
+    reference_band
+        Band to which the others are registered; None selects the middle one by wavelength.
+    aligned
+        False to skip the registration.
+
+    Returns
+    -------
+    HyperspectralCube
+        Cube of radiance with scales, registrations and notes.
+
+    Raises
+    ------
+    InputError
+        For bands without transmittance, an unknown reference band, and a region of another shape, without usable pixels
+        or without light.
     """
     inside = np.asarray(region, bool)
     if inside.shape != capture.shape or not np.any(inside):
         raise InputError("region", f"{int(inside.sum())} pixels of {inside.shape}", f"some of {capture.shape}")
     centres = {band: _centre(capture, band) for band in capture.band_ids}
     order = sorted(centres, key=lambda band: centres[band][0])
-    chosen = reference_band or order[len(order) // 2]
-    if chosen not in centres:
-        raise InputError("reference band", chosen, f"one of {', '.join(order)}")
+    reference = reference_band or order[len(order) // 2]
+    if reference not in centres:
+        raise InputError("reference band", reference, f"one of {', '.join(order)}")
     images = bands.images
-    fixed = images["signal"].sel(band=chosen).values
+    fixed = images["signal"].sel(band=reference).values
     planes, errors, scales, sigmas, moves, notes = [], [], [], [], [], []
     for band in order:
-        one = images.sel(band=band)
-        signal = one["signal"].values
+        image = images.sel(band=band)
+        signal = image["signal"].values
         # Interpolation spreads a masked pixel: its neighbourhood is masked too.
-        bad = one["mask"].values & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) != 0
-        found = register(fixed, signal) if aligned and band != chosen else _identity()
-        if aligned and not found.found:
+        bad = image["mask"].values & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) != 0
+        registration = register(fixed, signal) if aligned and band != reference else _identity()
+        if aligned and not registration.found:
             notes.append(f"{band}: not registered: too few edges")
         filled = np.where(bad, np.median(signal), signal)
-        out = move(bad.astype(float), found, smooth=False)
+        out = move(bad.astype(float), registration, smooth=False)
         usable = np.nan_to_num(out, nan=1.0) < 0.01
-        moved = np.where(usable, move(filled, found), np.nan)
-        variance = np.where(usable, move(one["variance"].values, found, smooth=False), np.nan)
+        moved = np.where(usable, move(filled, registration), np.nan)
+        variance = np.where(usable, move(image["variance"].values, registration, smooth=False), np.nan)
         level, count = float(np.nanmean(moved[inside])), int(usable[inside].sum())
         if count == 0 or not level > 0:
             raise InputError(f"region in band {band}", "no light" if count else "no usable pixel", "a lit region")
@@ -154,7 +192,7 @@ def hyperspectral_cube(
         errors.append(scale * np.sqrt(variance))
         scales.append(scale)
         sigmas.append(float(np.sqrt(np.nansum(variance[inside]))) / count / level)
-        moves.append(found)
+        moves.append(registration)
     dims, units = ("y", "x", "wavelength"), {"units": "W m^-2 sr^-1 nm^-1"}
     cube = xr.Dataset(
         {
@@ -165,7 +203,7 @@ def hyperspectral_cube(
         coords={"wavelength": ("wavelength", [centres[band][0] for band in order], {"units": "nm"})},
         attrs={
             "source": f"hyperspectral capture {capture.manifest.name}",
-            "registered_to": chosen,
+            "registered_to": reference,
             "missing": "NaN",
         },
     )
@@ -173,10 +211,20 @@ def hyperspectral_cube(
 
 
 def as_scene(cube: xr.Dataset) -> xr.Dataset:
-    """The cube as input for a simulation: without NaN and without negative radiance.
+    """Cube as input for a simulation: without NaN and without negative radiance.
 
-    In each band, NaN pixels get the radiance of the nearest valid pixel, and negative radiances (from noise) are set
-    to 0. The standard error is unchanged: NaN marks the filled pixels.
+    In each band, NaN pixels get the radiance of the nearest valid pixel, and negative radiances (from noise) are set to
+    0. The standard error is unchanged: NaN marks the filled pixels.
+
+    Parameters
+    ----------
+    cube
+        Dataset with `radiance` (y, x, wavelength), W m^-2 sr^-1 nm^-1.
+
+    Returns
+    -------
+    xr.Dataset
+        Copy of the cube with another `radiance`.
     """
     radiance = cube["radiance"].values.copy()
     for band in range(radiance.shape[-1]):
@@ -187,4 +235,5 @@ def as_scene(cube: xr.Dataset) -> xr.Dataset:
 
 
 def _identity() -> Registration:
+    """Registration of the reference band with itself."""
     return Registration(np.eye(2, 3), 1.0, np.zeros(2), 1.0, True)

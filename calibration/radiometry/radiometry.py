@@ -1,4 +1,4 @@
-"""Absolute radiometry: the constant C of the sensor equation from frames of a source of known radiance."""
+"""The constant C of the sensor equation, from a source of known radiance."""
 
 from __future__ import annotations
 
@@ -23,49 +23,57 @@ from .sensor_equation import counts_over_constant, nominal_constant
 
 __all__ = ["BandConstant", "Radiometry", "band_scatter", "join_constants", "measure_constant"]
 
-# Normal noise exceeds this many standard deviations once in 2.6e7 pixels.
+#: Normal noise exceeds this many standard deviations once in 2.6e7 pixels.
 _OUTLIER_SIGMAS = 5.5
-# Chi-square per pixel above which a reference is reported as not uniform; noise gives 1.00 +- 0.02 for 5000 pixels.
+#: Chi-square per pixel above which a reference is reported as not uniform; noise gives 1.00 +- 0.02 for 5000 pixels.
 _NOT_UNIFORM = 1.1
+#: Probability of the chi-square between bands below which a note names the worst band.
 _IMPROBABLE = 1e-3
 
 
 @dataclass(frozen=True)
 class BandConstant:
-    """C from the reference tables of a band: its value, one standard deviation by noise, the number of pixels."""
+    """Constant C from the reference tables of one band."""
 
+    #: Identifier of the band.
     band: str
+    #: C, mm^2 m^2 / (e-/DN).
     constant: float
+    #: Standard deviation of C by noise.
     sigma: float
+    #: Number of pixels used.
     pixels: int
 
 
 @dataclass(frozen=True)
 class Radiometry:
-    """C in mm^2 m^2 / (e-/DN), one for all bands.
+    """Constant C of the sensor equation, one for all bands, in mm^2 m^2 / (e-/DN)."""
 
-    constant, sigma : weighted mean of ``by_band``; without references the nominal value and None.
-    weights : (len(by_band),) of the bands in the mean, of unit sum.
-    scatter : relative standard deviation between bands in excess of noise. degrees : degrees of freedom of sigma,
-        for Student's t: infinite without excess scatter, else the number of bands minus one.
-    nominal : from focal length, pixel area and stated gain; None if one of them is not stated.
-    chi2, chi2_degrees : of the bands about their weighted mean.
-    """
-
+    #: Weighted mean of `by_band`; without references the nominal value, or None if that is not stated.
     constant: float | None
+    #: Standard deviation of `constant`; None without references.
     sigma: float | None
+    #: C from focal length, pixel area and stated gain; None if one of them is not stated.
     nominal: float | None
+    #: Constant of each band with a usable reference.
     by_band: tuple[BandConstant, ...]
+    #: (len(by_band),) weights of the bands in the mean, of unit sum.
     weights: NDArray[np.float64]
+    #: Relative standard deviation between bands in excess of noise.
     scatter: float
+    #: Degrees of freedom of `sigma`, for Student's t: infinite without excess scatter, else the number of bands minus
+    #: one.
     degrees: float
+    #: Chi-square of the bands about their mean weighted by noise.
     chi2: float
+    #: Degrees of freedom of `chi2`.
     chi2_degrees: int
+    #: References not used or not uniform, bands that differ.
     notes: tuple[str, ...]
 
     @property
     def probability(self) -> float:
-        """Probability of a chi2 at least this large by noise if all bands have one C; 1 for a single band."""
+        """Probability of a larger chi2 by noise if all bands have one C; 1 for a single band."""
         return float(chi2.sf(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
 
 
@@ -77,7 +85,7 @@ def _reference_constant(
     noise: NoiseModel,
     channel: str | None,
 ) -> tuple[BandConstant, float] | None:
-    """C from one table and the chi-square per pixel of its uniformity; None if it cannot be computed."""
+    """C from one table and its chi-square per pixel of uniformity; None if undetermined."""
     unit = counts_over_constant(capture, table, table.radiance, channel)
     if unit is None:
         return None
@@ -108,26 +116,48 @@ def measure_constant(
     noise: NoiseModel,
     channels: Mapping[str, str] | None = None,
 ) -> Radiometry:
-    """C from all reference tables: net counts over flat, divided by t f^-2 d^-2 Int F Q T L dl.
+    """Constant C from all reference tables of a capture.
 
-    One constant is fitted to all bands, see ``join_constants``. If the bands differ significantly (probability below
-    0.001), a note names the worst one. sigma does not include the uncertainty of the reference's spectrum, which the
-    capture format does not state.
+    C is net counts over flat, divided by t f^-2 d^-2 Int F Q T L dl. One constant is fitted to all bands, see
+    ``join_constants``. If the bands differ significantly (probability below 0.001), a note names the worst one. sigma
+    does not include the uncertainty of the reference's spectrum, which the capture format does not state.
 
-    Raises InputError for a faulty frame.
+    Parameters
+    ----------
+    capture
+        Capture, with `[[reference]]` tables or without.
+    bands
+        Its corrected bands, whose flats are used.
+    dark
+        Its darks.
+    noise
+        Its noise model.
+    channels
+        By band, the channel of a sensor with a mosaic; None without a mosaic.
+
+    Returns
+    -------
+    Radiometry
+        C; the nominal value of the lens (or None) without usable references.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     notes, constants = [], []
     for table in capture.manifest.reference:
         channel = None if channels is None else channels[table.band]
-        found = _reference_constant(capture, table, bands, dark, noise, channel)
-        if found is None:
+        reference = _reference_constant(capture, table, bands, dark, noise, channel)
+        if reference is None:
             notes.append(f"{table.band}: reference not used: incomplete tables or no usable pixel")
             continue
-        constants.append(found[0])
-        if found[1] > _NOT_UNIFORM:
+        constant, spread = reference
+        constants.append(constant)
+        if spread > _NOT_UNIFORM:
             notes.append(
                 f"{table.band}: reference and flat have different shapes: the variance of their ratio is "
-                f"{found[1]:.2f} times that of noise (an uneven reference, or a flat of another aperture or position)"
+                f"{spread:.2f} times that of noise (an uneven reference, or a flat of another aperture or position)"
             )
     nominal = nominal_constant(capture)
     if not constants:
@@ -140,8 +170,18 @@ def measure_constant(
 def band_scatter(constants: Sequence[BandConstant]) -> float:
     """Relative standard deviation between the bands' constants C in excess of noise.
 
-    C is the same for all bands; errors of flats, filter curves, lamp and shutter cause the excess. Moment estimator
-    of DerSimonian and Laird (1986); 0 if noise explains the scatter and for a single band.
+    C is the same for all bands; errors of flats, filter curves, lamp and shutter cause the excess. Moment estimator of
+    DerSimonian and Laird (1986).
+
+    Parameters
+    ----------
+    constants
+        One constant per band.
+
+    Returns
+    -------
+    float
+        Relative standard deviation; 0 if noise explains the scatter and for a single band.
     """
     if len(constants) < 2:
         return 0.0
@@ -154,20 +194,37 @@ def band_scatter(constants: Sequence[BandConstant]) -> float:
 
 
 def _one_per_band(constants: Sequence[BandConstant]) -> tuple[BandConstant, ...]:
-    """The weighted mean of each band's constants: several references of one band are not independent bands."""
+    """Weighted mean of each band's constants.
+
+    Several references of one band are not independent bands.
+    """
     joined = []
     for band in dict.fromkeys(c.band for c in constants):
-        own = [c for c in constants if c.band == band]
-        weight = np.array([c.sigma for c in own]) ** -2.0
-        value = float(np.average([c.constant for c in own], weights=weight))
-        joined.append(BandConstant(band, value, float(weight.sum() ** -0.5), sum(c.pixels for c in own)))
+        of_band = [c for c in constants if c.band == band]
+        weight = np.array([c.sigma for c in of_band]) ** -2.0
+        value = float(np.average([c.constant for c in of_band], weights=weight))
+        joined.append(BandConstant(band, value, float(weight.sum() ** -0.5), sum(c.pixels for c in of_band)))
     return tuple(joined)
 
 
 def join_constants(constants: Sequence[BandConstant], nominal: float | None, notes: Sequence[str] = ()) -> Radiometry:
-    """One C from those of at least one reference table.
+    """One constant C from those of the reference tables.
 
     Bands are weighted by 1 / (noise^2 + scatter^2), see ``band_scatter``.
+
+    Parameters
+    ----------
+    constants
+        Constants of at least one reference table.
+    nominal
+        C of the nominal lens; None where it is not stated.
+    notes
+        Notes to which one on differing bands is added.
+
+    Returns
+    -------
+    Radiometry
+        The constant with its standard deviation, and the bands' weights.
     """
     by_band, notes = _one_per_band(constants), list(notes)
     values, noise = (np.array([getattr(c, name) for c in by_band]) for name in ("constant", "sigma"))

@@ -1,11 +1,14 @@
-"""Band-to-band registration, since each filter and focus setting shifts and magnifies the image slightly.
+"""Registration of bands.
 
-A similarity (shift, magnification, rotation) aligns a band with the reference band. The signals themselves may be
+Each filter and focus setting shifts and magnifies the image slightly. A similarity (shift, magnification, rotation)
+aligns a band with the reference band. The signals themselves may be
 unrelated: a patch can be bright in one band and dark in the next. First the strength of the edges is aligned by the
-maximum of the enhanced correlation coefficient (Evangelidis and Psarakis, IEEE PAMI 30, 2008, in OpenCV). Edges of
-different strength side by side bias it by tenths of a pixel, so that the similarity is then fitted anew: within a few
-pixels, where two materials meet, one band is a linear function of the other whatever their spectra, and what this
-leaves is least where both lie on each other (Wein et al., Medical Image Analysis 12, 2008: linear combination).
+maximum of the enhanced correlation coefficient (Evangelidis and Psarakis, IEEE PAMI 30, 2008, in OpenCV). Adjacent
+edges of different strength bias this by tenths of a pixel.
+
+The similarity is therefore fitted a second time. Within a few pixels, where two materials meet, one band is a linear
+function of the other for any spectra. The residual of that function is least where both bands coincide (Wein et al.,
+Medical Image Analysis 12, 2008: linear combination).
 """
 
 from __future__ import annotations
@@ -20,36 +23,47 @@ from scipy.optimize import least_squares
 
 __all__ = ["Registration", "move", "register"]
 
+#: Standard deviation, px, of the Gaussian that smooths the logarithm before its gradient.
 _SMOOTHING_PX = 1.0
-_ROUNDS, _CHANGE = 200, 1e-7
-# Radius of a neighbourhood within which one band is a linear function of the other, px (standard deviation).
+#: Iterations of the enhanced correlation coefficient at most.
+_CORRELATION_ITERATIONS = 200
+#: Increase of the correlation at which its iteration ends.
+_CORRELATION_INCREASE = 1e-7
+#: Radius of a neighbourhood within which one band is a linear function of the other, px (standard deviation).
 _NEAR_PX = 1.5
-# Pixels that are left out along the border, which the moved band may not cover.
+#: Pixels that are left out along the border, which the moved band may not cover.
 _BORDER_PX = 6
-# Shift u, v (px), magnification - 1 and rotation (rad) that move a picture by a pixel or so: the fit's unknowns.
+#: Shift u, v (px), magnification - 1 and rotation (rad) that move a picture by a pixel or so: the fit's unknowns.
 _UNITS = np.array([1.0, 1.0, 0.01, 0.01])
-_STEP, _EVALUATIONS = 0.05, 20
-# The farthest (px or units above) that the fit may go from where the edges lie.
-_FARTHEST = 2.0
+#: Step of the numerical derivatives, in the units above.
+_STEP = 0.05
+#: Evaluations of the fit at most.
+_EVALUATIONS = 20
+#: Largest change, in the units above, of the similarity that aligned the edges.
+_LARGEST_CHANGE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """matrix : (2, 3), pixel (u, v) of the reference -> pixel of the band. correlation : of the edges, at most 1.
+    """Similarity from pixels of the reference band to pixels of a band."""
 
-    shift_px : (2,) at the centre of the image. magnification : of the band relative to the reference. found : False
-    if the band has too few edges; the matrix is then the identity.
-    """
-
+    #: (2, 3) affine matrix: pixel (u, v) of the reference to pixel of the band.
     matrix: NDArray[np.float64]
+    #: Correlation coefficient of the edges, at most 1; 0 without convergence.
     correlation: float
+    #: (2,) shift (u, v) at the centre of the image, px.
     shift_px: NDArray[np.float64]
+    #: Size of the band's image relative to the reference.
     magnification: float
+    #: False if the band has too few edges for the iteration to converge; the matrix is then the identity.
     found: bool
 
 
 def _logarithm(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) smoothed logarithm, so that bright parts do not dominate; with a floor that hides noise in the dark."""
+    """(y, x) smoothed logarithm of the image.
+
+    Bright parts do not dominate it; a floor hides noise in the dark.
+    """
     floor = 0.05 * float(np.percentile(image, 99))
     return np.asarray(gaussian_filter(np.log(np.maximum(image, 0) + max(floor, 1e-12)), _SMOOTHING_PX))
 
@@ -61,6 +75,7 @@ def _edges(image: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _registration(matrix: NDArray[np.float64], shape: tuple[int, int], correlation: float) -> Registration:
+    """Registration with the shift at the image's centre and the size of a matrix (2, 3)."""
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
     shift = matrix[:, :2] @ middle + matrix[:, 2] - middle
     size = float(np.sqrt(abs(np.linalg.det(matrix[:, :2]))))
@@ -76,7 +91,10 @@ def _similarity(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 def _refined(
     reference: NDArray[np.float64], band: NDArray[np.float64], start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The similarity (2, 3) about the image's centre by local linear functions; ``start`` where the fit runs away."""
+    """Similarity (2, 3) about the image's centre by local linear functions.
+
+    The result is ``start`` where the fit moves by more than _LARGEST_CHANGE.
+    """
     first, second = (_logarithm(image) for image in (reference, band))
     spline, middle = spline_filter(second, mode="mirror"), (np.array(first.shape) - 1) / 2
 
@@ -86,7 +104,7 @@ def _refined(
     mean, spread = near(first), near(first**2) - near(first) ** 2
     spread += 1e-3 * float(spread.mean())
 
-    def left(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
         u, v, size, turn = unknowns * _UNITS
         # ndimage's order is (v, u)
         matrix = np.array([[1 + size, turn], [-turn, 1 + size]])
@@ -97,22 +115,35 @@ def _refined(
         return rest[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX].ravel()
 
     def derivatives(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        here, steps = left(unknowns), _STEP * np.eye(_UNITS.size)
-        return np.stack([(left(unknowns + h) - here) / _STEP for h in steps], axis=1)
+        centre, steps = remainder(unknowns), _STEP * np.eye(_UNITS.size)
+        return np.stack([(remainder(unknowns + h) - centre) / _STEP for h in steps], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
-    usual = 1.4826 * float(np.median(np.abs(left(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
+    usual = 1.4826 * float(np.median(np.abs(remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
     if not usual > 0:
         return start
-    found = least_squares(left, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
-    if np.max(np.abs(found - begin)) > _FARTHEST:
+    fitted = least_squares(remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
+    if np.max(np.abs(fitted - begin)) > _LARGEST_CHANGE:
         return start
-    u, v, size, turn = found * _UNITS
+    u, v, size, turn = fitted * _UNITS
     return np.array([[1 + size, -turn, u], [turn, 1 + size, v]])
 
 
 def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Registration:
-    """The similarity from pixels of the reference to pixels of the band, both (y, x) signals of one scene."""
+    """Similarity from pixels of the reference to pixels of the band.
+
+    Parameters
+    ----------
+    reference
+        (y, x) signal of the reference band.
+    band
+        (y, x) signal of the band, of the same scene.
+
+    Returns
+    -------
+    Registration
+        The similarity; the identity, with `found` False, if the band has too few edges.
+    """
     shape = reference.shape
     first, second = _edges(reference), _edges(band)
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2], np.float32)
@@ -123,20 +154,35 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
         matrix = np.eye(2, 3, dtype=np.float32)
     # The similarity is taken about the image's centre, where shift and magnification are uncorrelated.
     before = np.array([[1, 0, middle[0]], [0, 1, middle[1]], [0, 0, 1.0]])
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _ROUNDS, _CHANGE)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _CORRELATION_ITERATIONS, _CORRELATION_INCREASE)
     try:
         everything = np.full(shape, 255, np.uint8)
-        correlation, found = cv2.findTransformECC(first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3)
+        correlation, warp = cv2.findTransformECC(first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3)
     except cv2.error:
         return _registration(np.eye(2, 3), shape, 0.0)
-    affine = np.vstack([np.asarray(found, float), [0, 0, 1]])
+    affine = np.vstack([np.asarray(warp, float), [0, 0, 1]])
     about = np.linalg.inv(before) @ affine @ before
     similar = np.vstack([_refined(reference, band, _similarity(about[:2])), [0, 0, 1]])
     return _registration((before @ similar @ np.linalg.inv(before))[:2], shape, float(correlation))
 
 
 def move(image: NDArray[np.float64], registration: Registration, *, smooth: bool = True) -> NDArray[np.float64]:
-    """The band's image (y, x) resampled to the reference's pixels, NaN outside; cubic or (not smooth) linear."""
+    """Image of a band resampled to the pixels of the reference band.
+
+    Parameters
+    ----------
+    image
+        (y, x) image of the band.
+    registration
+        Similarity from `register`.
+    smooth
+        True for cubic interpolation, False for linear.
+
+    Returns
+    -------
+    NDArray
+        (y, x) resampled image; NaN outside the band's image.
+    """
     # ndimage's order is (v, u)
     turned, shift = registration.matrix[::-1, 1::-1], registration.matrix[::-1, 2]
     order = 3 if smooth else 1

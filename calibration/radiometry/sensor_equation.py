@@ -2,10 +2,10 @@
 
 For a band, before noise and rounding (capture format, version 1; Pattanaik et al. 1997, eqs. 2 and 3),
 
-    DN = K flat(u, v) Int F(l) Q(l) T_lens(l) T_i(l) L(l) dl + dark(t),   K = C t / (f_number^2 d^2),
+     DN = K flat(u, v) Int F(l) Q(l) T_lens(l) T_i(l) L(l) dl + dark(t),   K = C t / (f_number^2 d^2),
 
-with F(l) = l / (h c) in quanta per joule (l in m), L in W m^-2 sr^-1 nm^-1, dl in nm, t in s, d in the
-unit of the focal length (mm here) and C = (pi / 4) focal_length^2 pixel_area / gain for the nominal lens.
+with F(l) = l / (h c) in quanta per joule (l in m), L in W m^-2 sr^-1 nm^-1, dl in nm and t in s. The image distance d
+is in the unit of the focal length (mm here). For the nominal lens, C = (pi / 4) focal_length^2 pixel_area / gain.
 """
 
 from __future__ import annotations
@@ -38,7 +38,18 @@ __all__ = [
 
 
 def nominal_constant(capture: Capture) -> float | None:
-    """C of the nominal lens, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain."""
+    """Constant C of the nominal lens.
+
+    Parameters
+    ----------
+    capture
+        Capture whose lens and camera tables are used.
+
+    Returns
+    -------
+    float | None
+        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain.
+    """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
@@ -46,7 +57,20 @@ def nominal_constant(capture: Capture) -> float | None:
 
 
 def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float | None:
-    """t / (f_number^2 d^2) in s mm^-2; None if f-number or image distance is not stated."""
+    """Factor t / (f_number^2 d^2) of a table's frames.
+
+    Parameters
+    ----------
+    capture
+        Capture with the defaults of f-number and image distance.
+    table
+        Band or bracket with an exposure.
+
+    Returns
+    -------
+    float | None
+        Factor, s mm^-2; None if f-number or image distance is not stated.
+    """
     f_number, distance = capture.f_number(table), capture.image_distance_mm(table)
     if f_number is None or distance is None:
         return None
@@ -62,9 +86,21 @@ def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> 
 
 
 def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
-    """(301,) F Q T_lens T_i on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
+    """Spectral response F Q T_lens T_i of a band.
 
-    channel : "R", "G" or "B" of a sensor with a mosaic.
+    Parameters
+    ----------
+    capture
+        Capture with the curves of sensor and lens.
+    band
+        Band with a transmittance T_i.
+    channel
+        "R", "G" or "B" of a sensor with a mosaic; None without a mosaic.
+
+    Returns
+    -------
+    NDArray | None
+        (301,) response on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
     """
     rest = _rest_curve(capture, channel, INTEGRAL_GRID)
     if rest is None or band.transmittance is None:
@@ -75,7 +111,24 @@ def response_curve(capture: Capture, band: BandTable, channel: str | None = None
 def counts_over_constant(
     capture: Capture, table: BracketTable, radiance: str, channel: str | None = None
 ) -> float | None:
-    """t f^-2 d^-2 Int F Q T L dl, net counts of the light ``radiance`` over C; None if a table lacks or they are 0."""
+    """Net counts of a light divided by the constant C: t f^-2 d^-2 Int F Q T L dl.
+
+    Parameters
+    ----------
+    capture
+        Capture with the curves and the light.
+    table
+        Bracket or reference table.
+    radiance
+        Name of the light's spectral radiance in the capture.
+    channel
+        Channel of a sensor with a mosaic; None without a mosaic.
+
+    Returns
+    -------
+    float | None
+        Counts over C, DN (e-/DN) mm^-2 m^-2; None if a table is missing or the counts are 0.
+    """
     curve, factor = response_curve(capture, capture.band(table.band), channel), optical_factor(capture, table)
     if curve is None or factor is None:
         return None
@@ -85,7 +138,18 @@ def counts_over_constant(
 
 
 def missing_keys(capture: Capture) -> tuple[str, ...]:
-    """The keys that ``band_responses`` needs and that the manifest lacks."""
+    """Keys that ``band_responses`` needs and that the manifest lacks.
+
+    Parameters
+    ----------
+    capture
+        Capture whose manifest is examined.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names of the keys, empty if none is missing.
+    """
     manifest, missing = capture.manifest, []
     if manifest.camera.quantum_efficiency is None:
         missing.append("camera.quantum_efficiency")
@@ -104,13 +168,28 @@ def capture_factors(
     channels: Mapping[str, str] | None = None,
     grid: WavelengthGrid = INTEGRAL_GRID,
 ) -> ResponseFactors:
-    """The responses of all bands on ``grid``, in factors, in the manifest's order, for C = ``constant``.
+    """Responses of all bands in factors, in the manifest's order, for a constant C.
 
-    constant : mm^2 m^2 / (e-/DN), one for all bands.
+    Parameters
+    ----------
+    capture
+        Capture with sensor, lens, filters, f-numbers and image distances.
+    constant
+        C, mm^2 m^2 / (e-/DN), one for all bands.
+    channels
+        By band, the channel of a sensor with a mosaic; None without a mosaic.
+    grid
+        Wavelength grid of the responses.
 
-    channels : by band, the channel of a sensor with a mosaic.
+    Returns
+    -------
+    ResponseFactors
+        Filters, sensor and lens curves, and optical factors.
 
-    Raises InputError naming the keys that are missing (see ``missing_keys``).
+    Raises
+    ------
+    InputError
+        If keys are missing; the message names them (see ``missing_keys``).
     """
     filters, rests, factors = {}, [], []
     for band in capture.manifest.band:
@@ -131,5 +210,25 @@ def capture_factors(
 def band_responses(
     capture: Capture, constant: float, channels: Mapping[str, str] | None = None
 ) -> tuple[BandResponse, ...]:
-    """The responses of all bands: those of ``capture_factors``, multiplied."""
+    """Responses of all bands: the products of ``capture_factors``.
+
+    Parameters
+    ----------
+    capture
+        Capture with sensor, lens, filters, f-numbers and image distances.
+    constant
+        C, mm^2 m^2 / (e-/DN), one for all bands.
+    channels
+        By band, the channel of a sensor with a mosaic; None without a mosaic.
+
+    Returns
+    -------
+    tuple[BandResponse, ...]
+        One response per band, in the manifest's order.
+
+    Raises
+    ------
+    InputError
+        If keys are missing; the message names them (see ``missing_keys``).
+    """
     return capture_factors(capture, constant, channels).responses()

@@ -22,30 +22,34 @@ __all__ = ["NarrowBandReadings", "band_constant", "convex_sets", "least_squares"
 
 @dataclass(frozen=True, eq=False)
 class NarrowBandReadings:
-    """One channel's readings.
+    """Responses of one channel to narrow-band lights.
 
-    wavelength_nm : (n,) ascending. stimuli : (k, n) radiance times exposure, >= 0, W s m^-2 sr^-1 nm^-1.
-    response : (k,) DN, linearised, above dark. sigma : (k,) standard deviations of the responses, DN.
-
-    Raises InputError for shapes that do not fit, wavelengths that do not ascend, a stimulus that is negative or 0
-    everywhere, and a sigma that is not above 0.
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, wavelengths that do not ascend, a stimulus that is negative or 0 everywhere, and a
+        sigma that is not above 0.
     """
 
+    #: (n,) ascending wavelengths, nm.
     wavelength_nm: NDArray[np.float64]
+    #: (k, n) radiance of the lights times exposure, 0 or more, W s m^-2 sr^-1 nm^-1.
     stimuli: NDArray[np.float64]
+    #: (k,) linearised responses above dark, DN.
     response: NDArray[np.float64]
+    #: (k,) standard deviations of the responses, above 0, DN.
     sigma: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         count, width = len(self.response), len(self.wavelength_nm)
         if self.stimuli.shape != (count, width) or self.sigma.shape != (count,) or count < 2 or width < 3:
-            found = f"stimuli of shape {self.stimuli.shape} for {count} readings, {width} wavelengths"
-            raise InputError("readings", found, "(readings, wavelengths), at least two readings, one sigma each")
+            fault = f"stimuli of shape {self.stimuli.shape} for {count} readings, {width} wavelengths"
+            raise InputError("readings", fault, "(readings, wavelengths), at least two readings, one sigma each")
         if np.any(np.diff(self.wavelength_nm) <= 0):
             raise InputError("readings: wavelength", "values that do not ascend", "ascending wavelengths, nm")
         if np.any(self.stimuli < 0) or np.any(self.matrix.sum(axis=1) <= 0) or np.any(self.sigma <= 0):
-            found = "a stimulus that is negative or 0 everywhere, or a sigma that is not above 0"
-            raise InputError("readings", found, "stimuli of 0 or more with light in each, sigmas above 0")
+            fault = "a stimulus that is negative or 0 everywhere, or a sigma that is not above 0"
+            raise InputError("readings", fault, "stimuli of 0 or more with light in each, sigmas above 0")
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -53,14 +57,36 @@ class NarrowBandReadings:
         return self.stimuli * trapezoidal_weights(self.wavelength_nm)
 
     def predicted(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k,) responses of a sensitivity (n,), DN."""
+        """Responses of a sensitivity to the lights.
+
+        Parameters
+        ----------
+        sensitivity
+            (n,) sensitivity on `wavelength_nm`, DN per W s m^-2 sr^-1.
+
+        Returns
+        -------
+        NDArray
+            (k,) responses, DN.
+        """
         return self.matrix @ sensitivity
 
 
 def band_constant(readings: NarrowBandReadings) -> NDArray[np.float64]:
-    """(n,) sensitivity assumed constant over each light's band: response over the light's integral, at its centroid.
+    """Sensitivity assumed constant over each light's band.
 
-    Linear between centroids, constant beyond; negative responses are set to 0.
+    It is the response over the light's integral, at the light's centroid. Linear between centroids,
+    constant beyond; negative responses are set to 0.
+
+    Parameters
+    ----------
+    readings
+        Responses to the lights.
+
+    Returns
+    -------
+    NDArray
+        (n,) sensitivity on the wavelengths of the readings, DN per W s m^-2 sr^-1.
     """
     area = readings.matrix.sum(axis=1)
     centroid = readings.matrix @ readings.wavelength_nm / area
@@ -70,12 +96,23 @@ def band_constant(readings: NarrowBandReadings) -> NDArray[np.float64]:
 
 
 def wiener(readings: NarrowBandReadings, noise_share: float = 0.02) -> NDArray[np.float64]:
-    """(n,) the positive Wiener estimate: the most probable c >= 0 with a Gaussian prior.
+    """Positive Wiener estimate: the most probable sensitivity c >= 0 with a Gaussian prior.
 
-    Prior mean: ``band_constant``. Prior covariance: first-order Gauss-Markov, with the variance and the correlation
-    of neighbours of that mean. Variance of the noise, DN^2: ``noise_share`` times the largest response. The paper
-    does not state how estimates are kept positive; here the quadratic form whose minimum is the Wiener estimate is
-    minimised over c >= 0, which gives the same result if the estimate is positive.
+    Prior mean: ``band_constant``. Prior covariance: first-order Gauss-Markov, with the variance and the correlation of
+    neighbours of that mean. The paper does not state how estimates are made positive. Here the quadratic form whose
+    minimum is the Wiener estimate is minimised over c >= 0, which gives the same result if the estimate is positive.
+
+    Parameters
+    ----------
+    readings
+        Responses to the lights.
+    noise_share
+        Variance of the noise, DN^2, over the largest response, DN.
+
+    Returns
+    -------
+    NDArray
+        (n,) sensitivity on the wavelengths of the readings, DN per W s m^-2 sr^-1.
     """
     mean = band_constant(readings)
     variance = float(mean.var())
@@ -95,10 +132,20 @@ def wiener(readings: NarrowBandReadings, noise_share: float = 0.02) -> NDArray[n
 
 
 def least_squares(readings: NarrowBandReadings) -> NDArray[np.float64]:
-    """(n,) the smoothest c >= 0 consistent with the responses.
+    """Smoothest sensitivity c >= 0 consistent with the responses.
 
     Minimises |(A c - r) / sigma|^2 + w |c''|^2 with the largest w for which the first term is at most the number of
     responses k (discrepancy principle); if even w = 0 fits worse, w is negligible.
+
+    Parameters
+    ----------
+    readings
+        Responses to the lights.
+
+    Returns
+    -------
+    NDArray
+        (n,) sensitivity on the wavelengths of the readings, DN per W s m^-2 sr^-1.
     """
     matrix = readings.matrix / readings.sigma[:, None]
     right = readings.response / readings.sigma
@@ -107,8 +154,8 @@ def least_squares(readings: NarrowBandReadings) -> NDArray[np.float64]:
 
     def fit(exponent: float) -> tuple[NDArray[np.float64], float]:
         rows = np.vstack([matrix, unit * 10.0**exponent * curvature])
-        found = _not_negative(rows, np.concatenate([right, np.zeros(len(curvature))]))
-        return found, float(np.sum((matrix @ found - right) ** 2))
+        sensitivity = _not_negative(rows, np.concatenate([right, np.zeros(len(curvature))]))
+        return sensitivity, float(np.sum((matrix @ sensitivity - right) ** 2))
 
     low, high = -5.0, 3.0
     best, _ = fit(low)
@@ -125,10 +172,26 @@ def least_squares(readings: NarrowBandReadings) -> NDArray[np.float64]:
 def convex_sets(
     readings: NarrowBandReadings, sigmas: float = 2.0, rounds: int = 500
 ) -> tuple[NDArray[np.float64], bool]:
-    """(n,) a sensitivity in the intersection of convex sets, and whether it was reached, by cyclic projection.
+    """Sensitivity in the intersection of convex sets, by cyclic projection.
 
-    Sets: every response within ``sigmas`` standard deviations; a curvature of at most that of ``band_constant``;
-    c >= 0 (after H. J. Trussell and M. R. Civanlar, IEEE Trans. ASSP 32(2), 1984).
+    Sets: every response within ``sigmas`` standard deviations; a curvature of at most that of ``band_constant``; c >= 0
+    (after H. J. Trussell and M. R. Civanlar, IEEE Trans. ASSP 32(2), 1984).
+
+    Parameters
+    ----------
+    readings
+        Responses to the lights.
+    sigmas
+        Allowed deviation of every response, standard deviations.
+    rounds
+        Cycles of projections at most.
+
+    Returns
+    -------
+    NDArray
+        (n,) sensitivity on the wavelengths of the readings, DN per W s m^-2 sr^-1.
+    bool
+        Whether the intersection was reached.
     """
     matrix, slack = readings.matrix, sigmas * readings.sigma
     norm = np.sum(matrix**2, axis=1)
@@ -151,7 +214,7 @@ def convex_sets(
 def _smoothed(
     estimate: NDArray[np.float64], values: NDArray[np.float64], vectors: NDArray[np.float64], bound: float
 ) -> NDArray[np.float64]:
-    """The closest point with a curvature of at most ``bound``; values, vectors : eigensystem of D^T D."""
+    """Closest point of curvature at most ``bound``; values, vectors: eigensystem of D^T D."""
     parts = vectors.T @ estimate
 
     def size(weight: float) -> float:
@@ -169,7 +232,7 @@ def _smoothed(
 
 
 def _curvature(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 2, n) matrix D of second differences in units of the mean step, also for uneven grids."""
+    """(n - 2, n) second differences D in units of the mean step, also for uneven grids."""
     step = np.diff(wavelength_nm) / np.diff(wavelength_nm).mean()
     rows = np.zeros((step.size - 1, wavelength_nm.size))
     index = np.arange(step.size - 1)
@@ -181,7 +244,7 @@ def _curvature(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _not_negative(rows: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The c >= 0 that minimises |rows c - right|."""
+    """Vector c >= 0 that minimises |rows c - right|."""
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = 1.0
     return nnls(rows / scale, right, maxiter=30 * rows.shape[1])[0] / scale

@@ -22,14 +22,15 @@ __all__ = ["CovarianceParts", "Uncertainty", "measure_uncertainty", "xyz_parts"]
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """band_covariance : (band, band), relative, of the band component. common : relative sigma, common component.
+    """Relative uncertainty of band signals, without the pixel component."""
 
-    band_degrees : degrees of freedom of band_covariance, for Student's t: it is estimated from a few bands.
-    """
-
+    #: Identifiers of the bands.
     bands: tuple[str, ...]
+    #: (band, band) relative covariance of the band component.
     band_covariance: NDArray[np.float64]
+    #: Relative standard deviation of the common component.
     common: float
+    #: Degrees of freedom of `band_covariance`, for Student's t: it is estimated from a few bands.
     band_degrees: float = np.inf
 
     @property
@@ -40,10 +41,13 @@ class Uncertainty:
 
 @dataclass(frozen=True, eq=False)
 class CovarianceParts:
-    """(..., 3, 3) covariances of X, Y, Z by component."""
+    """Covariances of X, Y, Z by component."""
 
+    #: (..., 3, 3) covariance by noise, independent in every pixel.
     pixel: NDArray[np.float64]
+    #: (..., 3, 3) covariance by one factor per band.
     band: NDArray[np.float64]
+    #: (..., 3, 3) covariance by one factor for all bands.
     common: NDArray[np.float64]
 
     @property
@@ -55,9 +59,23 @@ class CovarianceParts:
 def xyz_parts(
     signal: ArrayLike, variance: ArrayLike, xyz_per_dn: ArrayLike, uncertainty: Uncertainty
 ) -> CovarianceParts:
-    """Covariance of X, Y, Z of signals (band, ...) with independent pixel variances (band, ...), by component.
+    """Covariance of X, Y, Z of signals with independent pixel variances, by component.
 
-    signal, variance : DN and DN^2, of pixels or of means over pixels. xyz_per_dn : (3, band).
+    Parameters
+    ----------
+    signal
+        (band, ...) signals of pixels or means over pixels, DN.
+    variance
+        (band, ...) variances of the signals, DN^2.
+    xyz_per_dn
+        (3, band) X, Y, Z per DN.
+    uncertainty
+        Band and common components.
+
+    Returns
+    -------
+    CovarianceParts
+        (..., 3, 3) covariances of the pixel, band and common components.
     """
     values, matrix = np.asarray(signal, float), np.asarray(xyz_per_dn, float)
 
@@ -78,19 +96,33 @@ def xyz_parts(
 def measure_uncertainty(
     radiometry: Radiometry, bands: tuple[str, ...], reference_relative_sigma: float = 0.0
 ) -> Uncertainty:
-    """The band and common components, from a capture's references.
+    """Band and common components from a capture's references.
 
-    band : with the scatter s between the bands' constants and their weights a in the mean C, the error of a band is
-    its own error minus that of the mean, since C includes the latter: the covariance is
-    s^2 (I - 1 a^T - a 1^T + a^T a 1 1^T). common : noise of C, added in quadrature to reference_relative_sigma, the
-    scale uncertainty of the reference source's spectrum, which the capture format does not state. Without
-    references the error of the nominal C is unknown and not included.
+    The bands' constants scatter by s about their mean C, with weights a. C includes the error of the mean, so that the
+    error of a band is its difference from the mean: the covariance is s^2 (I - 1 a^T - a 1^T + a^T a 1 1^T).
+
+    The common component is the noise of C, added in quadrature to `reference_relative_sigma`. Without references the
+    error of the nominal C is unknown and not included.
+
+    Parameters
+    ----------
+    radiometry
+        Constant C with its bands.
+    bands
+        Identifiers of the bands.
+    reference_relative_sigma
+        Relative scale uncertainty of the reference source's spectrum, which the capture format does not state.
+
+    Returns
+    -------
+    Uncertainty
+        Band covariance and common standard deviation, relative.
     """
     weight = dict(zip((c.band for c in radiometry.by_band), radiometry.weights.tolist(), strict=True))
     share = np.array([weight.get(band, 0.0) for band in bands])
-    ones = np.ones(len(bands))
-    taken = np.outer(ones, share)
-    band = radiometry.scatter**2 * (np.eye(len(bands)) - taken - taken.T + share @ share * np.outer(ones, ones))
+    unit = np.ones(len(bands))
+    by_share = np.outer(unit, share)
+    band = radiometry.scatter**2 * (np.eye(len(bands)) - by_share - by_share.T + share @ share * np.outer(unit, unit))
     noise = np.array([weight[c.band] * c.sigma for c in radiometry.by_band])
     common = float(np.sqrt(noise @ noise)) / radiometry.constant if radiometry.constant and noise.size else 0.0
     degrees = max(len(radiometry.by_band) - 1, 0) if radiometry.scatter > 0 else np.inf

@@ -41,35 +41,44 @@ __all__ = ["Calibration", "calibrate"]
 
 @dataclass(frozen=True, eq=False)
 class Calibration(OwnMappings):
-    """The result of ``calibrate``. A part is None if the capture lacks the data; ``notes`` then name what is missing.
+    """Calibration of a capture, by `calibrate`. A part is None if the capture lacks the data."""
 
-    channels : by band, the channel of a sensor with a mosaic. responses : one per band, with K_i.
-    colour : filter weights by three methods with their errors. camera_fit : from the surveyed points.
-    target_fit : from flat targets, jointly with the survey if there is one. sensor : photon transfer, dark
-    level, response, calibration curve. uncertainty : the band and common components. suspicions : mistakes that the
-    capture seems to hold, apart from ``notes``.
-    """
-
+    #: Capture that was calibrated, its full well applied.
     capture: Capture
+    #: Darks by exposure.
     dark: DarkLibrary
+    #: Noise model of one frame.
     noise: NoiseModel
+    #: By band, the channel of a sensor with a mosaic; None without a mosaic.
     channels: Mapping[str, str] | None
+    #: Corrected bands with variance and mask.
     bands: CorrectedBands
+    #: Constant C of the sensor equation.
     radiometry: Radiometry
+    #: One response per band, with its factor K_i.
     responses: tuple[BandResponse, ...] | None
+    #: Filter weights by three methods with their errors.
     colour: ColourStudy | None
+    #: Camera fitted to the surveyed points.
     camera_fit: CameraFit | None
+    #: Intrinsics from flat targets, fitted jointly with the survey if there is one.
     target_fit: TargetFit | None
+    #: Linearity, black level and exposure offset from the brackets.
     linearity: Linearity | None
+    #: Photon transfer, dark level, response and calibration curve.
     sensor: SensorStudy
+    #: Band and common components of the uncertainty.
     uncertainty: Uncertainty
+    #: Reflectances of the labelled patches.
     patches: PatchTable | None
+    #: Missing data, data not used and other remarks, one sentence each.
     notes: tuple[str, ...]
+    #: Likely mistakes of the capture, apart from `notes`.
     suspicions: tuple[Suspicion, ...] = ()
 
     @property
     def camera(self) -> Camera | None:
-        """The camera with its covariance: from the joint fit with flat targets, else from the survey; or None."""
+        """Camera with covariance: from the joint fit with flat targets, or the survey; or None."""
         if self.target_fit is not None and self.target_fit.survey_camera is not None:
             return self.target_fit.survey_camera
         return None if self.camera_fit is None else self.camera_fit.camera
@@ -81,21 +90,43 @@ class Calibration(OwnMappings):
 
     @property
     def photograph(self) -> NDArray[np.float64]:
-        """(y, x) mean of the bands, each divided by its 99th percentile, for display and edge detection."""
+        """(y, x) mean of the bands over their 99th percentiles, for display and edge detection."""
         signal = self.images["signal"].values
         return np.asarray(np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
-        """Variance (band, y, x) in DN^2 of the corrected signals, given their expectation (band, y, x) in DN."""
+        """Variance of the corrected signals, given their expectation.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) expected signals, DN.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) variance, DN^2.
+        """
         return self.bands.predicted_variance(expected_signal)
 
     @property
     def weights(self) -> FilterWeights | None:
-        """The filter weights in use: those with the smallest colour error of the three methods."""
+        """Filter weights in use: those of the three methods with the smallest colour error."""
         return None if self.colour is None else self.colour.weights[self.colour.recommended]
 
     def xyz(self) -> xr.Dataset:
-        """Measured tristimulus images, see ``xyz_image``. Raises ValueError if the capture lacks the data."""
+        """Measured tristimulus images, see ``xyz_image``.
+
+        Returns
+        -------
+        xr.Dataset
+            X, Y, Z with variance, covariances and mask.
+
+        Raises
+        ------
+        ValueError
+            If the capture lacks the data.
+        """
         if self.weights is None or self.responses is None:
             raise ValueError("the capture lacks the data for XYZ: see notes")
         relative = None if self.colour is None else self.colour.errors[self.colour.recommended].relative
@@ -107,15 +138,15 @@ def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
     noise = []
     for band in range(images.sizes["band"]):
         signal, variance = images["signal"].values[band], images["variance"].values[band]
-        lit = (images["mask"].values[band] == 0) & (signal > 3 * np.sqrt(variance))
-        noise.append(float(np.median(np.sqrt(variance[lit]) / signal[lit])) if np.any(lit) else 1.0)
+        bright = (images["mask"].values[band] == 0) & (signal > 3 * np.sqrt(variance))
+        noise.append(float(np.median(np.sqrt(variance[bright]) / signal[bright])) if np.any(bright) else 1.0)
     return np.array(noise)
 
 
 def _camera(
     capture: Capture,
 ) -> tuple[CameraFit | None, TargetFit | None, list[str], tuple[Suspicion, ...]]:
-    """As ``calibrate_camera``, but no camera where it is known what was done to the points."""
+    """``calibrate_camera``, but no camera where a known mistake explains the points."""
     try:
         return *calibrate_camera(capture), ()
     except InputError as fault:
@@ -126,12 +157,26 @@ def _camera(
 
 
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
-    """The calibration of a capture, as far as its data allow.
+    """Calibration of a capture, as far as its data allow.
 
-    reference_relative_sigma : scale uncertainty of the reference source's radiance, which the format does not state.
+    Missing data are not an error: the part is None and a note names what is missing.
 
-    Missing data are not an error: the part is None and a note names what is missing. Raises InputError for faulty
-    frames and for surveyed points that cannot determine a camera.
+    Parameters
+    ----------
+    capture
+        Capture with its frames.
+    reference_relative_sigma
+        Relative scale uncertainty of the reference source's radiance, which the format does not state.
+
+    Returns
+    -------
+    Calibration
+        All results with notes and suspicions.
+
+    Raises
+    ------
+    InputError
+        For faulty frames and for surveyed points that cannot determine a camera.
     """
     capture = with_full_well(capture)
     dark = read_darks(capture)
@@ -147,10 +192,10 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *radiometry.notes,
         *camera_notes,
     ]
-    stated = capture.manifest.scene
-    if stated is not None and not stated.endswith(".toml") and capture.scene_reference is None:
+    scene = capture.manifest.scene
+    if scene is not None and not scene.endswith(".toml") and capture.scene_reference is None:
         notes.append(
-            f"the scene '{stated}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
+            f"the scene '{scene}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
             "the box were left out"
         )
     responses = colour = None

@@ -1,4 +1,4 @@
-"""Geometry errors of objects, from the positions of their edges in the photograph relative to the model.
+"""Geometry errors of objects, from their edges in the photograph relative to the model.
 
 Pattanaik et al. (1997) attribute most of their mismatch to errors in the geometry. At points along every visible
 edge, the photograph is sampled across the edge and a step with a separate slope on either side is fitted. The
@@ -39,63 +39,76 @@ __all__ = [
 #: shadows shift and rotate the apparent edge.
 EDGE_BIAS_PX = 0.1
 
+#: Distance of samples along an edge, px.
 _STEP_PX = 2.0
-_REACH_PX, _SEARCH_PX = 4.0, 2.5
-# Blur of a step by the width of a pixel and the lens (standard deviation).
+#: Half length of the profile across an edge, px.
+_REACH_PX = 4.0
+#: Largest offset that is searched, px.
+_SEARCH_PX = 2.5
+#: Blur of a step by the width of a pixel and the lens (standard deviation).
 _BLUR_PX = 0.6
-# Smallest step of an edge, relative to the rms misfit of the model.
+#: Smallest step of an edge, relative to the rms misfit of the model.
 _CLEAR = 8.0
+#: Residual beyond which a sample is not used, in standard deviations.
 _OUTLIER_SIGMAS = 3.5
-# Largest uncertainty of projected corners; with a larger one, edges may lie outside the search range or be confused.
+#: Largest uncertainty of projected corners; with a larger one, edges may lie outside the search range or be confused.
 _LARGEST_SIGMA_PX = 1.5
+#: Fewest samples that determine the position of an object.
 _FEWEST = 10
+#: Iterations of measurement and fit at most.
 _ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeOffsets:
-    """n samples. place_mm : (n, 3) on the model's edge. normal : (n, 2) in the image. offset_px : (n,) of the
-    photograph's edge along the normal. edge : (n,) number of the edge. owner : (n,) index into ``objects``.
-    """
+    """Offsets of n samples along the edges of the model."""
 
+    #: Names of the objects; empty without samples.
     objects: tuple[str, ...]
+    #: (n, 3) points on the model's edges, mm.
     place_mm: NDArray[np.float64]
+    #: (n, 2) unit normals of the edges in the image.
     normal: NDArray[np.float64]
+    #: (n,) offset of the photograph's edge along the normal, px.
     offset_px: NDArray[np.float64]
+    #: (n,) number of the edge.
     edge: NDArray[np.int64]
+    #: (n,) index into `objects`.
     owner: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectError:
-    """name : of the object. shift_mm : (3,) measured minus modelled position; zero for the room, NaN if not known.
+    """Position error of one object."""
 
-    covariance : (3, 3) mm^2, including EDGE_BIAS_PX for every edge and the camera's covariance. samples : number
-    used. rms_before_px, rms_after_px : of the offsets across the edges, before and after the correction of camera
-    and shift.
-    """
-
+    #: Name of the object.
     name: str
+    #: (3,) measured minus modelled position, mm; zero for the room, NaN if undetermined.
     shift_mm: NDArray[np.float64]
+    #: (3, 3) of `shift_mm`, mm^2, including EDGE_BIAS_PX for every edge and the camera's covariance.
     covariance: NDArray[np.float64]
+    #: Number of samples used.
     samples: int
+    #: Root mean square offset across the edges before the correction of camera and shift, px.
     rms_before_px: float
+    #: Root mean square offset after the correction, px.
     rms_after_px: float
 
     @property
     def known(self) -> bool:
-        """Whether enough samples tell where the object stands."""
+        """Whether enough samples determine the position of the object."""
         return bool(np.isfinite(self.shift_mm).all())
 
 
 def _objects(scene: Scene) -> list[tuple[str, list[int]]]:
-    """Names and surface indices of the objects. Surfaces that share a corner form one object; the largest is the room,
-    which comes first.
+    """Names and surface indices of the objects.
+
+    Surfaces that share a corner form one object; the largest is the room, which comes first.
     """
     corners = [{tuple(np.round(v, 2)) for v in surface.vertices_mm} for surface in scene.surfaces]
     groups: list[list[int]] = []
-    for index, own in enumerate(corners):
-        touching = [g for g in groups if any(corners[i] & own for i in g)]
+    for index, of_surface in enumerate(corners):
+        touching = [g for g in groups if any(corners[i] & of_surface for i in g)]
         joined = [i for group in touching for i in group]
         groups = [*(g for g in groups if g not in touching), [*joined, index]]
     areas = [sum(scene.surfaces[i].areas_mm2.sum() for i in g) for g in groups]
@@ -106,10 +119,10 @@ def _objects(scene: Scene) -> list[tuple[str, list[int]]]:
     ]
 
 
-def _visible(scene: Scene, camera: Camera, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) True where no face occludes the place (Moeller and Trumbore 1997)."""
-    direction = places - camera.position_mm
-    free: NDArray[np.bool_] = np.ones(len(places), bool)
+def _visible(scene: Scene, camera: Camera, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) True where no face occludes the point (Moeller and Trumbore 1997)."""
+    direction = points - camera.position_mm
+    free: NDArray[np.bool_] = np.ones(len(points), bool)
     for surface in scene.surfaces:
         for face in surface.faces:
             a, b, c = surface.vertices_mm[face]
@@ -134,19 +147,20 @@ def _image_edges(scene: Scene, camera: Camera) -> NDArray[np.float64]:
         length = float(np.linalg.norm(ends[1] - ends[0]))
         if not np.isfinite(length) or length < 1:
             continue
-        places = edge[0] + np.linspace(0, 1, int(length) + 2)[:, None] * (edge[1] - edge[0])
-        image = camera.project(places)
+        points = edge[0] + np.linspace(0, 1, int(length) + 2)[:, None] * (edge[1] - edge[0])
+        image = camera.project(points)
         tangent = np.gradient(image, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-        parts.append(np.hstack([image, tangent])[_visible(scene, camera, places)])
+        parts.append(np.hstack([image, tangent])[_visible(scene, camera, points)])
     return np.concatenate(parts)
 
 
 def _crowded(
     image: NDArray[np.float64], tangent: NDArray[np.float64], others: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(n,) True where a point of another edge is near: off the sample's line by more than half a pixel, or of another
-    direction.
+    """(n,) True where a point of another edge is near a sample.
+
+    Another edge is off the sample's line by more than half a pixel, or has another direction.
     """
     along = tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
     apart = others[None, :, :2] - image[:, None]
@@ -157,44 +171,59 @@ def _crowded(
 
 
 def _across(profile: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-    """(n,) positions of the steps in profiles (n, len(x)) by least squares, and step height over rms misfit."""
-    places = np.arange(-_SEARCH_PX, _SEARCH_PX + 0.01, 0.05)
-    misfit, steps = np.empty((len(places), len(profile))), np.empty((len(places), len(profile)))
-    for index, place in enumerate(places):
-        after = (1 + erf((x - place) / _BLUR_PX / np.sqrt(2))) / 2
-        design = np.stack([np.ones_like(x), x - place, after, after * (x - place)], axis=1)
+    """(n,) positions of the steps in profiles (n, len(x)), and step height over rms misfit."""
+    positions = np.arange(-_SEARCH_PX, _SEARCH_PX + 0.01, 0.05)
+    misfit, steps = np.empty((len(positions), len(profile))), np.empty((len(positions), len(profile)))
+    for index, step in enumerate(positions):
+        after = (1 + erf((x - step) / _BLUR_PX / np.sqrt(2))) / 2
+        design = np.stack([np.ones_like(x), x - step, after, after * (x - step)], axis=1)
         fit, *_ = np.linalg.lstsq(design, profile.T, rcond=None)
         misfit[index] = np.sum((design @ fit - profile.T) ** 2, axis=0)
         steps[index] = fit[2]
-    best = np.clip(misfit.argmin(axis=0), 1, len(places) - 2)
-    here = np.arange(len(profile))
-    left, middle, right = (misfit[best + i, here] for i in (-1, 0, 1))
+    best = np.clip(misfit.argmin(axis=0), 1, len(positions) - 2)
+    profiles = np.arange(len(profile))
+    left, middle, right = (misfit[best + i, profiles] for i in (-1, 0, 1))
     bend = left - 2 * middle + right
     shift = np.where(bend > 0, (left - right) / (2 * np.maximum(bend, 1e-300)), 0.0)
-    inside = (misfit.argmin(axis=0) > 0) & (misfit.argmin(axis=0) < len(places) - 1)
-    clear = np.abs(steps[best, here]) / np.sqrt(np.maximum(middle / (len(x) - 5), 1e-300))
-    return places[best] + 0.05 * np.clip(shift, -1, 1), np.where(inside, clear, 0.0)
+    inside = (misfit.argmin(axis=0) > 0) & (misfit.argmin(axis=0) < len(positions) - 1)
+    clear = np.abs(steps[best, profiles]) / np.sqrt(np.maximum(middle / (len(x) - 5), 1e-300))
+    return positions[best] + 0.05 * np.clip(shift, -1, 1), np.where(inside, clear, 0.0)
 
 
 def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene) -> EdgeOffsets:
-    """Offsets of all visible edges found in the photograph (y, x), in which NaN marks masked pixels."""
+    """Offsets of all visible edges of the model in a photograph.
+
+    Parameters
+    ----------
+    photograph
+        (y, x) photograph in any unit; NaN marks masked pixels.
+    camera
+        Camera that projects the model's edges.
+    scene
+        Model of the box.
+
+    Returns
+    -------
+    EdgeOffsets
+        Samples with a clear step, every 2 px along the edges.
+    """
     x = np.arange(-_REACH_PX, _REACH_PX + 0.01, 0.5)
     others = _image_edges(scene, camera)
     parts = []
     number = 0
     objects = _objects(scene)
     lamp = replace(scene, surfaces=())
-    seen: set[frozenset[tuple[float, ...]]] = set()
+    measured: set[frozenset[tuple[float, ...]]] = set()
     around_lamp = {tuple(np.round(corner, 2)) for corner in wireframe(lamp).reshape(-1, 3)}
     for owner, (_, members) in enumerate(objects):
-        own = replace(scene, surfaces=tuple(scene.surfaces[i] for i in members))
+        member = replace(scene, surfaces=tuple(scene.surfaces[i] for i in members))
         # Without the edges of the lamp (the last ones) and of its hole, which are too bright.
-        for edge in wireframe(own)[: -len(wireframe(lamp))]:
+        for edge in wireframe(member)[: -len(wireframe(lamp))]:
             ends_mm = frozenset(tuple(np.round(end, 2)) for end in edge)
             # Two surfaces can share an edge: use it once.
-            if ends_mm <= around_lamp or ends_mm in seen:
+            if ends_mm <= around_lamp or ends_mm in measured:
                 continue
-            seen.add(ends_mm)
+            measured.add(ends_mm)
             number += 1
             ends = camera.project(edge)
             length = float(np.linalg.norm(ends[1] - ends[0]))
@@ -202,14 +231,14 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
                 continue
             # Leave out the ends, near which other edges meet.
             share = np.arange(2 * _STEP_PX, length - 2 * _STEP_PX, _STEP_PX) / length
-            places = edge[0] + share[:, None] * (edge[1] - edge[0])
-            image = camera.project(places)
-            tangent = camera.project(places + 1e-3 * (edge[1] - edge[0])) - image
+            points_mm = edge[0] + share[:, None] * (edge[1] - edge[0])
+            image = camera.project(points_mm)
+            tangent = camera.project(points_mm + 1e-3 * (edge[1] - edge[0])) - image
             normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
             u, v = (image[:, i, None] + normal[:, i, None] * x for i in (0, 1))
             profile = map_coordinates(photograph, [v, u], order=1, mode="constant", cval=np.nan)
-            usable = np.all(np.isfinite(profile), axis=1) & _visible(scene, camera, places)
+            usable = np.all(np.isfinite(profile), axis=1) & _visible(scene, camera, points_mm)
             usable &= ~_crowded(image, tangent, others)
             if not np.any(usable):
                 continue
@@ -217,13 +246,13 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
             good = clear > _CLEAR
             index = np.flatnonzero(usable)[good]
             parts.append(
-                (places[index], normal[index], offset[good], np.full(index.size, number), np.full(index.size, owner))
+                (points_mm[index], normal[index], offset[good], np.full(index.size, number), np.full(index.size, owner))
             )
     if not parts:
         empty = np.zeros(0)
         return EdgeOffsets((), empty.reshape(0, 3), empty.reshape(0, 2), empty, empty.astype(int), empty.astype(int))
-    place, normal, offset, edges, owners = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return EdgeOffsets(tuple(name for name, _ in objects), place, normal, offset, edges, owners)
+    points, normal, offset, edges, owners = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return EdgeOffsets(tuple(name for name, _ in objects), points, normal, offset, edges, owners)
 
 
 def _whitened(
@@ -235,16 +264,16 @@ def _whitened(
     of an edge for a linear drift along it.
     """
     rows = np.column_stack([design, offsets.offset_px])[keep] / sigma
-    edge, place = offsets.edge[keep], offsets.place_mm[keep]
+    edge, points = offsets.edge[keep], offsets.place_mm[keep]
     for number in np.unique(edge):
-        own = edge == number
-        along = place[own] @ (place[own][-1] - place[own][0])
+        on_edge = edge == number
+        along = points[on_edge] @ (points[on_edge][-1] - points[on_edge][0])
         along = along - along.mean()
         for shape in (np.ones(along.size), along / max(float(np.abs(along).max()), 1e-12)):
             size = float(shape @ shape)
             if size > 0:
                 shrink = 1 - (1 + size * (EDGE_BIAS_PX / sigma) ** 2) ** -0.5
-                rows[own] -= shrink / size * np.outer(shape, shape @ rows[own])
+                rows[on_edge] -= shrink / size * np.outer(shape, shape @ rows[on_edge])
     return rows[:, :-1], rows[:, -1]
 
 
@@ -254,20 +283,38 @@ def _scatter(residual: NDArray[np.float64], edge: NDArray[np.int64]) -> float:
     Not a median: edges along a row of pixels scatter less than slanted ones and may be the majority.
     """
     _, which, count = np.unique(edge, return_inverse=True, return_counts=True)
-    own = residual - (np.bincount(which, residual) / count)[which]
-    return float(max(np.sqrt(np.sum(own**2) / max(residual.size - count.size, 1)), 1e-4))
+    deviation = residual - (np.bincount(which, residual) / count)[which]
+    return float(max(np.sqrt(np.sum(deviation**2) / max(residual.size - count.size, 1)), 1e-4))
 
 
 def align_edges(
     offsets: EdgeOffsets, camera: Camera, seen_from: Camera | None = None
 ) -> tuple[Camera, tuple[ObjectError, ...]]:
-    """The camera refined by the edges, with its covariance, and the errors of the objects.
+    """Camera refined by the edges, with its covariance, and the errors of the objects.
 
-    camera : as calibrated. seen_from : the camera that the offsets were measured with, if different. The covariances
-    include that of the calibrated camera, the scatter of the samples along an edge, and EDGE_BIAS_PX for every edge.
-    The shift of an object with too few samples is NaN.
+    The covariances include that of the calibrated camera, the scatter of the samples along an edge, and EDGE_BIAS_PX
+    for every edge. The shift of an object with too few samples is NaN.
 
-    Raises ValueError for a camera without covariance, and for too few samples on the room.
+    Parameters
+    ----------
+    offsets
+        Samples along the edges.
+    camera
+        Camera as calibrated, with covariance.
+    seen_from
+        Camera with which the offsets were measured; None if it is `camera`.
+
+    Returns
+    -------
+    Camera
+        Refined camera with covariance.
+    tuple[ObjectError, ...]
+        Errors of the room (zero) and of the other objects.
+
+    Raises
+    ------
+    ValueError
+        For a camera without covariance, and for too few samples on the room.
     """
     if camera.covariance is None:
         raise ValueError("the camera has no covariance, which the fit to the edges needs as prior")
@@ -304,16 +351,16 @@ def align_edges(
     refined = replace(camera.with_parameters(start.parameters + values[:10]), covariance=inverse[:10, :10].copy())
     errors = []
     for block in (0, *blocks):
-        own = keep & (offsets.owner == block)
+        of_object = keep & (offsets.owner == block)
         at = 10 + 3 * blocks.index(block) if block else None
         errors.append(
             ObjectError(
                 offsets.objects[block],
                 np.zeros(3) if at is None else values[at : at + 3],
                 np.zeros((3, 3)) if at is None else inverse[at : at + 3, at : at + 3],
-                int(own.sum()),
-                float(np.sqrt(np.mean(offsets.offset_px[own] ** 2))),
-                float(np.sqrt(np.mean(residual[own] ** 2))),
+                int(of_object.sum()),
+                float(np.sqrt(np.mean(offsets.offset_px[of_object] ** 2))),
+                float(np.sqrt(np.mean(residual[of_object] ** 2))),
             )
         )
     nan = np.full((3, 3), np.nan)
@@ -325,6 +372,7 @@ def align_edges(
 
 
 def _require_precise(camera: Camera, scene: Scene) -> None:
+    """Raise ValueError for a camera so uncertain that edges may be confused."""
     corners = np.unique(wireframe(scene).reshape(-1, 3).round(2), axis=0)
     by_camera = parameter_jacobian(camera, corners)
     if camera.covariance is None:
@@ -341,36 +389,73 @@ def _require_precise(camera: Camera, scene: Scene) -> None:
 def align_photograph(
     photograph: NDArray[np.float64], camera: Camera, scene: Scene
 ) -> tuple[Camera, tuple[ObjectError, ...]]:
-    """Iterates ``measure_edges`` and ``align_edges``, since the search range around each modelled edge is small.
+    """Refined camera and object errors by iterating ``measure_edges`` and ``align_edges``.
 
-    Ends when the camera changes by less than a tenth of its sigmas. Raises ValueError as ``align_edges`` does, and for
-    a camera so uncertain that edges may be confused.
+    The search range around each modelled edge is small, which the iteration overcomes. It ends when the camera changes
+    by less than a tenth of its sigmas.
+
+    Parameters
+    ----------
+    photograph
+        (y, x) photograph in any unit; NaN marks masked pixels.
+    camera
+        Camera as calibrated, with covariance.
+    scene
+        Model of the box.
+
+    Returns
+    -------
+    Camera
+        Refined camera with covariance.
+    tuple[ObjectError, ...]
+        Errors of the room (zero) and of the other objects.
+
+    Raises
+    ------
+    ValueError
+        As ``align_edges``, and for a camera so uncertain that edges may be confused.
     """
-    found = camera
+    refined = camera
     _require_precise(camera, scene)
     for _ in range(_ROUNDS):
-        before = found
-        found, errors = align_edges(measure_edges(photograph, before, scene), camera, before)
-        moved = found.parameters - before.parameters
-        if np.all(np.abs(moved) < 0.1 * np.sqrt(np.diag(np.asarray(found.covariance)))):
+        before = refined
+        refined, errors = align_edges(measure_edges(photograph, before, scene), camera, before)
+        moved = refined.parameters - before.parameters
+        if np.all(np.abs(moved) < 0.1 * np.sqrt(np.diag(np.asarray(refined.covariance)))):
             break
-    return found, errors
+    return refined, errors
 
 
 def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError, ...]]:
-    """The refined camera of a calibrated capture and the error of every object, from edges in the mean of its bands.
+    """Refined camera of a calibrated capture and the error of every object.
 
-    Raises InputError if the capture has no camera or names no scene that can be loaded, and if too few edges are
-    found.
+    The edges are those in the mean of its bands.
+
+    Parameters
+    ----------
+    calibration
+        Calibration with a camera, of a capture with a scene.
+
+    Returns
+    -------
+    Camera
+        Refined camera with covariance.
+    tuple[ObjectError, ...]
+        Errors of the room (zero) and of the other objects.
+
+    Raises
+    ------
+    InputError
+        If the capture has no camera or no scene that can be loaded, and if too few edges are found.
     """
     scene, camera = calibration.capture.known_scene(), calibration.camera
     where = calibration.capture.folder / "capture.toml"
     if camera is None:
         raise InputError(where, "no camera: no [geometry]", "surveyed points, to predict the edges of the box")
     if scene is None:
-        stated = calibration.capture.manifest.scene
-        found = "no scene" if stated is None else f"scene {stated!r}, which cannot be read"
-        raise InputError(where, found, "the scene, to predict the edges of the box")
+        scene_name = calibration.capture.manifest.scene
+        fault = "no scene" if scene_name is None else f"scene {scene_name!r}, which cannot be read"
+        raise InputError(where, fault, "the scene, to predict the edges of the box")
     out = np.any(calibration.images["mask"].values != 0, axis=0)
     try:
         return align_photograph(np.where(out, np.nan, calibration.photograph), camera, scene)

@@ -1,4 +1,4 @@
-"""A picture of the camera fit: surveyed points, enlarged residuals and the box's edges over the photograph."""
+"""Picture of the camera fit: surveyed points, residuals and edges over the photograph."""
 
 from __future__ import annotations
 
@@ -15,13 +15,25 @@ from ..geometry import CameraFit, SurveyedPoints
 
 __all__ = ["plot_geometry", "wireframe"]
 
+#: Pieces into which an edge is divided, since distortion curves it.
 _PIECES = 24
-# Faces whose normals have a larger cosine than this are coplanar.
+#: Faces whose normals have a larger cosine than this are coplanar.
 _FLAT_COSINE = 0.999
 
 
 def wireframe(scene: Scene) -> NDArray[np.float64]:
-    """(n, 2, 3) mm: edges of all surfaces and of the lamps, without diagonals inside flat faces."""
+    """Edges of all surfaces and of the lamps, without diagonals inside flat faces.
+
+    Parameters
+    ----------
+    scene
+        Model of the box.
+
+    Returns
+    -------
+    NDArray
+        (n, 2, 3) end points of the edges, mm; those of the lamps are the last.
+    """
     edges = []
     for surface in scene.all_surfaces:
         vertices = surface.vertices_mm
@@ -33,8 +45,8 @@ def wireframe(scene: Scene) -> NDArray[np.float64]:
         owners: dict[tuple[bytes, bytes], list[int]] = {}
         ends: dict[tuple[bytes, bytes], NDArray[np.float64]] = {}
         for index, face in enumerate(surface.faces):
-            for one, other in ((0, 1), (1, 2), (2, 0)):
-                pair = vertices[[face[one], face[other]]]
+            for begin, end in ((0, 1), (1, 2), (2, 0)):
+                pair = vertices[[face[begin], face[end]]]
                 # Compare positions, not indices: meshes may repeat vertices.
                 first, second = sorted(np.round(p, 3).tobytes() for p in pair)
                 owners.setdefault((first, second), []).append(index)
@@ -48,8 +60,8 @@ def wireframe(scene: Scene) -> NDArray[np.float64]:
 def _projected(camera: Camera, edges: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, pieces + 1, 2) px, subdivided, since distortion curves straight edges."""
     share = np.linspace(0, 1, _PIECES + 1)[None, :, None]
-    places = edges[:, :1] * (1 - share) + edges[:, 1:] * share
-    return camera.project(places.reshape(-1, 3)).reshape(len(edges), -1, 2)
+    points = edges[:, :1] * (1 - share) + edges[:, 1:] * share
+    return camera.project(points.reshape(-1, 3)).reshape(len(edges), -1, 2)
 
 
 def plot_geometry(
@@ -60,7 +72,23 @@ def plot_geometry(
     scene: Scene | None,
     path: Path,
 ) -> None:
-    """Write the picture. photograph : (y, x), any scale. camera : used to project. scene : None draws no box."""
+    """Write the picture of the camera fit.
+
+    Parameters
+    ----------
+    photograph
+        (y, x) photograph in any unit.
+    points
+        Surveyed points.
+    fit
+        Camera fit with the selection of points.
+    camera
+        Camera that projects points and edges.
+    scene
+        Model of the box; None draws no edges.
+    path
+        File to write (PNG).
+    """
     residuals = points.image_px - camera.project(points.points_mm)
     length = float(np.median(np.linalg.norm(residuals[fit.kept], axis=1)))
     # The enlargement is a round number; a typical residual is about a fortieth of the picture.
@@ -72,12 +100,12 @@ def plot_geometry(
     if scene is not None:
         lines = LineCollection(list(_projected(camera, wireframe(scene))), colors="tab:cyan", linewidths=0.8)
         axes.add_collection(lines)
-    for kept, colour, label in ((fit.kept, "yellow", "used"), (~fit.kept, "red", "outliers")):
-        if not np.any(kept):
+    for selected, colour, label in ((fit.kept, "yellow", "used"), (~fit.kept, "red", "outliers")):
+        if not np.any(selected):
             continue
-        u, v = points.image_px[kept].T
+        u, v = points.image_px[selected].T
         axes.plot(u, v, "o", mfc="none", mec=colour, ms=5, label=label)
-        du, dv = residuals[kept].T
+        du, dv = residuals[selected].T
         axes.quiver(u, v, du, dv, color=colour, angles="xy", scale_units="xy", scale=1 / enlarged, width=0.003)
     axes.set(
         title=f"Surveyed points, residuals x {enlarged:g}: rms {fit.reprojection_rms_px:.3f} px per coordinate",

@@ -1,4 +1,4 @@
-"""Plots of a calibration: noise, dark level, response to each setting, filters and their weights."""
+"""Plots of a calibration: noise, dark level, response to each setting, filter weights."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from .calibrate import Calibration
 
 __all__ = ["plot_curve", "plot_dark", "plot_filters", "plot_noise", "plot_response"]
 
+#: Resolution of the pictures, dots per inch.
 _DOTS_PER_INCH = 110
 
-#: A legend with more bands would cover the plot.
+#: Most bands in a legend; one with more would cover the plot.
 _MOST_NAMED = 16
 
 
@@ -27,12 +28,20 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def plot_noise(calibration: Calibration, path: Path) -> None:
-    """Standard deviation of one count against its charge: the noise model and measured repeats."""
+    """Standard deviation of one count against its charge: the noise model and measured repeats.
+
+    Parameters
+    ----------
+    calibration
+        Calibration with its noise model and bands.
+    path
+        File to write (PNG).
+    """
     figure = Figure(figsize=(7, 5), layout="constrained")
     axes = figure.subplots()
     noise, capture = calibration.noise, calibration.capture
     charge = np.geomspace(0.5, capture.saturation_dn, 200)
-    named = len(capture.manifest.band) <= _MOST_NAMED
+    few_bands = len(capture.manifest.band) <= _MOST_NAMED
     axes.loglog(charge, np.sqrt(noise.variance(charge)), color="black", label="shot, read and rounding noise")
     for index, band in enumerate(capture.manifest.band):
         if len(band.frames) < 2:
@@ -45,9 +54,9 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
         which = np.clip(np.searchsorted(edges, level) - 1, 0, 11)
         size = np.maximum(np.bincount(which, minlength=12), 1)
         mean, spread = (np.bincount(which, values, 12) / size for values in (level, variance))
-        lit = (mean > 0) & (spread > 0)
-        axes.plot(mean[lit], np.sqrt(spread[lit]), ".", label=f"{band.id}, repeats" if named else None)
-    title = "Noise" if named else "Noise, and the repeats of every band"
+        positive = (mean > 0) & (spread > 0)
+        axes.plot(mean[positive], np.sqrt(spread[positive]), ".", label=f"{band.id}, repeats" if few_bands else None)
+    title = "Noise" if few_bands else "Noise, and the repeats of every band"
     axes.set(xlabel="count above bias (DN)", ylabel="standard deviation of one count (DN)", title=title)
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
@@ -55,7 +64,15 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
 
 
 def plot_dark(calibration: Calibration, path: Path) -> None:
-    """Dark level of all pixels against exposure: median and the 1st and 99th percentiles."""
+    """Dark level of all pixels against exposure: median and the 1st and 99th percentiles.
+
+    Parameters
+    ----------
+    calibration
+        Calibration with darks.
+    path
+        File to write (PNG).
+    """
     figure = Figure(figsize=(7, 5), layout="constrained")
     axes = figure.subplots()
     dark, fit = calibration.dark, calibration.sensor.dark_fit
@@ -71,7 +88,20 @@ def plot_dark(calibration: Calibration, path: Path) -> None:
 
 
 def plot_filters(calibration: Calibration, path: Path) -> None:
-    """The bands' responses, and the colour-matching functions with their reconstruction."""
+    """The bands' responses, and the colour-matching functions with their reconstruction.
+
+    Parameters
+    ----------
+    calibration
+        Calibration with filter weights.
+    path
+        File to write (PNG).
+
+    Raises
+    ------
+    ValueError
+        If the calibration has no filter weights.
+    """
     weights, responses, colour_study = calibration.weights, calibration.responses, calibration.colour
     if weights is None or responses is None or colour_study is None:
         raise ValueError("the calibration has no filter weights")
@@ -83,12 +113,12 @@ def plot_filters(calibration: Calibration, path: Path) -> None:
     top.set(ylabel="response F Q T_lens T_i (largest = 1)", title="Bands")
     if len(responses) <= _MOST_NAMED:
         top.legend(fontsize="small", ncols=4)
-    shown = {method: colour_study.weights[method] for method in ("least squares", weights.method)}
+    methods = {method: colour_study.weights[method] for method in ("least squares", weights.method)}
     for index, (name, colour) in enumerate(zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True)):
         bottom.plot(WAVELENGTH_NM, weights.target[index], color=colour, label=f"CIE 1931 {name}")
-        for (method, own), style in zip(shown.items(), (":", "--"), strict=False):
-            label = f"{method}, rms {own.residual_rms[index]:.3f}"
-            bottom.plot(WAVELENGTH_NM, own.reconstructed[index], style, color=colour, lw=1, label=label)
+        for (method, curves), style in zip(methods.items(), (":", "--"), strict=False):
+            label = f"{method}, rms {curves.residual_rms[index]:.3f}"
+            bottom.plot(WAVELENGTH_NM, curves.reconstructed[index], style, color=colour, lw=1, label=label)
     bottom.set(xlabel="wavelength (nm)", ylabel="colour-matching functions", title="Reconstruction sum b F")
     bottom.legend(fontsize="small", ncols=3)
     for axes in (top, bottom):
@@ -97,7 +127,15 @@ def plot_filters(calibration: Calibration, path: Path) -> None:
 
 
 def plot_response(responses: Sequence[ResponseSeries], path: Path) -> None:
-    """Signal against each setting that was varied, with the fitted law and the relative residuals."""
+    """Signal against each setting that was varied, with the fitted law and its residuals.
+
+    Parameters
+    ----------
+    responses
+        Series of one band and one setting each.
+    path
+        File to write (PNG).
+    """
     keys = [key for key in LAWS if any(s.key == key for s in responses)]
     figure = Figure(figsize=(4.2 * len(keys), 6), layout="constrained")
     rows = figure.subplots(2, len(keys), sharex="col", squeeze=False, height_ratios=(3, 1))
@@ -124,7 +162,20 @@ def plot_response(responses: Sequence[ResponseSeries], path: Path) -> None:
 
 
 def plot_curve(calibration: Calibration, path: Path) -> None:
-    """The curve from counts to linear light, all series scaled to it, and the residuals."""
+    """Curve from counts to linear light, all series scaled to it, and the residuals.
+
+    Parameters
+    ----------
+    calibration
+        Calibration with a curve.
+    path
+        File to write (PNG).
+
+    Raises
+    ------
+    ValueError
+        If the calibration has no curve.
+    """
     curve = calibration.sensor.curve
     if curve is None:
         raise ValueError("the calibration has no curve")

@@ -12,7 +12,18 @@ __all__ = ["colour_record", "sensor_record", "uncertainty_record", "weights_reco
 
 
 def weights_record(weights: FilterWeights) -> dict[str, Any]:
-    """The filter weights by axis, the residual of the curves, the noise gain."""
+    """Filter weights by axis, the residual of the curves, the noise gain.
+
+    Parameters
+    ----------
+    weights
+        Filter weights.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON.
+    """
     return {
         "method": weights.method,
         "bands": list(weights.bands),
@@ -24,6 +35,7 @@ def weights_record(weights: FilterWeights) -> dict[str, Any]:
 
 
 def _error(error: ColourError) -> dict[str, Any]:
+    """Colour errors of filter weights as values for JSON."""
     return {
         "relative_rms": dict(zip("XYZ", error.rms.tolist(), strict=True)),
         "relative_largest": dict(zip("XYZ", error.largest.tolist(), strict=True)),
@@ -34,7 +46,18 @@ def _error(error: ColourError) -> dict[str, Any]:
 
 
 def colour_record(study: ColourStudy) -> dict[str, Any]:
-    """All methods with their errors, the best subsets of the bands, and which method is used."""
+    """All methods with their errors, the best subsets of the bands, and the method in use.
+
+    Parameters
+    ----------
+    study
+        Colour study.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON.
+    """
     return {
         "used": study.recommended,
         "spectra": study.spectra,
@@ -51,7 +74,18 @@ def colour_record(study: ColourStudy) -> dict[str, Any]:
 
 
 def uncertainty_record(uncertainty: Uncertainty) -> dict[str, Any]:
-    """The band and common components; the pixel component is in the maps."""
+    """Band and common components; the pixel component is in the maps.
+
+    Parameters
+    ----------
+    uncertainty
+        Uncertainty of the band signals.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON.
+    """
     return {
         "band": dict(zip(uncertainty.bands, uncertainty.band.tolist(), strict=True)),
         "band_covariance": uncertainty.band_covariance.tolist(),
@@ -65,7 +99,18 @@ def _pair(value: float, sigma: float) -> dict[str, float]:
 
 
 def sensor_record(study: SensorStudy) -> dict[str, Any]:
-    """Photon transfer, dark fit, response series, calibration curve; null where there is none."""
+    """Photon transfer, dark fit, response series, calibration curve; null where there is none.
+
+    Parameters
+    ----------
+    study
+        Sensor study.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON.
+    """
     transfer, dark, curve = study.transfer, study.dark_fit, study.curve
     return {
         "photon_transfer": None

@@ -1,4 +1,4 @@
-"""The folder that ``cbox calibrate`` writes: calibration.json, patches.csv, XYZ maps and plots."""
+"""Folder that ``cbox calibrate`` writes: calibration.json, patches.csv, XYZ maps and plots."""
 
 from __future__ import annotations
 
@@ -26,11 +26,23 @@ __all__ = ["calibration_record", "camera_record", "write_calibration", "write_ge
 def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
     """The "camera" object of metrics.json and calibration.json.
 
-    position_mm, position_sigma_mm : 3 each. rotation_deg : Rodrigues vector of R R0^T. covariance : 10 x 10,
-    of position_mm, rotation_deg, focal_length_px, principal_point_px, k1.
+    `rotation_deg` is the Rodrigues vector of R R0^T. The 10 x 10 covariance is in the order position_mm, rotation_deg,
+    focal_length_px, principal_point_px, k1.
+
+    Parameters
+    ----------
+    camera
+        Camera with its covariance; NaN where there is none.
+    fit
+        Fit with the reprojection error and the outliers.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON.
     """
-    found = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
-    return found | {"outliers": list(fit.outliers)}
+    record = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
+    return record | {"outliers": list(fit.outliers)}
 
 
 def _parameters_record(camera: Camera) -> dict[str, Any]:
@@ -47,7 +59,22 @@ def _parameters_record(camera: Camera) -> dict[str, Any]:
 
 
 def write_geometry(camera: Camera, errors: Sequence[ObjectError], folder: Path) -> Path:
-    """Write geometry.json: the refined camera and the errors of the objects, with covariances."""
+    """Write geometry.json: the refined camera and the errors of the objects, with covariances.
+
+    Parameters
+    ----------
+    camera
+        Refined camera.
+    errors
+        Errors of the objects.
+    folder
+        Existing folder.
+
+    Returns
+    -------
+    Path
+        File written.
+    """
     record = {
         "camera": _parameters_record(camera),
         "objects": [
@@ -91,9 +118,10 @@ def _dark_levels(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
+    """Errors of the measured patches for JSON; None without patches of tabulated reflectance."""
     patches = calibration.patches
-    known = calibration.capture.label_reflectances()
-    errors = None if patches is None else patch_errors(patches, known)
+    reflectances = calibration.capture.label_reflectances()
+    errors = None if patches is None else patch_errors(patches, reflectances)
     if patches is None or errors is None:
         return None
     size = np.abs(errors.reflectance)
@@ -110,7 +138,18 @@ def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
 
 
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
-    """The content of calibration.json; None where the capture lacks the data (see its ``notes``)."""
+    """Content of calibration.json; None where the capture lacks the data (see its ``notes``).
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values for JSON, without NaN and infinity.
+    """
     return _finite(_record(calibration))
 
 
@@ -178,7 +217,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no NaN or infinity: what is not known becomes null."""
+    """Value for JSON, which has no NaN or infinity: undetermined numbers become null."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -192,9 +231,21 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...]:
-    """Write calibration.json, patches.csv (with patches), xyz.nc and the plots; returns the files written.
+    """Write calibration.json, patches.csv (with patches), xyz.nc and the plots.
 
     Every file is written under a temporary name and renamed when complete.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture.
+    folder
+        Folder to write; it is made if it does not exist.
+
+    Returns
+    -------
+    tuple[Path, ...]
+        Files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(calibration_record(calibration), indent=1, allow_nan=False) + "\n"

@@ -29,21 +29,21 @@ def survey(distortion, count=80, seed=1):
 @pytest.mark.parametrize("k1", [0.0, -0.08])
 def test_a_lens_of_one_term_asks_for_no_more(k1):
     choice = choose_distortion(*survey([k1, 0, 0, 0, 0]))
-    assert choice.chosen in (("none", "k1") if k1 == 0 else ("k1",)) and choice.note is None
+    assert choice.model in (("none", "k1") if k1 == 0 else ("k1",)) and choice.note is None
     assert choice.held_out_rms_px["k1"] == pytest.approx(SIGMA_PX, rel=0.3)
 
 
 def test_a_lens_of_two_terms_is_recognised():
     """r is at most 0.45 here: a k2 of 1.5 bends the corner by 6 px, of which k1 takes up a part."""
     choice = choose_distortion(*survey([-0.2, 1.5, 0, 0, 0]))
-    assert choice.chosen in ("k1 k2", "k1 k2 k3")
+    assert choice.model in ("k1 k2", "k1 k2 k3")
     assert "held-out" in choice.note
-    assert choice.held_out_rms_px[choice.chosen] < 0.8 * choice.held_out_rms_px["k1"]
+    assert choice.held_out_rms_px[choice.model] < 0.8 * choice.held_out_rms_px["k1"]
 
 
 def test_decentring_is_recognised():
     choice = choose_distortion(*survey([-0.1, 0, 0.01, -0.008, 0]))
-    assert choice.chosen == "k1 p1 p2"
+    assert choice.model == "k1 p1 p2"
 
 
 def test_few_points_choose_nothing():

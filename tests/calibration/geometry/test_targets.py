@@ -17,6 +17,8 @@ from cboxlab.calibration.geometry.camera_fit import fit_camera
 from cboxlab.calibration.geometry.surveyed_points import SurveyedPoints
 from cboxlab.calibration.geometry.target_camera import fit_camera_targets
 from cboxlab.calibration.geometry.targets import TargetView, detect_target
+from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.write import calibration_record
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from helpers.places import SHARED
@@ -158,6 +160,32 @@ target = [{{ kind = "chessboard", rows = 5, columns = 7, pitch_mm = {PITCH_MM}, 
     deviation = np.sqrt(np.diag(fit.intrinsics_covariance))
     assert np.all(np.abs(fit.intrinsics - INTRINSICS) < 6 * deviation)
     assert np.all(deviation[:3] < 5.0)
+
+
+def test_the_file_of_a_bad_view_is_named(tmp_path: Path) -> None:
+    """The board of one photograph is 10 % wider than stated: it is not used, and calibration.json names its file."""
+    rng = np.random.default_rng(7)
+    names = [f"target-{index}.tif" for index in range(len(TILTS_DEG))]
+    board = chessboard(5, 7)
+    for index, tilt in enumerate(TILTS_DEG):
+        wide = 1.1 if index == 2 else 1.0
+        camera = camera_before(centre(5, 7) * [wide, 1, 1], tilt, 42.0 * 8)
+        image = photograph(camera, lambda x, y, wide=wide: board(x / wide, y), rng)
+        tifffile.imwrite(tmp_path / names[index], np.clip(np.rint(image), 0, 4095).astype(np.uint16))
+    tifffile.imwrite(tmp_path / "scene.tif", np.full((HEIGHT, WIDTH), 1000, np.uint16))
+    (tmp_path / "capture.toml").write_text(
+        f"""
+format = "capture/1"
+camera = {{ width_px = {WIDTH}, height_px = {HEIGHT}, bit_depth = 12 }}
+band = [{{ id = "f550", exposure_s = 1.0, frames = ["scene.tif"] }}]
+target = [{{ kind = "chessboard", rows = 5, columns = 7, pitch_mm = {PITCH_MM}, frames = {names} }}]
+"""
+    )
+    _, fit, notes = calibrate_camera(load_capture(tmp_path))
+    assert fit is not None and [view.name for view in fit.discordant] == ["target-2.tif"]
+    assert notes[0].startswith("target view not used: target-2.tif: its points scatter by ")
+    assert abs(fit.intrinsics[0] - FOCAL_LENGTH_PX) < 6 * np.sqrt(fit.intrinsics_covariance[0, 0])
+    assert set(notes) <= set(calibration_record(calibrate(load_capture(tmp_path)))["notes"])
 
 
 def test_a_disk_is_found_where_it_is_whatever_the_shading() -> None:

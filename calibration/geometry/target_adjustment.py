@@ -1,0 +1,159 @@
+"""Least squares over the shared intrinsics and the poses of several views of flat targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.errors import InputError
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from .camera_fit import camera_from_opencv
+from .camera_jacobian import parameter_jacobian
+from .targets import TargetView
+
+__all__ = ["HINT", "INTRINSICS", "POSE", "adjust", "starting_cameras", "view_jacobian"]
+
+#: Next step in messages about views that do not determine the intrinsics.
+HINT = "Photograph the target tilted by 20 to 45 degrees, in several directions, over the whole image"
+
+#: Shared parameters in PARAMETER_NAMES: focal length, principal point, k1.
+INTRINSICS = slice(6, 10)
+
+#: Parameters of each pose in PARAMETER_NAMES.
+POSE = slice(0, 6)
+
+
+def starting_cameras(
+    views: Sequence[TargetView], width_px: int, height_px: int, lens: Camera | None, source: str
+) -> list[Camera]:
+    """Initial poses and intrinsics by OpenCV; only the poses if ``lens`` has the intrinsics.
+
+    Parameters
+    ----------
+    views
+        Points of each view on the target, mm, and in the image, px.
+    width_px, height_px
+        Size of the image, px.
+    lens
+        Camera whose intrinsics are used; None estimates them.
+    source
+        File or key named in the message of the error.
+
+    Returns
+    -------
+    list[Camera]
+        One camera per view, with equal intrinsics.
+
+    Raises
+    ------
+    InputError
+        If OpenCV finds no intrinsics.
+    """
+    worlds = [world.astype(np.float32) for world, _ in views]
+    images = [image.astype(np.float32) for _, image in views]
+    if lens is None:
+        flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+        try:
+            _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+                worlds, images, (width_px, height_px), np.eye(3), np.zeros(5), flags=flags
+            )
+        except cv2.error:
+            raise InputError(source, "views inconsistent with any camera", "views tilted differently", HINT) from None
+    else:
+        u, v = lens.principal_point_px
+        matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
+        distortion = np.array([lens.k1, 0, 0, 0, 0])
+        poses = [
+            cv2.solvePnP(world, image, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
+            for world, image in zip(worlds, images, strict=True)
+        ]
+        turns, shifts = [pose[1] for pose in poses], [pose[2] for pose in poses]
+    return [
+        camera_from_opencv(width_px, height_px, matrix, distortion.ravel()[0], turn, shift)
+        for turn, shift in zip(turns, shifts, strict=True)
+    ]
+
+
+def adjust(
+    cameras: Sequence[Camera],
+    measured: Sequence[TargetView],
+    sigmas: Sequence[float],
+) -> list[Camera]:
+    """Cameras by least squares: shared intrinsics, a pose per view, views weighted by sigma.
+
+    Parameters
+    ----------
+    cameras
+        Initial cameras; the initial intrinsics are those of the last.
+    measured
+        World and image positions of each camera, mm and px.
+    sigmas
+        Standard deviation of the image coordinates of each, px.
+
+    Returns
+    -------
+    list[Camera]
+        Fitted cameras with equal intrinsics, without covariance.
+    """
+
+    def with_values(values: NDArray[np.float64]) -> list[Camera]:
+        return [
+            camera.with_parameters(np.concatenate([values[4 + 6 * i : 10 + 6 * i], values[:4]]))
+            for i, camera in enumerate(cameras)
+        ]
+
+    def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        parts = [
+            ((camera.project(world) - image) / sigma).ravel()
+            for camera, (world, image), sigma in zip(with_values(values), measured, sigmas, strict=True)
+        ]
+        # Points behind the camera get a large residual, so that the step is rejected.
+        return np.nan_to_num(np.concatenate(parts), nan=1e6)
+
+    def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        poses = [np.concatenate([values[4 + 6 * i : 10 + 6 * i], values[:4]]) for i in range(len(cameras))]
+        return view_jacobian(cameras, measured, sigmas, poses)
+
+    start = np.concatenate([cameras[-1].parameters[INTRINSICS], *(camera.parameters[POSE] for camera in cameras)])
+    solution = least_squares(
+        residuals, start, jac=jacobian, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200
+    )
+    return with_values(solution.x)
+
+
+def view_jacobian(
+    cameras: Sequence[Camera],
+    measured: Sequence[TargetView],
+    sigmas: Sequence[float],
+    values: Sequence[NDArray[np.float64]] | None = None,
+) -> NDArray[np.float64]:
+    """(m, 4 + 6 views) derivative of weighted positions by the intrinsics, then by each pose.
+
+    Parameters
+    ----------
+    cameras
+        One camera per view.
+    measured
+        World and image positions of each view, mm and px.
+    sigmas
+        Standard deviation of the image coordinates of each view, px.
+    values
+        (10,) parameters of each view to use instead of the cameras'; None uses the cameras'.
+
+    Returns
+    -------
+    NDArray
+        (m, 4 + 6 views) derivatives, standard deviations per unit of the parameter.
+    """
+    rows = []
+    for index, (camera, (world, _), sigma) in enumerate(zip(cameras, measured, sigmas, strict=True)):
+        derivative = parameter_jacobian(camera, world, values[index] if values else None) / sigma
+        block = np.zeros((len(derivative), 4 + 6 * len(cameras)))
+        block[:, :4] = derivative[:, INTRINSICS]
+        block[:, 4 + 6 * index : 10 + 6 * index] = derivative[:, POSE]
+        rows.append(block)
+    return np.concatenate(rows)
