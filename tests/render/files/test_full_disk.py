@@ -9,7 +9,7 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np, xarray as xr
 from cboxlab.rendering.files import RADIANCE_UNIT, WRITABLE, write_channels, write_cube, write_raw
-from cboxlab.scenes.errors import InputError
+from cboxlab.utils.errors import InputError
 
 light = np.random.default_rng(1).random((40, 40, 3)).astype(np.float32)
 cube = xr.Dataset(

@@ -61,7 +61,8 @@ __all__ = [
 
 _DECLARED = (
     "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
-    "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated."
+    "wavelengths=400:700:20, wavelength-unit=nm (of a list without one), colour-space=rec709 (rec2020, p3-d65, aces, "
+    "acescg, radiance). May be repeated."
 )
 DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
 DeclarePairOption = Annotated[
@@ -108,7 +109,7 @@ def _declared(values: dict[str, str]) -> Declared:
 
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
     at = _listed_wavelengths(values["wavelengths"]) if "wavelengths" in values else None
-    return Declared(values.get("units"), scale, at, values.get("colour-space"))
+    return Declared(values.get("units"), scale, at, values.get("colour-space"), values.get("wavelength-unit"))
 
 
 @contextmanager
