@@ -17,9 +17,9 @@ from .declared import (
 )
 from .dng import write_dng
 from .exr_channels import write_channels
+from .headers import Window, common_pixels, window_in_file, window_of
 from .previews import raw_to_srgb, scene_white, xyz_weights
 from .raw_files import write_raw
-from .windows import Window, common_pixels, window_in_file, window_of
 
 __all__ = [
     "AS_STATED",

@@ -33,14 +33,13 @@ from .cube_checks import (
 )
 from .declared import AS_STATED, Declared, with_notes
 from .envi import data_file, map_envi, read_envi, write_envi
-from .envi_header import is_envi
 from .exr_channels import read_channels
+from .headers import is_envi, with_window
 from .netcdf import open_netcdf, read_netcdf, write_netcdf
 from .previews import cube_to_srgb
 from .radiance_hdr import is_radiance, read_radiance
 from .specfilm import cube_of_bands
 from .spectral_exr import cube_of_spectral_channels, spectral_channels, write_exr
-from .windows import with_window
 
 __all__ = ["READABLE", "WRITABLE", "files_of", "open_cube", "read_cube", "read_picture", "write_cube"]
 

@@ -14,7 +14,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT
-from .wavelength_units import same_unit
+from .headers import same_unit
 
 __all__ = [
     "AS_STATED",

@@ -20,11 +20,19 @@ from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples
 from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, with_declarations
-from .envi_header import EnviHeader, is_envi, read_header
-from .wavelength_units import LONGEST_NM, SHORTEST_NM, in_nanometres, states_no_unit
-from .windows import Window, window_of, with_window
+from .headers import (
+    LONGEST_NM,
+    SHORTEST_NM,
+    EnviHeader,
+    Window,
+    in_nanometres,
+    read_header,
+    states_no_unit,
+    window_of,
+    with_window,
+)
 
-__all__ = ["data_file", "is_envi", "map_envi", "read_envi", "write_envi"]
+__all__ = ["data_file", "map_envi", "read_envi", "write_envi"]
 
 #: NumPy's types by ENVI's code; 6 and 9 are complex and no radiance.
 _TYPES = {

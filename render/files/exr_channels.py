@@ -14,8 +14,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
-from .exr_layers import listed, one_layer_hint
-from .windows import Window, inside_display, window_of_header
+from .headers import Window, inside_display, listed, one_layer_hint, window_of_header
 
 __all__ = ["ExrChannels", "read_channels", "write_channels"]
 

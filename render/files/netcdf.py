@@ -16,7 +16,7 @@ from cboxlab.utils.input_files import require_regular_file
 
 from .cube_checks import RADIANCE_UNIT, require_kinds
 from .declared import AS_STATED, Declared, spectral_factor, with_declarations
-from .wavelength_units import in_nanometres, states_no_unit
+from .headers import in_nanometres, states_no_unit
 
 __all__ = ["open_netcdf", "read_netcdf", "write_netcdf"]
 

@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from .cube_checks import as_cube
 from .declared import Declared, scaled, sorted_planes, spectral_factor, with_declarations
 from .exr_channels import ExrChannels
-from .exr_layers import listed, require_one_layer
+from .headers import listed, require_one_layer
 
 __all__ = ["cube_of_bands"]
 

@@ -12,8 +12,8 @@ import xarray as xr
 from .cube_checks import PROVENANCE, RADIANCE_UNIT, as_cube, float32_samples
 from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, with_declarations
 from .exr_channels import ExrChannels, write_channels
+from .headers import exr_window, window_of
 from .previews import cube_to_linear_srgb
-from .windows import exr_window, window_of
 
 __all__ = ["cube_of_spectral_channels", "spectral_channels", "write_exr"]
 

@@ -5,8 +5,7 @@ import OpenEXR
 import pytest
 from cboxlab.rendering.files import Declared, Window, common_pixels, read_cube, read_picture, window_of, write_cube
 from cboxlab.rendering.files.cube_checks import as_cube
-from cboxlab.rendering.files.exr_layers import layers_of
-from cboxlab.rendering.files.windows import with_window
+from cboxlab.rendering.files.headers import layers_of, with_window
 from cboxlab.utils.errors import InputError
 from helpers.faults import fault_folder
 
@@ -140,11 +139,11 @@ PASSES = [*(f"ViewLayer.Combined.{c}" for c in "RGBA"), "ViewLayer.Depth.Z", *(f
         (
             AOVS,
             {"generatedBy": "Mitsuba version 3.9.1"},
-            r"layers \(without a name, albedo, dd, nn\).*R=R,G=G,B=B",
+            r"layers \(without a name, albedo, dd, nn\).*such as R, G, B as R, G, B",
         ),
         (AOVS, {"generatedBy": "Mitsuba version 3.9.1"}, "without the integrator 'aov'"),
-        (PASSES, {}, r"R=ViewLayer\.Combined\.R,G=ViewLayer\.Combined\.G.*OpenEXR in place of OpenEXR MultiLayer"),
-        ([f"Composite.Combined.{c}" for c in "RGBA"], {}, r"R=Composite\.Combined\.R"),
+        (PASSES, {}, r"such as ViewLayer\.Combined\.R, ViewLayer\.Combined\.G.*OpenEXR in place of OpenEXR MultiLayer"),
+        ([f"Composite.Combined.{c}" for c in "RGBA"], {}, r"such as Composite\.Combined\.R"),
         ([*"RGBA", "Z"], {}, "one picture: spectra, R, G, B, or X, Y, Z alone"),
         ([f"diffuse.{c}" for c in "RGB"] + [f"specular.{c}" for c in "RGB"], {}, r"layers \(diffuse, specular\)"),
         (["ch1", "ch2", "depth.Z"], {}, r"layers \(without a name, depth\)"),

@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 from cboxlab.rendering.files import Window, write_cube
 from cboxlab.rendering.files.cube_checks import as_cube
-from cboxlab.rendering.files.windows import with_window
+from cboxlab.rendering.files.headers import with_window
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders import compare_stacks, read_stack
 from cboxlab.validation.compare_renders.regress import regress_inputs

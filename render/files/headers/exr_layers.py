@@ -75,10 +75,10 @@ def one_layer_hint(layer: str, software: str) -> str:
         A sentence.
     """
     dot = f"{layer}." if layer else ""
-    advice = f"Save one layer alone: oiiotool FILE --ch R={dot}R,G={dot}G,B={dot}B -o one.exr"
+    advice = f"Save one layer alone, such as {dot}R, {dot}G, {dot}B as R, G, B"
     if software.startswith("Mitsuba"):
-        return f"{advice}; in Mitsuba, render once more without the integrator 'aov'."
-    return f"{advice}; in Blender, with the file format OpenEXR in place of OpenEXR MultiLayer."
+        return f"{advice}; in Mitsuba, render without the integrator 'aov'."
+    return f"{advice}; in Blender, choose the file format OpenEXR in place of OpenEXR MultiLayer."
 
 
 def require_one_layer(path: Path, names: Sequence[str], software: str = "") -> None:
