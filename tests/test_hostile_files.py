@@ -201,7 +201,8 @@ def test_an_array_without_values_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("data gain values = {2, 2}", "data gain values"),
+        ("data gain values = {2, 2, 2}", "data gain values"),
+        ("data gain values = {2, -2}", "data gain values"),
         ("byte order = 7", "byte order"),
         ("lines = -3", "negative"),
         ("wavelength = {500, 1e99999999}", "wavelength"),

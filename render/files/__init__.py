@@ -17,6 +17,7 @@ from .declared import (
 )
 from .dng import write_dng
 from .exr_channels import write_channels
+from .headers import Window, common_pixels, window_in_file, window_of
 from .previews import raw_to_srgb, scene_white, xyz_weights
 from .raw_files import write_raw
 
@@ -30,8 +31,10 @@ __all__ = [
     "WRITABLE",
     "Declared",
     "DeclaredPair",
+    "Window",
     "camera_attribute",
     "camera_of_attribute",
+    "common_pixels",
     "declared_for",
     "files_of",
     "open_cube",
@@ -43,6 +46,8 @@ __all__ = [
     "scene_white",
     "stated_in",
     "strip_cameras",
+    "window_in_file",
+    "window_of",
     "write_channels",
     "write_cube",
     "write_dng",

@@ -14,7 +14,7 @@ import xarray as xr
 from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
-from .declared import PHOTOMETRIC_UNIT, Declared, photometric_factor, told
+from .declared import PHOTOMETRIC_UNIT, Declared, photometric_factor, with_declarations
 from .exr_channels import ExrChannels
 
 __all__ = [
@@ -128,4 +128,4 @@ def picture_of_colours(path: Path, channels: ExrChannels, declared: Declared) ->
     else:
         factor = float(white)
         known |= {"units": PHOTOMETRIC_UNIT, "scale": factor}
-    return told(as_xyz_picture(values * factor), declared, used, stated=known)
+    return with_declarations(as_xyz_picture(values * factor), declared, used, stated=known)

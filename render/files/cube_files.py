@@ -1,10 +1,12 @@
-"""Pictures on disk. Spectral cubes: NetCDF (all data), spectral OpenEXR and ENVI (radiance only), OpenEXR files of
-bands (reading only), PNG (writing only). Pictures in colour, for reading only: OpenEXR in X, Y, Z or R, G, B, Radiance.
+"""Pictures on disk.
+
+Spectral cubes: NetCDF (all data), spectral OpenEXR and ENVI (radiance only), OpenEXR files of bands (reading only), PNG
+(writing only). Pictures in colour, for reading only: OpenEXR in X, Y, Z or R, G, B, Radiance.
 
 A cube is the Dataset of ``RenderedImage.cube``: radiance (y, x, wavelength) in W m^-2 sr^-1 nm^-1 and,
 if known, standard_error of the same shape and surface (y, x); wavelength in nm, ascending. NetCDF files may also
 hold cubes as coefficients of a spectral basis (``spectral_basis``). What a file does not state (units, wavelengths,
-colour space) is asked for, never guessed (``declared``).
+colour space) is asked for, never guessed (``declared``). A picture that is part of a larger one says so (``windows``).
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ from .cube_checks import (
     with_units,
 )
 from .declared import AS_STATED, Declared, with_notes
-from .envi import data_file, is_envi, map_envi, read_envi, write_envi
+from .envi import data_file, map_envi, read_envi, write_envi
 from .exr_channels import read_channels
+from .headers import is_envi, with_window
 from .netcdf import open_netcdf, read_netcdf, write_netcdf
 from .previews import cube_to_srgb
 from .radiance_hdr import is_radiance, read_radiance
@@ -43,49 +46,71 @@ __all__ = ["READABLE", "WRITABLE", "files_of", "open_cube", "read_cube", "read_p
 
 @dataclass(frozen=True)
 class CubeFormat:
-    """One format. read : gives a cube or a picture in colour (``colour_pictures``). recognises : whether a file of that
-    ending has it. write, open : None where it cannot be written, or read on demand."""
+    """One format of files."""
 
+    #: Ending of its files, in lower case with the dot.
     ending: str
+    #: Reads a cube, or a picture in colour (``colour_pictures``).
     read: Callable[[Path, Declared], xr.Dataset]
+    #: Whether a file of that ending has this format.
     recognises: Callable[[Path], bool] = lambda path: True
+    #: Writes a cube; None where the format is not written.
     write: Callable[[Path, xr.Dataset], None] | None = None
+    #: Opens a cube whose values are read on demand; None where they are read at once.
     open: Callable[[Path, Declared], xr.Dataset] | None = None
 
 
 def _write_png(path: Path, cube: xr.Dataset) -> None:
+    """Write a preview in sRGB."""
     with replacing(path) as temporary:
         Image.fromarray(cube_to_srgb(cube)).save(temporary, format="PNG")
 
 
 def _read_exr(path: Path, declared: Declared) -> xr.Dataset:
-    """Which of three formats it is, the channels' names tell."""
+    """Picture of one of three formats, by the names of the channels."""
     channels = read_channels(path)
     if spectral_channels(channels.planes):
-        return cube_of_spectral_channels(path, channels, declared)
-    if colour_channels(set(channels.planes)) is not None:
-        return picture_of_colours(path, channels, declared)
-    return cube_of_bands(path, channels, declared)
+        picture = cube_of_spectral_channels(path, channels, declared)
+    elif colour_channels(set(channels.planes)) is not None:
+        picture = picture_of_colours(path, channels, declared)
+    else:
+        picture = cube_of_bands(path, channels, declared)
+    return with_window(with_notes(picture, channels.notes), channels.window)
 
 
-#: The first of an ending that recognises a file reads it.
+#: Formats by ending; the first of an ending that recognises a file reads it.
 FORMATS = (
     CubeFormat(".nc", read_netcdf, write=write_netcdf, open=open_netcdf),
     CubeFormat(".exr", _read_exr, write=write_exr),
     CubeFormat(".hdr", read_radiance, is_radiance),
     CubeFormat(".hdr", read_envi, is_envi, write_envi, map_envi),
 )
-_WRITERS = {known.ending: known.write for known in FORMATS if known.write} | {".png": _write_png}
+_WRITERS = {form.ending: form.write for form in FORMATS if form.write} | {".png": _write_png}
+
+#: Endings of files that are written.
 WRITABLE = tuple(_WRITERS)
-READABLE = tuple(dict.fromkeys(known.ending for known in FORMATS))
+
+#: Endings of files that are read.
+READABLE = tuple(dict.fromkeys(form.ending for form in FORMATS))
 
 
 def write_cube(path: Path, cube: xr.Dataset) -> None:
-    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI, with .img beside) or .png.
+    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI, with an .img file) or .png.
 
-    .nc keeps the whole dataset; .exr (layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021) and .hdr
-    keep the radiance as float32. Incomplete files are removed. Raises InputError for another ending, a dataset that
-    is not a cube, or a path that cannot be written to.
+    .nc keeps the complete dataset; .exr (layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021) and .hdr
+    keep the radiance as float32.
+
+    Parameters
+    ----------
+    path
+        File to write; an incomplete one is removed.
+    cube
+        Radiance (y, x, wavelength), or for .nc coefficients of a spectral basis.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, the dataset is no cube, or the path cannot be written to.
     """
     path = Path(path)
     ending = path.suffix.lower()
@@ -100,15 +125,41 @@ def write_cube(path: Path, cube: xr.Dataset) -> None:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """The file of a picture, and the data file beside an ENVI header."""
+    """Files that hold a picture: the file itself, and the data file of an ENVI header.
+
+    Parameters
+    ----------
+    path
+        File of a picture.
+
+    Returns
+    -------
+    tuple of Path
+        ``path`` first.
+    """
     samples = data_file(path) if path.suffix.lower() == ".hdr" and is_envi(path) else None
     return (path,) if samples is None else (path, samples)
 
 
 def read_cube(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The spectral cube of a file, in memory. declared : what the file does not state.
+    """Spectral cube of a file, in memory.
 
-    Raises InputError for a missing or invalid file, one that leaves open what it holds, and for pictures in colour.
+    Parameters
+    ----------
+    path
+        File of a cube.
+    declared
+        Values that the file does not state.
+
+    Returns
+    -------
+    xr.Dataset
+        Radiance (y, x, wavelength), W m^-2 sr^-1 nm^-1.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or invalid, leaves open what it holds, or is a picture in colour.
     """
     cube = read_picture(path, declared)
     if "xyz" in cube:
@@ -117,9 +168,27 @@ def read_cube(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
 
 
 def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The cube, or the picture in X, Y, Z (``xyz`` over y, x, component, in cd m^-2), of a file. As ``read_cube``."""
+    """Cube, or picture in X, Y, Z, of a file.
+
+    Parameters
+    ----------
+    path
+        File of a cube or a picture in colour.
+    declared
+        Values that the file does not state.
+
+    Returns
+    -------
+    xr.Dataset
+        As ``read_cube``; of a picture in colour ``xyz`` (y, x, component), cd m^-2.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or invalid, or leaves open what it holds.
+    """
     path = Path(path)
-    picture = _readable(path).read(path, declared)
+    picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
         require_cube(picture, path)
     require_numbers(picture, path)
@@ -130,29 +199,47 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
 
 @contextmanager
 def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset]:
-    """The cube of a file; NetCDF and ENVI are read on demand. Raises InputError like read_cube.
+    """Cube of a file; NetCDF and ENVI are read on demand.
 
-    A NetCDF file may hold coefficients of a spectral basis instead of radiance (``spectral_basis``).
+    Parameters
+    ----------
+    path
+        File of a cube.
+    declared
+        Values that the file does not state.
+
+    Yields
+    ------
+    xr.Dataset
+        As ``read_cube``; of a NetCDF file it may be coefficients of a spectral basis (``spectral_basis``).
+
+    Raises
+    ------
+    InputError
+        As ``read_cube``.
     """
     path = Path(path)
-    known = _readable(path)
-    if known.open is None:
+    form = _format_of(path)
+    if form.open is None:
         yield read_cube(path, declared)
         return
-    with known.open(path, declared) as cube:
+    with form.open(path, declared) as cube:
         require_stored(cube, path)
         yield cube
 
 
-def _readable(path: Path) -> CubeFormat:
-    own = [known for known in FORMATS if known.ending == path.suffix.lower()]
-    if not own:
-        raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(READABLE)}")
+def _format_of(path: Path) -> CubeFormat:
+    """Format of a file. Raises InputError for a missing file, and for another format."""
+    forms = [form for form in FORMATS if form.ending == path.suffix.lower()]
+    if not forms:
+        header = next((p for p in (path.with_suffix(".hdr"), Path(f"{path}.hdr")) if p.is_file()), None)
+        hint = "" if header is None else f"Name the header of an ENVI file: {header.name}."
+        raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(READABLE)}", hint)
     require_regular_file(path, "a spectral cube")
     try:
-        found = next((known for known in own if known.recognises(path)), None)
+        match = next((form for form in forms if form.recognises(path)), None)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), "a file that can be read") from None
-    if found is None:
+    if match is None:
         raise InputError(path, "no 'ENVI' and no '#?' at its beginning", "an ENVI header or a Radiance picture")
-    return found
+    return match

@@ -1,4 +1,4 @@
-"""What a user declares of a file that does not state it: units, scale, wavelengths, colour space."""
+"""Declarations of a user for files that do not state them: units, scale, wavelengths, colour space."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT
+from .headers import same_unit
 
 __all__ = [
     "AS_STATED",
@@ -28,13 +29,18 @@ __all__ = [
     "sorted_planes",
     "spectral_factor",
     "stated_in",
-    "told",
+    "with_declarations",
     "with_notes",
 ]
 
-#: Attribute of a dataset that was read: what the reader of the file has to know, one note a line.
+#: Attribute of a dataset that was read: notes for its reader, one a line.
 NOTES = "reading_notes"
-_USED, _STATED = "declared_used", "declared_otherwise"
+
+#: Attribute: fields of Declared that were used, or agree with the file, separated by commas.
+_USED = "declared_used"
+
+#: Attribute: what the file states in place of what was declared, by field, in JSON.
+_STATED = "declared_otherwise"
 
 #: Size and powers of watt, metre, steradian and candela.
 _UNITS = {
@@ -53,29 +59,47 @@ _UNITS = {
     "lm": (1.0, (0, 0, 1, 1)),
     "nit": (1.0, (0, -2, 0, 1)),
 }
+
+#: One factor of a unit: a slash in front, a name, a power.
 _FACTOR = re.compile(r"(/?)\s*([A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?([+-]?\d)?\)?")
+
+#: Raised digits and micro signs as plain ones.
 _POWERS = str.maketrans("⁰¹²³⁻µμ", "0123-uu")
+
+#: Unit of X, Y, Z.
 PHOTOMETRIC_UNIT = "cd m^-2"
 
 
 @dataclass(frozen=True)
 class Declared:
-    """Each applies to files that do not state it, and to no other; it may repeat what a file states.
+    """Properties of files that a user declares.
 
-    units : of the stored values times ``scale``. wavelengths_nm : of the planes, in the order of the file.
-    colour_space : of R, G and B, see ``colour_pictures``.
+    Each applies to files that do not state it, and to no other; it may repeat what a file states.
     """
 
+    #: Unit of the stored values times ``scale``; None if not declared.
     units: str | None = None
+    #: Factor from the stored values to ``units``; None if not declared.
     scale: float | None = None
+    #: Wavelengths of the planes in the order of the file, nm; None if not declared.
     wavelengths_nm: tuple[float, ...] | None = None
+    #: Colour space of R, G and B, see ``colour_pictures``; None if not declared.
     colour_space: str | None = None
+    #: Unit of a list of wavelengths that the file has without one; None if not declared.
+    wavelength_unit: str | None = None
 
     def given(self) -> set[str]:
-        """Names of what is declared."""
+        """Names of the fields that are declared.
+
+        Returns
+        -------
+        set of str
+            Fields that are not None.
+        """
         return {name for name, value in vars(self).items() if value is not None}
 
 
+#: No declaration.
 AS_STATED = Declared()
 
 #: Fields of Declared by their key in messages.
@@ -83,6 +107,7 @@ DECLARABLE = {
     "units": "units",
     "scale": "scale",
     "wavelengths": "wavelengths_nm",
+    "wavelength-unit": "wavelength_unit",
     "colour-space": "colour_space",
 }
 _KEYS = {name: key for key, name in DECLARABLE.items()}
@@ -90,26 +115,51 @@ _KEYS = {name: key for key, name in DECLARABLE.items()}
 
 @dataclass(frozen=True)
 class DeclaredPair:
-    """Of two files that are compared. names : of the two, in messages. both : for either; own : for one alone, in place
-    of ``both``.
-    """
+    """Declarations for two files that are compared."""
 
+    #: Names of the two in messages.
     names: tuple[str, str]
+    #: Declarations for either file.
     both: Declared = AS_STATED
+    #: Declarations for the first and for the second alone, in place of ``both``.
     own: tuple[Declared, Declared] = (AS_STATED, AS_STATED)
 
     def of(self, index: int) -> Declared:
-        """For the first (0) or the second (1)."""
-        own = self.own[index]
-        return replace(self.both, **{name: getattr(own, name) for name in own.given()})
+        """Declarations for one of the two.
+
+        Parameters
+        ----------
+        index
+            0 for the first, 1 for the second.
+
+        Returns
+        -------
+        Declared
+            Those of this file, and those of both that it lacks.
+        """
+        single = self.own[index]
+        return replace(self.both, **{name: getattr(single, name) for name in single.given()})
 
     def require_used(
         self, used: tuple[Iterable[str], Iterable[str]], stated: tuple[Mapping[str, str], Mapping[str, str]]
     ) -> None:
-        """As ``require_used``, each declaration by the files that it is for. used, stated : of each file."""
+        """Check each declaration by the files that it is for, as the function ``require_used``.
+
+        Parameters
+        ----------
+        used
+            Of each file, fields that were used or agree (``declared_for``).
+        stated
+            Of each file, what it states otherwise (``stated_in``).
+
+        Raises
+        ------
+        InputError
+            If a file states another value than declared, or no file needs a declaration.
+        """
         require_used(self.both, [*used[0], *used[1]], {**stated[1], **stated[0]})
-        for name, own, applied, found in zip(self.names, self.own, used, stated, strict=True):
-            require_used(own, applied, found, f"{name}:")
+        for name, single, applied, otherwise in zip(self.names, self.own, used, stated, strict=True):
+            require_used(single, applied, otherwise, f"{name}:")
 
 
 def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
@@ -125,65 +175,130 @@ def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
         if name not in _UNITS:
             return None
         exponent = int(power or 1) * (-1 if over else 1)
-        own, dimensions = _UNITS[name]
-        size, powers = size * own**exponent, powers + exponent * np.array(dimensions)
+        unit_size, dimensions = _UNITS[name]
+        size, powers = size * unit_size**exponent, powers + exponent * np.array(dimensions)
     return size, tuple(map(int, powers))
 
 
 def _factor(where: str | Path, stated: str | None, declared: Declared, unit: str, hint: str) -> float:
+    """Factor from stored values to ``unit``, see ``spectral_factor``."""
     scale = 1.0
     if stated is None:
         if declared.units is None:
-            found = "no unit"
             how = f"declare units='{unit}', and scale=FACTOR to it. {hint}"
-            raise InputError(where, found, f"the unit of its values, such as '{unit}'", how.strip())
+            raise InputError(where, "no unit", f"the unit of its values, such as '{unit}'", how.strip())
         where, stated, scale = "declared units", declared.units, declared.scale or 1.0
-    found_unit, wanted = _parsed(stated), _parsed(unit)
-    if found_unit is None or wanted is None or found_unit[1] != wanted[1]:
+    stored, target = _parsed(stated), _parsed(unit)
+    if stored is None or target is None or stored[1] != target[1]:
         raise InputError(where, f"the unit '{stated}'", f"'{unit}' or a multiple of it", "Convert it first.")
-    return scale * found_unit[0] / wanted[0]
+    return scale * stored[0] / target[0]
 
 
 def spectral_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
-    """Factor from stored values to W m^-2 sr^-1 nm^-1. stated : the file's own unit, None where it has none.
+    """Factor from stored values to W m^-2 sr^-1 nm^-1.
 
-    Raises InputError where neither the file nor the user names a unit, and for other units than of spectral radiance.
+    Parameters
+    ----------
+    where
+        File and key, for the message.
+    stated
+        Unit that the file states; None where it states none.
+    declared
+        Unit and scale for a file that states none.
+    hint
+        Further advice where both lack the unit.
+
+    Returns
+    -------
+    float
+        The factor, the declared scale included.
+
+    Raises
+    ------
+    InputError
+        If neither the file nor the user names a unit, or it is none of spectral radiance.
     """
     return _factor(where, stated, declared, RADIANCE_UNIT, hint)
 
 
 def photometric_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
-    """Factor from stored X, Y, Z to cd m^-2. As ``spectral_factor``."""
+    """Factor from stored X, Y, Z to cd m^-2.
+
+    Parameters
+    ----------
+    where, stated, declared, hint
+        As ``spectral_factor``.
+
+    Returns
+    -------
+    float
+        The factor, the declared scale included.
+
+    Raises
+    ------
+    InputError
+        If neither the file nor the user names a unit, or it is none of luminance.
+    """
     return _factor(where, stated, declared, PHOTOMETRIC_UNIT, hint)
 
 
 def with_notes(dataset: xr.Dataset, notes: Iterable[str]) -> xr.Dataset:
-    """The dataset with further notes."""
+    """Dataset with further notes for its reader.
+
+    Parameters
+    ----------
+    dataset
+        Dataset of a file.
+    notes
+        Notes of one line each.
+
+    Returns
+    -------
+    xr.Dataset
+        The same arrays, with the attribute NOTES where there are any.
+    """
     lines = [*filter(None, str(dataset.attrs.get(NOTES, "")).split("\n")), *notes]
     return dataset.assign_attrs({NOTES: "\n".join(lines)}) if lines else dataset
 
 
-def told(
+def with_declarations(
     dataset: xr.Dataset,
     declared: Declared,
     used: Iterable[str] = (),
     notes: Iterable[str] = (),
     stated: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """The dataset with notes, and a note of what was declared for it. used : names of fields of Declared.
+    """Dataset with notes, and with a record of the declarations used for it.
 
-    stated : what the file says itself of others, by name; wavelengths are taken from the dataset. A unit comes with a
-    scale of 1 where none is given.
+    Parameters
+    ----------
+    dataset
+        Dataset of a file.
+    declared
+        All declarations for the file.
+    used
+        Fields of ``declared`` that the file needed.
+    notes
+        Further notes for the reader.
+    stated
+        Values that the file states of other fields. Wavelengths are taken from the dataset; a unit comes with a scale
+        of 1 where none is stated.
+
+    Returns
+    -------
+    xr.Dataset
+        The same arrays; ``declared_for`` and ``stated_in`` read the record.
     """
+    used = tuple(used)
     names = [name for name in used if getattr(declared, name) is not None]
-    own = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
-    noted = with_notes(dataset, [*notes, *own])
-    known = dict(stated or {})
+    applied = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
+    noted = with_notes(dataset, [*notes, *applied])
+    of_file = dict(stated or {})
     if "wavelength" in dataset.coords:
-        known["wavelengths_nm"] = tuple(map(float, np.atleast_1d(dataset["wavelength"].values)))
-    if "units" in known:
-        known.setdefault("scale", 1.0)
-    others = {name: known[name] for name in declared.given() & set(known) - set(used)}
+        of_file["wavelengths_nm"] = tuple(map(float, np.atleast_1d(dataset["wavelength"].values)))
+    if "units" in of_file:
+        of_file.setdefault("scale", 1.0)
+    others = {name: of_file[name] for name in declared.given() & set(of_file) - set(used)}
     agreeing = [name for name, value in others.items() if _agrees(name, getattr(declared, name), value)]
     if names or agreeing:
         noted = noted.assign_attrs({_USED: ",".join([*names, *agreeing])})
@@ -194,54 +309,130 @@ def told(
 def _agrees(name: str, declared: object, stated: object) -> bool:
     """Whether a declaration says what the file says, within the digits that files are written with."""
     if name == "units":
-        one, other = _parsed(declared), _parsed(stated)
-        if one is None or other is None:
+        first, second = _parsed(declared), _parsed(stated)
+        if first is None or second is None:
             return False
-        return one[1] == other[1] and bool(np.isclose(one[0], other[0], rtol=1e-9))
+        return first[1] == second[1] and bool(np.isclose(first[0], second[0], rtol=1e-9))
+    if name == "wavelength_unit":
+        return same_unit(declared, stated)
     if name == "colour_space":
         return declared == stated
-    one_nm, other_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(stated))  # type: ignore[call-overload]
-    return one_nm.shape == other_nm.shape and bool(np.allclose(one_nm, other_nm, rtol=1e-6, atol=0))
+    first_nm, second_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(stated))  # type: ignore[call-overload]
+    return first_nm.shape == second_nm.shape and bool(np.allclose(first_nm, second_nm, rtol=1e-6, atol=0))
 
 
 def _shown(value: object) -> str:
+    """A declared value in a message; of wavelengths their number and range."""
     if isinstance(value, tuple):
         return f"{len(value)} from {min(value):g} to {max(value):g} nm"
     return str(value)
 
 
 def declared_for(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Which fields of Declared were used when the dataset was read, or say what its file says."""
+    """Fields of Declared that were used for a dataset, or agree with its file.
+
+    Parameters
+    ----------
+    dataset
+        Dataset of a file.
+
+    Returns
+    -------
+    tuple of str
+        Names of the fields.
+    """
     return tuple(filter(None, str(dataset.attrs.get(_USED, "")).split(",")))
 
 
 def stated_in(dataset: xr.Dataset) -> dict[str, str]:
-    """By field of Declared, what the file states in place of what was declared."""
+    """Values that the file of a dataset states in place of what was declared.
+
+    Parameters
+    ----------
+    dataset
+        Dataset of a file.
+
+    Returns
+    -------
+    dict
+        The file's value by field of Declared.
+    """
     return dict(json.loads(str(dataset.attrs.get(_STATED, "{}"))))
 
 
 def require_used(
     declared: Declared, used: Iterable[str], stated: Mapping[str, str] | None = None, which: str = ""
 ) -> None:
-    """Raise InputError for what is declared although every file states another value, or has no such thing.
+    """Raise InputError for declarations that no file needs.
 
-    used : by any of the files. stated : see ``stated_in``. which : in front of the key in the message.
+    Parameters
+    ----------
+    declared
+        The declarations.
+    used
+        Fields used by any of the files.
+    stated
+        What files state in place of what was declared, see ``stated_in``.
+    which
+        Text in front of the key in the message.
+
+    Raises
+    ------
+    InputError
+        If every file states another value, or has no such property.
     """
-    found = stated or {}
+    otherwise = stated or {}
     for name in sorted(declared.given() - set(used)):
-        instead = f"{found[name]}, or none: the file states it itself" if name in found else "none: no file needs it"
-        raise InputError(f"declared {which}{_KEYS[name]}", _shown(getattr(declared, name)), instead)
+        allowed = "none: no file needs it"
+        if name in otherwise:
+            allowed = f"{otherwise[name]}, or none: the file states it itself"
+        raise InputError(f"declared {which}{_KEYS[name]}", _shown(getattr(declared, name)), allowed)
 
 
 def scaled(values: NDArray, factor: float) -> NDArray:
-    """Values times a factor, of their own type; the same array where the factor is 1."""
+    """Values times a factor, of the same type of floats.
+
+    Parameters
+    ----------
+    values
+        Array of any shape.
+    factor
+        Number.
+
+    Returns
+    -------
+    NDArray
+        The same array where the factor is 1; integers become floats.
+    """
     return values if factor == 1 else (values * np.float64(factor)).astype(np.result_type(values.dtype, np.float32))
 
 
 def sorted_planes(
     path: Path, planes: NDArray, wavelength_nm: NDArray[np.float64]
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """Planes (..., w) and wavelengths, ascending. Raises InputError for a wavelength twice."""
+    """Planes and wavelengths in ascending order.
+
+    Parameters
+    ----------
+    path
+        File, for the message.
+    planes
+        (..., w) values.
+    wavelength_nm
+        (w,) nm.
+
+    Returns
+    -------
+    planes : NDArray
+        (..., w), the same array where it is in order.
+    wavelength_nm : NDArray
+        (w,) nm, ascending.
+
+    Raises
+    ------
+    InputError
+        If a wavelength occurs twice.
+    """
     order = np.argsort(wavelength_nm, kind="stable")
     ascending = np.asarray(wavelength_nm, float)[order]
     twice = np.flatnonzero(np.diff(ascending) == 0)

@@ -1,32 +1,98 @@
-"""ENVI files: a text header and a file of raw samples."""
+"""ENVI files: a text header and a file of raw samples.
+
+Samples are mapped from the file and read on demand, unless they have to be scaled, put in order or marked as missing.
+A header that leaves the order, the type or the size of its samples open is refused, as ENVI itself does. What it leaves
+open of their meaning (units, wavelengths) is asked for.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.input_files import read_text
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples
-from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, told
+from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, with_declarations
+from .headers import (
+    LONGEST_NM,
+    SHORTEST_NM,
+    EnviHeader,
+    Window,
+    in_nanometres,
+    read_header,
+    states_no_unit,
+    window_of,
+    with_window,
+)
 
-__all__ = ["data_file", "is_envi", "map_envi", "read_envi", "write_envi"]
+__all__ = ["data_file", "map_envi", "read_envi", "write_envi"]
 
-_TYPES = {1: "u1", 2: "i2", 4: "f4", 5: "f8", 12: "u2"}
+#: NumPy's types by ENVI's code; 6 and 9 are complex and no radiance.
+_TYPES = {
+    1: "u1",
+    2: "i2",
+    3: "i4",
+    4: "f4",
+    5: "f8",
+    12: "u2",
+    13: "u4",
+    14: "i8",
+    15: "u8",
+}
+
+#: Dimensions in the order of the file, by interleave.
 _ORDERS = {
     "bsq": ("wavelength", "y", "x"),
     "bil": ("y", "wavelength", "x"),
     "bip": ("y", "x", "wavelength"),
 }
 
+#: Endings of files of samples; ENVI's own are .img and .dat, those of cameras often the interleave.
+_DATA_ENDINGS = (".img", ".raw", ".dat", ".bsq", ".bil", ".bip", ".bin", ".hyspex", ".pix", ".rad")
+
+#: File types whose samples are no picture.
+_OTHER_FILE_TYPES = ("envi spectral library", "envi classification", "envi meta file")
+
+#: Bad bands that a note names by their wavelengths; of more it states the number.
+_MAX_BANDS_NAMED = 6
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Size, order and type of the samples in their file."""
+
+    #: Number of samples by dimension y, x and wavelength.
+    size: Mapping[str, int]
+    #: Dimensions, the slowest first.
+    order: tuple[str, ...]
+    #: Type of a sample with its byte order.
+    kind: np.dtype
+    #: Bytes in front of the first sample.
+    offset_bytes: int
+
+    @property
+    def file_bytes(self) -> int:
+        """Bytes of the file."""
+        return self.offset_bytes + math.prod(self.size.values()) * self.kind.itemsize
+
 
 def write_envi(path: Path, cube: xr.Dataset) -> None:
-    """Write the radiance as float32, band after band."""
+    """Write the radiance as float32, band after band, and the header last: a header implies complete data.
+
+    Parameters
+    ----------
+    path
+        File of the header; the samples go into the file with the ending .img next to it.
+    cube
+        Radiance (y, x, wavelength), W m^-2 sr^-1 nm^-1.
+    """
     samples = float32_samples(cube)
     wavelengths = ", ".join(f"{w:.10g}" for w in cube["wavelength"].values)
     lines = [
@@ -46,128 +112,254 @@ def write_envi(path: Path, cube: xr.Dataset) -> None:
     ]
     if "missing" in cube.attrs:
         lines.append(f"data ignore value = {cube.attrs['missing']}")
-    # The header is written last, so that a header implies complete data.
+    if (window := window_of(cube)) is not None:
+        lines += [f"x start = {window.left + 1}", f"y start = {window.top + 1}"]
     with replacing(path.with_suffix(".img")) as temporary:
         temporary.write_bytes(np.ascontiguousarray(np.moveaxis(samples, -1, 0), "<f4").tobytes())
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _header(path: Path) -> dict[str, str]:
-    """Keys in lower case with their values without braces; a value in braces may span several lines."""
-    lines = iter(read_text(path, "an ENVI header", largest=2**20).splitlines())
-    if not next(lines, "").startswith("ENVI"):
-        raise InputError(path, "no 'ENVI' in its first line", "an ENVI header")
-    header: dict[str, str] = {}
-    for line in lines:
-        key, equals, value = (part.strip() for part in line.partition("="))
-        if not equals or not key or key.startswith(";"):
-            continue
-        parts = [value]
-        while value.startswith("{") and "}" not in parts[-1] and (more := next(lines, None)) is not None:
-            parts.append(more.strip())
-        header[key.lower()] = " ".join(parts).strip("{}").strip()
-    return header
+def data_file(path: Path, size_bytes: int | None = None) -> Path | None:
+    """File of samples next to a header: x.img, x.dat, x.bil ... of x.hdr, or x.img of x.img.hdr.
 
+    Parameters
+    ----------
+    path
+        File of the header.
+    size_bytes
+        Bytes of the samples' file; of several files the one of this size is taken. None takes the first.
 
-def _require_plain_values(path: Path, header: dict[str, str]) -> None:
-    """Raise InputError if the stored numbers must be scaled to get the radiance."""
-    for key, plain in (
-        ("data gain values", 1.0),
-        ("data offset values", 0.0),
-        ("reflectance scale factor", 1.0),
-    ):
-        try:
-            stated = [float(part) for part in header.get(key, "").split(",") if part.strip()]
-        except ValueError:
-            raise InputError(f"{path}: {key}", repr(header[key]), "numbers") from None
-        if any(value != plain for value in stated):
-            hint = "Apply them to the samples and remove the key."
-            raise InputError(f"{path}: {key}", header[key], f"{plain:g}: samples that are the radiance", hint)
+    Returns
+    -------
+    Path or None
+        None where there is no such file.
 
-
-def data_file(path: Path) -> Path | None:
-    """The file of samples beside a header, if there is one."""
-    return next((p for p in (path.with_suffix(s) for s in (".img", ".raw", ".dat", "")) if p.is_file()), None)
-
-
-def is_envi(path: Path) -> bool:
-    """Whether the file begins as ENVI's headers do."""
-    with path.open("rb") as file:
-        return file.read(7).removeprefix(b"\xef\xbb\xbf").startswith(b"ENVI")
+    Raises
+    ------
+    InputError
+        If several files have the size.
+    """
+    stem = path.with_suffix("")
+    endings = (*_DATA_ENDINGS, *(ending.upper() for ending in _DATA_ENDINGS))
+    names = [stem.with_name(stem.name + ending) for ending in endings]
+    candidates: list[Path] = []
+    for candidate in (*names, stem):  # a file system may not tell .img from .IMG
+        if candidate.is_file() and not any(candidate.samefile(other) for other in candidates):
+            candidates.append(candidate)
+    fitting = [candidate for candidate in candidates if candidate.stat().st_size == size_bytes]
+    if len(fitting) > 1:
+        names_found = ", ".join(candidate.name for candidate in fitting)
+        raise InputError(path, f"data files {names_found} of the same size", "one data file of its header's name")
+    return next(iter(fitting or candidates), None)
 
 
 def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The cube with its samples mapped from the file, read on demand.
+    """Cube with its samples mapped from the file and read on demand.
 
-    In memory where samples have to be scaled, or planes put in order.
+    Stored numbers are in memory where they have to be scaled, put in order or marked as missing: by ``data gain
+    values`` and ``data offset values`` (gain times number plus offset), ``reflectance scale factor`` (number over
+    factor), units other than W m^-2 sr^-1 nm^-1, and ``data ignore value``. Bands that ``bbl`` marks as bad are left
+    out. Notes state what was applied.
+
+    Parameters
+    ----------
+    path
+        File of the header.
+    declared
+        Units, scale, wavelengths or their unit, where the header does not state them.
+
+    Returns
+    -------
+    xr.Dataset
+        Radiance (y, x, wavelength), W m^-2 sr^-1 nm^-1, ascending in wavelength.
+
+    Raises
+    ------
+    InputError
+        If the header lacks a required key or leaves units or wavelengths open, if a value has no meaning, or if the
+        data file is missing or of another size.
     """
-    header = _header(path)
-
-    def whole(key: str, default: int | None = None) -> int:
-        if key not in header and default is not None:
-            return default
-        try:
-            return int(header[key])
-        except (KeyError, ValueError):
-            raise InputError(f"{path}: {key}", repr(header.get(key)), "a whole number") from None
-
-    _require_plain_values(path, header)
-    size = {"x": whole("samples"), "y": whole("lines"), "wavelength": whole("bands")}
-    code, order = whole("data type"), header.get("interleave", "bsq").lower()
-    if code not in _TYPES:
-        raise InputError(f"{path}: data type", str(code), f"one of {', '.join(map(str, _TYPES))}")
-    if order not in _ORDERS:
-        raise InputError(f"{path}: interleave", order, f"one of {', '.join(_ORDERS)}")
-    factor = spectral_factor(f"{path}: data units", header.get("data units"), declared)
-    wavelength, used = _wavelengths(path, header, declared)
-    if "data units" not in header:
+    header = read_header(path)
+    notes: list[str] = []
+    layout = _layout(header)
+    file = data_file(path, layout.file_bytes)
+    if file is None:
+        endings = ", ".join(_DATA_ENDINGS[:6])
+        raise InputError(path, "no data file next to it", f"{path.stem} with one of the endings {endings}, or none")
+    if file.stat().st_size != layout.file_bytes:
+        found = f"{file.stat().st_size} bytes"
+        raise InputError(file, found, f"{layout.file_bytes} bytes according to its header")
+    stated_unit = header.text("data units") or None
+    factor = spectral_factor(f"{path}: data units", stated_unit, declared)
+    wavelength, used, stated = _wavelengths(header, layout.size["wavelength"], declared)
+    if stated_unit is None:
         used += ["units", "scale"]
-    if wavelength.size != size["wavelength"]:
-        raise InputError(
-            f"{path}: wavelength", f"{wavelength.size} values", f"{size['wavelength']}, the value of bands"
-        )
-    raw = data_file(path)
-    if raw is None:
-        raise InputError(path, "no data file beside it", f"{path.stem}.img, .raw or .dat")
-    if (byte_order := whole("byte order", 0)) not in (0, 1):
+    else:
+        stated["units"] = stated_unit
+    shape = tuple(layout.size[name] for name in layout.order)
+    values = np.memmap(file, layout.kind, "r", layout.offset_bytes, shape)
+    planes: NDArray = np.moveaxis(values, layout.order.index("wavelength"), -1)
+    planes, ignored = _without_ignored(path, planes, header.text("data ignore value") or "")
+    planes = _with_gains(header, planes, notes)
+    good = _good_bands(header, wavelength, notes)
+    if not good.all():
+        planes, wavelength = planes[..., good], wavelength[good]
+    _require_light(header, wavelength)
+    planes, wavelength = sorted_planes(path, planes, wavelength)
+    cube = as_cube(scaled(planes, factor), wavelength, ignored)
+    cube = with_window(cube, _window(header, layout.size))
+    return with_declarations(cube, declared, used, notes, stated)
+
+
+def _layout(header: EnviHeader) -> _Layout:
+    """Size, order and type of the samples."""
+    path = header.path
+    size = {"y": header.integer("lines"), "x": header.integer("samples"), "wavelength": header.integer("bands")}
+    code = header.integer("data type")
+    if code not in _TYPES:
+        found = f"{code} (complex numbers)" if code in (6, 9) else str(code)
+        raise InputError(f"{path}: data type", found, f"one of {', '.join(map(str, _TYPES))}")
+    interleave = (header.text("interleave") or "").lower()
+    if interleave not in _ORDERS:
+        expected = f"one of {', '.join(_ORDERS)}: the order of the samples in their file"
+        raise InputError(f"{path}: interleave", repr(interleave) if interleave else "nothing", expected)
+    kind = np.dtype(_TYPES[code])
+    byte_order = header.integer("byte order", 0 if kind.itemsize == 1 else None)
+    if byte_order not in (0, 1):
         raise InputError(f"{path}: byte order", str(byte_order), "0 (little endian) or 1 (big endian)")
-    kind = np.dtype("<>"[byte_order] + _TYPES[code])
-    dims = _ORDERS[order]
-    offset, count = whole("header offset", 0), math.prod(size[d] for d in dims)
+    offset = header.integer("header offset", 0)
     if min(*size.values(), offset) < 0:
         raise InputError(path, "a negative size or offset", "samples, lines and bands above 0")
-    if raw.stat().st_size != offset + count * kind.itemsize:
-        found = f"{raw.stat().st_size} bytes"
-        raise InputError(raw, found, f"{offset + count * kind.itemsize} bytes according to its header")
-    if count == 0:
+    if 0 in size.values():
         raise InputError(path, "no samples", "samples, lines and bands above 0")
-    values = np.memmap(raw, kind, "r", offset, tuple(size[d] for d in dims))
-    planes, wavelength = sorted_planes(path, np.moveaxis(values, dims.index("wavelength"), -1), wavelength)
-    planes, ignored = _without(path, planes, header.get("data ignore value", ""))
-    cube = as_cube(scaled(planes, factor), wavelength, ignored)
-    return told(cube, declared, used, stated={"units": header["data units"]} if "data units" in header else {})
+    _require_plain_file(header)
+    return _Layout(size, _ORDERS[interleave], kind.newbyteorder(">" if byte_order else "<"), offset)
 
 
-def _wavelengths(path: Path, header: dict[str, str], declared: Declared) -> tuple[NDArray[np.float64], list[str]]:
-    """In nm, and what was declared in place of the header's."""
-    units = header.get("wavelength units", "unknown").lower()
-    factor = {"nanometers": 1.0, "nm": 1.0, "micrometers": 1e3, "um": 1e3}.get(units)
-    if "wavelength" not in header or (factor is None and units == "unknown"):
+def _require_plain_file(header: EnviHeader) -> None:
+    """Raise InputError for what is no picture, for compressed samples, and for gaps between frames."""
+    path, file_type = header.path, (header.text("file type") or "").lower()
+    if file_type.startswith(_OTHER_FILE_TYPES):
+        raise InputError(f"{path}: file type", file_type, "ENVI Standard, a picture")
+    if header.integer("file compression", 0):
+        raise InputError(f"{path}: file compression", "1", "0: samples as they are", "Decompress the data file first.")
+    for key in ("major frame offsets", "minor frame offsets"):
+        if header.numbers(key).any():
+            raise InputError(f"{path}: {key}", header.text(key) or "", "0: samples without gaps")
+
+
+def _window(header: EnviHeader, size: Mapping[str, int]) -> Window | None:
+    """Pixels of a larger picture that the file holds, by ``x start`` and ``y start``; None for its first pixels.
+
+    ENVI counts from 1; programs that count from 0 write 0 for the first pixel, which is the same here.
+    """
+    left, top = (max(header.integer(f"{axis} start", 1) - 1, 0) for axis in "xy")
+    return Window(left, top, size["x"], size["y"]) if left or top else None
+
+
+def _wavelengths(
+    header: EnviHeader, bands: int, declared: Declared
+) -> tuple[NDArray[np.float64], list[str], dict[str, object]]:
+    """(bands,) nm in the order of the file, used fields of ``declared``, and what the header states itself."""
+    path, unit = header.path, header.text("wavelength units")
+    values = header.numbers("wavelength")
+    if values.size and states_no_unit(unit):
+        _require_count(f"{path}: wavelength", values, bands)
+        if declared.wavelength_unit is not None:
+            wavelength = in_nanometres(values, declared.wavelength_unit)
+            if wavelength is None:
+                raise InputError(
+                    "declared wavelength-unit", f"'{declared.wavelength_unit}'", "nm, um or another unit of length"
+                )
+            return wavelength, ["wavelength_unit"], {}
         if declared.wavelengths_nm is None:
-            missing = "wavelength units" if "wavelength" in header else "wavelength"
-            hint = "declare wavelengths=400:700:20."
-            raise InputError(f"{path}: {missing}", "nothing", "Nanometers or Micrometers, and a list", hint)
-        return np.array(declared.wavelengths_nm), ["wavelengths_nm"]
-    if factor is None:
-        raise InputError(f"{path}: wavelength units", units, "Nanometers or Micrometers")
-    try:
-        return np.array([float(w) for w in header["wavelength"].split(",")]) * factor, []
-    except ValueError:
-        raise InputError(f"{path}: wavelength", header["wavelength"], "a list of numbers") from None
+            raise InputError(
+                f"{path}: wavelength units",
+                "nothing" if unit is None else f"'{unit}'",
+                f"the unit of its {bands} wavelengths, {values.min():g} to {values.max():g}: Nanometers or Micrometers",
+                "declare wavelength-unit=nm, or declare wavelengths=400:700:20.",
+            )
+    if not values.size or states_no_unit(unit):
+        if declared.wavelengths_nm is None:
+            expected = "a list of wavelengths, and Nanometers or Micrometers in wavelength units"
+            raise InputError(f"{path}: wavelength", "nothing", expected, "declare wavelengths=400:700:20.")
+        wavelength = np.array(declared.wavelengths_nm)
+        _require_count("declared wavelengths", wavelength, bands)
+        return wavelength, ["wavelengths_nm"], {}
+    wavelength = in_nanometres(values, unit)
+    if wavelength is None:
+        raise InputError(f"{path}: wavelength units", f"'{unit}'", "Nanometers, Micrometers or another unit of length")
+    _require_count(f"{path}: wavelength", values, bands)
+    return wavelength, [], {"wavelength_unit": str(unit)}
 
 
-def _without(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray, bool]:
+def _require_count(where: str, values: NDArray[np.float64], bands: int) -> None:
+    """Raise InputError unless there is a wavelength for each band."""
+    if values.size != bands:
+        raise InputError(where, f"{values.size} values", f"{bands}, the value of bands")
+
+
+def _require_light(header: EnviHeader, wavelength: NDArray[np.float64]) -> None:
+    """Raise InputError for wavelengths that are none of light: the list is in another unit than stated."""
+    low, high = float(wavelength.min()), float(wavelength.max())
+    if not (low >= SHORTEST_NM and high <= LONGEST_NM):
+        unit = header.text("wavelength units") or "declared"
+        raise InputError(
+            f"{header.path}: wavelength",
+            f"{low:g} to {high:g} nm (unit: {unit})",
+            f"wavelengths of light, {SHORTEST_NM:g} to {LONGEST_NM:g} nm",
+            "Is the list in another unit, such as Micrometers in place of Nanometers?",
+        )
+
+
+def _good_bands(header: EnviHeader, wavelength: NDArray[np.float64], notes: list[str]) -> NDArray[np.bool_]:
+    """(bands,) bands that ``bbl``, the list of bad bands (0 bad, 1 good), does not mark as bad."""
+    where = f"{header.path}: bbl"
+    stated = header.numbers("bbl")
+    if stated.size == 0:
+        return np.ones(wavelength.size, bool)
+    if stated.size != wavelength.size:
+        raise InputError(where, f"{stated.size} values", f"{wavelength.size}, the value of bands")
+    good = stated != 0
+    if not good.any():
+        raise InputError(where, "no good band", "1 for each band to be read")
+    bad = wavelength[~good]
+    if bad.size:
+        names = f"{', '.join(f'{w:g}' for w in bad)} nm" if bad.size <= _MAX_BANDS_NAMED else f"{bad.size} bands"
+        notes.append(f"bands that the header marks as bad (bbl) are left out: {names}")
+    return good
+
+
+def _with_gains(header: EnviHeader, planes: NDArray, notes: list[str]) -> NDArray:
+    """(y, x, bands) values that the stored numbers stand for; the same array where the header states no scale."""
+    path, bands = header.path, planes.shape[-1]
+    gain = header.numbers_by_band("data gain values", bands, 1.0)
+    offset = header.numbers_by_band("data offset values", bands, 0.0)
+    divisor = header.numbers_by_band("reflectance scale factor", 1, 1.0)[0]
+    for key, values in (("data gain values", gain), ("reflectance scale factor", divisor)):
+        if not np.all(values > 0):
+            raise InputError(f"{path}: {key}", f"{np.min(values):g}", "numbers above 0")
+    applied = [
+        key
+        for key, differs in (
+            ("data gain values", (gain != 1).any()),
+            ("data offset values", offset.any()),
+            ("reflectance scale factor", divisor != 1),
+        )
+        if differs
+    ]
+    if not applied:
+        return planes
+    if divisor != 1 and len(applied) > 1:
+        expected = "one of the two: a factor, or gains and offsets"
+        raise InputError(f"{path}: {applied[-1]}", f"{divisor:g} and {applied[0]}", expected)
+    notes.append(f"applied to the stored numbers: {' and '.join(applied)}")
+    kind = np.result_type(planes.dtype, np.float32)
+    return np.asarray((planes * (gain / divisor) + offset).astype(kind))
+
+
+def _without_ignored(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray, bool]:
     """Samples of the ignored value as NaN, and whether NaN marks missing pixels."""
     if ignored.lower() in ("", "nan"):
         return planes, bool(ignored)
@@ -175,14 +367,40 @@ def _without(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray, bool]:
         value = float(ignored)
     except ValueError:
         raise InputError(f"{path}: data ignore value", repr(ignored), "a number") from None
-    out = planes == np.asarray(value).astype(planes.dtype)
-    return np.where(out, np.nan, planes).astype(np.result_type(planes.dtype, np.float32)), True
+    if planes.dtype.kind in "iu" and not (value.is_integer() and _fits(value, planes.dtype)):
+        return planes, True  # no stored number can have this value
+    missing = planes == np.asarray(value).astype(planes.dtype)
+    return np.where(missing, np.nan, planes).astype(np.result_type(planes.dtype, np.float32)), True
+
+
+def _fits(value: float, kind: np.dtype) -> bool:
+    """Whether a whole number lies in the range of a type of integers."""
+    limits = np.iinfo(kind)
+    return limits.min <= value <= limits.max
 
 
 def read_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The cube in memory. Raises InputError for faults of the header and data of another size."""
+    """Cube in memory, in float32, or in float64 where the file has numbers of 32 bits or more.
+
+    Parameters
+    ----------
+    path
+        File of the header.
+    declared
+        As ``map_envi``.
+
+    Returns
+    -------
+    xr.Dataset
+        As ``map_envi``.
+
+    Raises
+    ------
+    InputError
+        As ``map_envi``.
+    """
     mapped = map_envi(path, declared)
     radiance = mapped["radiance"].values
-    kind = np.float64 if radiance.dtype.newbyteorder("=") == np.float64 else np.float32
+    kind = np.result_type(radiance.dtype.newbyteorder("="), np.float32)
     cube = as_cube(radiance.astype(kind), mapped["wavelength"].values)
     return cube.assign_attrs(mapped.attrs)

@@ -14,51 +14,101 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
+from .headers import Window, inside_display, listed, one_layer_hint, window_of_header
+
 __all__ = ["ExrChannels", "read_channels", "write_channels"]
 
 #: Bytes of pixels that one byte of an OpenEXR file can hold: its compressions use deflate or pack less.
-_DENSEST = 1100
+_MAX_COMPRESSION = 1100
 
 
 @dataclass(frozen=True, eq=False)
 class ExrChannels(OwnMappings):
-    """planes : (y, x) float32 by name. header : as OpenEXR gives it."""
+    """The channels of a file, over its data window as far as it lies in the display window."""
 
+    #: (y, x) float32 by name.
     planes: dict[str, NDArray[np.float32]]
+    #: Header as the OpenEXR library gives it.
     header: dict[str, Any]
+    #: The pixels of ``planes`` in the display window; None for channels that were not read from a file.
+    window: Window | None = None
+    #: What a reader has to know, one note each.
+    notes: tuple[str, ...] = ()
 
 
 def read_channels(path: Path) -> ExrChannels:
-    """All channels. Raises InputError for a file that cannot be read, several parts, or channels of several sizes."""
+    """All channels of a file of one part.
+
+    Parameters
+    ----------
+    path
+        OpenEXR file.
+
+    Returns
+    -------
+    ExrChannels
+        Channels as float32. Pixels outside the display window are left out with a note, those of a data window
+        smaller than the display window are noted.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has several parts, channels of several sizes, or no pixel in its display window.
+    """
     try:
         _require_size(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its header and channels when it is closed.
             header = dict(file.header())
             planes = {name: np.array(c.pixels, np.float32) for name, c in file.channels().items()}
-            parts = len(file.parts)
+            parts = [str(part.header.get("name", "")) for part in file.parts]
     except (OSError, RuntimeError, ValueError, TypeError, MemoryError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(path, f"a file that cannot be read ({error})", "an OpenEXR file") from None
-    if parts > 1:
-        raise InputError(path, f"{parts} parts", "one part", "Store the radiance as a file of its own.")
-    if len({plane.shape for plane in planes.values()}) > 1:
+    if len(parts) > 1:
+        found = f"{len(parts)} parts ({listed([name or 'without a name' for name in parts])})"
+        raise InputError(path, found, "one part", one_layer_hint("", str(header.get("software", ""))))
+    shapes = {plane.shape for plane in planes.values()}
+    if len(shapes) > 1:
         raise InputError(path, "channels of several sizes", "channels of one size")
-    return ExrChannels(planes, header)
+    window, notes = window_of_header(header), []
+    part = inside_display(path, window)
+    if shapes == {(window.height, window.width)} and part != window:
+        rows, columns = window.slices(part)
+        planes = {name: np.ascontiguousarray(plane[rows, columns]) for name, plane in planes.items()}
+        notes.append(f"pixels outside the display window (overscan) are left out: {part} of {window} are read")
+    if (part.left, part.top, part.width, part.height) != part.display:
+        notes.append(f"the data window is part of the display window: {part}")
+    return ExrChannels(planes, header, part, tuple(notes))
 
 
 def _require_size(path: Path) -> None:
-    """Raises InputError where the header states more pixels than the file can hold."""
+    """Raise InputError where the header states more pixels than the file can hold."""
     with OpenEXR.File(str(path), header_only=True) as file:
         low, high = (np.asarray(corner, float) for corner in file.header()["dataWindow"])
     pixels = float(np.prod(high - low + 1))
-    if pixels * 2 > max(_DENSEST * path.stat().st_size, 2**26):
+    if pixels * 2 > max(_MAX_COMPRESSION * path.stat().st_size, 2**26):
         raise InputError(path, f"{path.stat().st_size} bytes for {pixels:.0f} pixels", "a complete picture")
 
 
 def write_channels(path: Path, header: Mapping[str, Any], planes: Mapping[str, NDArray[np.float32]]) -> None:
-    """Write scanlines of 32-bit floats, deflated. Raises InputError where the disk does not take all of it."""
+    """Write scanlines of 32-bit floats, deflated.
+
+    Parameters
+    ----------
+    path
+        File to write; an incomplete one is removed.
+    header
+        Further entries of the header.
+    planes
+        (y, x) float32 by name of the channel.
+
+    Raises
+    ------
+    InputError
+        If the disk does not take all of it.
+    """
     kind = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     try:
         with replacing(path) as temporary, OpenEXR.File(kind | dict(header), dict(planes)) as file:

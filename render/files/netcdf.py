@@ -1,4 +1,7 @@
-"""NetCDF files of whole datasets. Files with arrays stored elsewhere or with impossible sizes are not read."""
+"""NetCDF files of complete datasets.
+
+Files with arrays that are stored elsewhere, or of impossible sizes, are not read.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +15,53 @@ from cboxlab.utils.files import writing_hdf5
 from cboxlab.utils.input_files import require_regular_file
 
 from .cube_checks import RADIANCE_UNIT, require_kinds
-from .declared import AS_STATED, Declared, spectral_factor, told
+from .declared import AS_STATED, Declared, spectral_factor, with_declarations
+from .headers import in_nanometres, states_no_unit
 
 __all__ = ["open_netcdf", "read_netcdf", "write_netcdf"]
 
-#: Largest compression ratio of deflate (1032). Arrays smaller than the second number of bytes may be empty.
-_DENSEST, _SMALL = 1100, 2**26
+#: Bytes of values that one stored byte can hold: deflate compresses by 1032 at most.
+_MAX_COMPRESSION = 1100
+
+#: Size of an array, bytes, up to which it may hold no stored values: memory for it does no harm.
+_SMALL_BYTES = 2**26
 
 
 def write_netcdf(path: Path, cube: xr.Dataset) -> None:
-    """Write all variables, deflated."""
+    """Write all variables, deflated.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    cube
+        Any dataset.
+    """
     packed = {str(name): {"zlib": True, "complevel": 4} for name in cube.data_vars}
     with writing_hdf5(path) as file:
         cube.to_netcdf(file, engine="h5netcdf", encoding=packed)
 
 
 def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The dataset, its values read on demand. Raises InputError for a file that cannot be read, or states no units."""
+    """Dataset of a file, its values read on demand.
+
+    Parameters
+    ----------
+    path
+        NetCDF-4 file.
+    declared
+        Units, scale, wavelengths or their unit, where the file does not state them.
+
+    Returns
+    -------
+    xr.Dataset
+        Radiance in W m^-2 sr^-1 nm^-1, wavelength in nm, ascending; other variables as they are.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, holds links or values of other files, or leaves units open.
+    """
     _require_own_arrays(path)
     try:
         dataset = xr.open_dataset(path, engine="h5netcdf", cache=False)
@@ -48,37 +81,65 @@ def _in_our_units(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dat
         if name in dataset and (factor != 1 or dataset[name].attrs.get("units") != RADIANCE_UNIT):
             values = dataset[name] if factor == 1 else dataset[name] * factor
             dataset[name] = values.assign_attrs({**dataset[name].attrs, "units": RADIANCE_UNIT})
+    of_file: dict[str, object] = {} if stated is None else {"units": stated}
     if dataset.sizes.get("wavelength") and "wavelength" in dataset.coords:
         unit = dataset["wavelength"].attrs.get("units")
-        metres = {None: None, "nm": 1.0, "um": 1e3, "m": 1e9}.get(unit, 0.0)
-        if metres == 0:
-            raise InputError(f"{path}: wavelength", f"the unit '{unit}'", "nm, um or m")
-        if metres is None:
-            dataset = _with_wavelengths(path, dataset, declared)
-            used.append("wavelengths_nm")
-        elif metres != 1:
-            grid = ("wavelength", dataset["wavelength"].values * metres, {"units": "nm"})
-            dataset = dataset.assign_coords(wavelength=grid)
+        if states_no_unit(unit):
+            dataset, field = _with_wavelengths(path, dataset, declared)
+            used.append(field)
+        else:
+            grid = in_nanometres(dataset["wavelength"].values, unit)
+            if grid is None:
+                raise InputError(f"{path}: wavelength", f"the unit '{unit}'", "nm, um or m")
+            of_file["wavelength_unit"] = unit
+            if unit != "nm":
+                dataset = dataset.assign_coords(wavelength=("wavelength", grid, {"units": "nm"}))
         descending = np.all(np.diff(dataset["wavelength"].values) < 0)
         if descending:
             dataset = dataset.isel(wavelength=slice(None, None, -1))
-    return told(dataset, declared, used, stated={} if stated is None else {"units": stated})
+    return with_declarations(dataset, declared, used, stated=of_file)
 
 
-def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dataset:
+def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> tuple[xr.Dataset, str]:
+    """Dataset with declared wavelengths, or its wavelengths in the declared unit, and the field that was used."""
+    if declared.wavelength_unit is not None:
+        grid = in_nanometres(dataset["wavelength"].values, declared.wavelength_unit)
+        if grid is None:
+            expected = "nm, um or another unit of length"
+            raise InputError("declared wavelength-unit", f"'{declared.wavelength_unit}'", expected)
+        return dataset.assign_coords(wavelength=("wavelength", grid, {"units": "nm"})), "wavelength_unit"
     if declared.wavelengths_nm is None:
-        hint = "State the attribute units = 'nm', or declare wavelengths=400:700:20."
+        hint = "State the attribute units = 'nm'; declare wavelength-unit=nm, or declare wavelengths=400:700:20."
         raise InputError(f"{path}: wavelength", "no unit", "nm, um or m", hint)
     count = dataset.sizes["wavelength"]
     if len(declared.wavelengths_nm) != count:
         raise InputError(
             "declared wavelengths", f"{len(declared.wavelengths_nm)} wavelengths", f"{count}, as in {path}"
         )
-    return dataset.assign_coords(wavelength=("wavelength", np.array(declared.wavelengths_nm), {"units": "nm"}))
+    grid = np.array(declared.wavelengths_nm)
+    return dataset.assign_coords(wavelength=("wavelength", grid, {"units": "nm"})), "wavelengths_nm"
 
 
 def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
-    """The dataset in memory. Raises InputError as ``open_netcdf``."""
+    """Dataset of a file in memory.
+
+    Parameters
+    ----------
+    path
+        NetCDF-4 file.
+    declared
+        As ``open_netcdf``.
+
+    Returns
+    -------
+    xr.Dataset
+        As ``open_netcdf``.
+
+    Raises
+    ------
+    InputError
+        As ``open_netcdf``, and for values that cannot be read or do not fit into memory.
+    """
     with open_netcdf(path, declared) as file:
         try:
             return file.load()
@@ -89,8 +150,10 @@ def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
 
 
 def _require_own_arrays(path: Path) -> None:
-    """Raises InputError where a file is not HDF5, or where one of its arrays lies in another file, is assembled from
-    others, or states more values than its bytes can hold."""
+    """Raise InputError for a file that is not HDF5, and for arrays that are not complete in the file itself.
+
+    An array may lie in another file, be assembled from others, or state more values than its bytes can hold.
+    """
     require_regular_file(path, "a NetCDF-4 file")
     try:
         if not h5py.is_hdf5(path):
@@ -107,7 +170,8 @@ def _require_own_arrays(path: Path) -> None:
         raise InputError(path, found, "a NetCDF-4 file") from None
 
 
-def _require_group(path: Path, group: h5py.Group, seen: set[bytes]) -> None:
+def _require_group(path: Path, group: h5py.Group, visited: set[bytes]) -> None:
+    """Check the arrays of a group and of the groups in it; ``visited`` groups are passed over."""
     for name in group:
         where = f"{path}: {group.name.rstrip('/')}/{name}"
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
@@ -115,17 +179,18 @@ def _require_group(path: Path, group: h5py.Group, seen: set[bytes]) -> None:
         member = group[name]
         if isinstance(member, h5py.Group):
             token = member.id.__hash__().to_bytes(8, "little", signed=True)
-            if token not in seen:
-                _require_group(path, member, seen | {token})
+            if token not in visited:
+                _require_group(path, member, visited | {token})
         elif isinstance(member, h5py.Dataset):
             _require_array(where, member)
 
 
 def _require_array(where: str, array: h5py.Dataset) -> None:
+    """Raise InputError for an array whose values are not complete in the file."""
     if array.external or array.is_virtual:
         hint = "Store the array in this file."
         raise InputError(where, "values that lie in another file", "values in the file itself", hint)
     size = array.size * array.dtype.itemsize if array.shape is not None else 0
     stored = array.id.get_storage_size()
-    if size > _SMALL and size > _DENSEST * stored:
+    if size > _SMALL_BYTES and size > _MAX_COMPRESSION * stored:
         raise InputError(where, f"{stored} bytes for an array of {size} bytes", "an array that is complete")

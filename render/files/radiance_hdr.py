@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding
-from .declared import Declared, photometric_factor, told
+from .declared import Declared, photometric_factor, with_declarations
 
 __all__ = ["is_radiance", "read_radiance"]
 
@@ -78,7 +78,7 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
             f"pixels with a channel at 0: {outside}; colours outside the primaries are cut off there, and what may be "
             "lacking is in the uncertainty"
         )
-    return told(
+    return with_declarations(
         with_rounding(as_xyz_picture(values @ matrix.T), sigma, shared),
         declared,
         used,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 from cboxlab.calibration.instrument import ResponseFactors, lens_constant, response_factors, rest_curve
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
@@ -134,10 +134,26 @@ def _write_points(path: Path, points: NDArray[np.float64], image_px: NDArray[np.
 
 
 def toml_table(header: str, **entries: object) -> str:
-    """The text of a TOML table of strings, numbers and lists of strings."""
-    # For these values JSON and TOML have the same syntax.
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in entries.items()]
-    return "\n".join([header, *lines]).strip() + "\n"
+    """Text of a TOML table.
+
+    Tables are written one by one, since a table that occurs several times, [[dark]], may be added to a manifest later.
+
+    Parameters
+    ----------
+    header
+        ``[camera]``, ``[[band]]``, or the empty text for entries in front of all tables.
+    **entries
+        Strings, numbers and lists of strings; entries of None are left out.
+
+    Returns
+    -------
+    str
+        The header and a line, or several, for each entry.
+    """
+    # text of NumPy's numbers depends on its print options, which other libraries change
+    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in entries.items()}
+    text = tomli_w.dumps({key: value for key, value in plain.items() if value is not None})
+    return f"{header}\n{text}" if header else text
 
 
 def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequence[Shot]) -> str:

@@ -23,8 +23,12 @@ from cboxlab.rendering.files import (
     RADIANCE_UNIT,
     READABLE,
     Declared,
+    Window,
     camera_of_attribute,
+    common_pixels,
     read_picture,
+    window_in_file,
+    window_of,
 )
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import origin, replacing
@@ -32,7 +36,16 @@ from numpy.typing import NDArray
 
 from ..compare import read_map, write_map
 from .cameras import LARGEST_SHIFT_PX, NOTED_SHIFT_PX, Instrument, instrument_of, shift_px
-from .regress import Common, PooledMean, Side, in_common_quantity, regress_sides, side_of
+from .regress import (
+    Common,
+    PooledMean,
+    Side,
+    cut_camera,
+    cut_side,
+    in_common_quantity,
+    regress_sides,
+    side_of,
+)
 
 __all__ = [
     "PlaneRow",
@@ -65,6 +78,14 @@ class Stack:
     batches: int = 0
     side: Side | None = None
     instrument: Instrument = field(default_factory=lambda: Instrument(None, {}))
+    #: Place of the pixels in a larger picture; None for a complete picture.
+    window: Window | None = None
+
+    @property
+    def pixels(self) -> Window:
+        """The window, that of a complete picture included."""
+        height, width = self.values.shape[1:]
+        return self.window or Window(0, 0, width, height, (0, 0, width, height))
 
     @property
     def declared(self) -> tuple[str, ...]:
@@ -148,10 +169,12 @@ def read_stack(path: Path, declared: Declared = AS_STATED) -> Stack:
         names = tuple(str(name) for name in channels["channel"].values)
         if not any(name.startswith("S0.") for name in names):
             unit = ", ".join(sorted(set(units.values()))) or "the file's own unit"
-            return Stack(path, names, channels.values.astype(np.float64), None, unit)
+            values = channels.values.astype(np.float64)
+            return Stack(path, names, values, None, unit, window=window_in_file(path))
     picture = read_picture(path, declared)
     if "xyz" in picture:
-        return _of_side(Stack(path, (), np.zeros(0), None, ""), side_of([picture], [str(path)]))
+        side = side_of([picture], [str(path)])
+        return _of_side(Stack(path, (), np.zeros(0), None, "", window=side.window), side)
     return _cube_stack(path, picture)
 
 
@@ -165,7 +188,7 @@ def _cube_stack(path: Path, cube: xr.Dataset) -> Stack:
     values = cube["radiance"].transpose(*order).values.astype(np.float64)
     side = side_of([cube], [str(path)]) if np.isfinite(values).all() else None
     instrument = Instrument(camera_of_attribute(cube.attrs.get("camera")), {})
-    return Stack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument)
+    return Stack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument, window_of(cube))
 
 
 def _capture_stack(folder: Path) -> Stack:
@@ -194,6 +217,7 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
     Raises InputError if units or sizes differ, if their cameras saw the same points more than a pixel apart, or if
     there is no common plane.
     """
+    first, second, cut = _on_common_pixels(first, second)
     sides: tuple[Side, ...] = ()
     if first.side is not None and second.side is not None:
         sides = in_common_quantity(first.side, second.side)
@@ -218,7 +242,8 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
             f"some of {_listed(first.names)}, as in {first.source}",
         )
     notes = (
-        seen
+        cut
+        + seen
         + [note for side in sides for note in side.notes if "standard error" not in note]
         + list(told.notes if told else ())
         + [
@@ -258,6 +283,34 @@ def compare_stacks(first: Stack, second: Stack) -> StackComparison:
         _expected_chi2(a, b),
         tuple(notes),
         means,
+    )
+
+
+def _on_common_pixels(first: Stack, second: Stack) -> tuple[Stack, Stack, list[str]]:
+    """Both cut to the pixels that both have, with a note; the same where both are complete.
+
+    Raises InputError where they have no pixel in common, or belong to pictures of different sizes.
+    """
+    part = common_pixels(first.pixels, second.pixels, (str(first.source), str(second.source)))
+    if part is None:
+        return first, second, []
+    note = f"compared in the {part.width} x {part.height} pixels that both have: {part}; x and y count from the first"
+    return _cut(first, part), _cut(second, part), [note]
+
+
+def _cut(stack: Stack, part: Window) -> Stack:
+    """Planes of some pixels."""
+    rows, columns = stack.pixels.slices(part)
+    camera = stack.instrument.camera
+    if camera is not None and (camera.height_px, camera.width_px) == stack.values.shape[1:]:
+        camera = cut_camera(camera, stack.pixels, part)
+    return replace(
+        stack,
+        values=stack.values[:, rows, columns],
+        variance=None if stack.variance is None else stack.variance[:, rows, columns],
+        side=None if stack.side is None else cut_side(stack.side, part),
+        instrument=replace(stack.instrument, camera=camera),
+        window=part,
     )
 
 

@@ -1,6 +1,7 @@
 """A written capture is what a laboratory hands over: its calibration gives back the truth within noise."""
 
 import itertools
+import tomllib
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.synthetic.capture_writer import (
     sphere_spectrum,
+    toml_table,
     tungsten_lamp,
     unit_factors,
     write_photographs,
@@ -261,3 +263,24 @@ def test_hooks_reach_their_place_in_the_camera(scene, image, tmp_path):
     assert change["light"]["dark"] == 0
     assert change["counts"]["band"] == pytest.approx(50, abs=5)
     assert change["counts"]["dark"] == 0
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"name": 'a "box" of µm \\ glass', "frames": ("frames/a-0.tif", "frames/a-1.tif")},
+        {"exposure_s": 1e-05, "gain": 12.0, "width_px": 64, "position": 0.1 + 0.2},
+        {"text": "two\nlines", "empty": "", "none": None},
+        {"scale": np.float64(1 / 3), "quantum efficiency": ["a.csv:R", "a.csv:G"]},
+        {"large": 1e300, "small": 5e-324, "sign": -0.0, "on": True},
+    ],
+)
+@pytest.mark.parametrize("header", ["", "[camera]", "[[band]]"])
+def test_a_table_reads_back_to_the_same_values(header, entries):
+    with np.printoptions(legacy="1.13"):
+        text = toml_table(header, **entries)
+    content = tomllib.loads(text + "\n[[dark]]\nframes = []\n")
+    assert content.pop("dark") == [{"frames": []}]
+    table = {"": content, "[camera]": content.get("camera"), "[[band]]": content.get("band", [None])[0]}[header]
+    expected = {name: list(v) if isinstance(v, tuple) else v for name, v in entries.items() if v is not None}
+    assert table == expected

@@ -49,7 +49,8 @@ NoCacheOption = Annotated[
 #: Values that a file of pictures does not state.
 _DECLARED = (
     "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
-    "wavelengths=400:700:20, colour-space=rec709 (rec2020, p3-d65, aces, acescg, radiance). May be repeated."
+    "wavelengths=400:700:20, wavelength-unit=nm (of a list without one), colour-space=rec709 (rec2020, p3-d65, aces, "
+    "acescg, radiance). May be repeated."
 )
 DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
 DeclarePairOption = Annotated[

@@ -4,7 +4,7 @@ from .grids import Common
 from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
 from .outcome import NamedChange, Outcome, as_percent, github_lines, summary, told_change, write_junit
 from .pooled import SYSTEMATIC, PooledMean
-from .sides import Side, SurfaceMap, cube_paths, in_common_quantity, read_side, side_of
+from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
 from .strata import strata_of
 from .verdict import FALSE_ALARMS, regress_sides
 
@@ -22,6 +22,8 @@ __all__ = [
     "as_percent",
     "assert_same_light",
     "cube_paths",
+    "cut_camera",
+    "cut_side",
     "github_lines",
     "in_common_quantity",
     "input_files",

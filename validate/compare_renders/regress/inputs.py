@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, files_of
+from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, Window, files_of
 from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs, view_of
 from cboxlab.scenes.camera import Camera
@@ -24,7 +24,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from ...predict import transported
 from .naming import named_changes
 from .outcome import NamedChange, Outcome, as_percent, told_change
-from .sides import Side, cube_paths, in_common_quantity, read_side, side_of
+from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
 
@@ -82,7 +82,7 @@ def regress_inputs(
     known = next((side for side in sides if side is not None), None)
     seen = camera or next((side.camera for side in sides if side is not None and side.camera), None)
     stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
-    size = _SIZE_PX if known is None else known.shape
+    size = _SIZE_PX if known is None else _picture_size(known)
     view = None if stated is None else _view(stated, seen, size)
     if view is None and camera is not None:
         view = replace(_view(_PUBLISHED, camera, size), stated=False)
@@ -103,8 +103,10 @@ def regress_pictures(
 ) -> Outcome:
     """Verdict and, where the sides differ, the named change. view : the scene, else the published one if it fits."""
     progress.part(0.02)
+    baseline, candidate, cut = on_common_pixels(baseline, candidate)
     baseline, candidate = in_common_quantity(baseline, candidate)
-    notes: list[str] = []
+    notes: list[str] = [*cut]
+    view = None if view is None else _cut_view(view, baseline)
     surfaces = baseline.surfaces or candidate.surfaces
     variants = None
     if surfaces is None:
@@ -184,6 +186,21 @@ def _seen(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Came
             str(camera), f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
         )
     return found, lamp
+
+
+def _picture_size(side: Side) -> tuple[int, int]:
+    """Rows and columns of the picture that a side is, or is a part of; those of the part where it does not say."""
+    display = side.pixels.display
+    return side.shape if display is None else (display[3], display[2])
+
+
+def _cut_view(view: View, side: Side) -> View:
+    """The view through a camera of the side's pixels alone."""
+    part, camera = side.pixels, view.camera
+    if side.window is None or (camera.height_px, camera.width_px) == side.shape:
+        return view
+    display = part.display or (0, 0, camera.width_px, camera.height_px)
+    return replace(view, camera=cut_camera(camera, Window(*display, display), part))
 
 
 def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) -> View:

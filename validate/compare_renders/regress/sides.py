@@ -15,10 +15,13 @@ from cboxlab.rendering.files import (
     NOTES,
     READABLE,
     Declared,
+    Window,
     camera_of_attribute,
+    common_pixels,
     declared_for,
     read_picture,
     stated_in,
+    window_of,
     xyz_weights,
 )
 from cboxlab.scenes.camera import Camera
@@ -26,7 +29,17 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
-__all__ = ["Side", "SurfaceMap", "cube_paths", "in_common_quantity", "read_side", "side_of"]
+__all__ = [
+    "Side",
+    "SurfaceMap",
+    "cube_paths",
+    "cut_camera",
+    "cut_side",
+    "in_common_quantity",
+    "on_common_pixels",
+    "read_side",
+    "side_of",
+]
 
 #: Batches behind a standard error whose cube does not state them.
 _ASSUMED_BATCHES = 4
@@ -65,6 +78,14 @@ class Side(OwnMappings):
     camera: Camera | None = None
     rounding: NDArray[np.float64] | None = None
     stated: Mapping[str, str] = field(default_factory=dict)
+    #: Place of the pixels in a larger picture; None for a complete picture.
+    window: Window | None = None
+
+    @property
+    def pixels(self) -> Window:
+        """The window, that of a complete picture included."""
+        height, width = self.shape
+        return self.window or Window(0, 0, width, height, (0, 0, width, height))
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -85,6 +106,90 @@ class Side(OwnMappings):
             radiance=self.radiance[..., index],
             variance=variance,
         )
+
+
+def on_common_pixels(first: Side, second: Side) -> tuple[Side, Side, tuple[str, ...]]:
+    """Both sides, cut to the pixels that both have, and a note where something was cut.
+
+    Parameters
+    ----------
+    first, second
+        Sides of one picture, of which a file may hold a part.
+
+    Returns
+    -------
+    first, second : Side
+        The same sides where both are complete or hold the same pixels.
+    notes : tuple of str
+        One note, or none.
+
+    Raises
+    ------
+    InputError
+        If the sides have no pixel in common, or belong to pictures of different sizes.
+    """
+    part = common_pixels(first.pixels, second.pixels, (first.source, second.source))
+    if part is None:
+        return first, second, ()
+    note = f"compared in the {part.width} x {part.height} pixels that both have: {part}; x and y count from the first"
+    return cut_side(first, part), cut_side(second, part), (note,)
+
+
+def cut_side(side: Side, part: Window) -> Side:
+    """Side of some of its pixels.
+
+    Parameters
+    ----------
+    side
+        A side.
+    part
+        Pixels inside its window.
+
+    Returns
+    -------
+    Side
+        Radiance, errors, surfaces and camera of these pixels.
+    """
+    pixels = side.pixels
+    rows, columns = pixels.slices(part)
+    surfaces = side.surfaces
+    if surfaces is not None:
+        surfaces = replace(surfaces, index=surfaces.index[rows, columns], lamp=surfaces.lamp[rows, columns])
+    return replace(
+        side,
+        radiance=side.radiance[rows, columns],
+        variance=None if side.variance is None else side.variance[rows, columns],
+        rounding=None if side.rounding is None else side.rounding[:, rows, columns],
+        surfaces=surfaces,
+        camera=None if side.camera is None else cut_camera(side.camera, pixels, part),
+        window=part,
+    )
+
+
+def cut_camera(camera: Camera, pixels: Window, part: Window) -> Camera:
+    """Camera of some pixels of a camera's picture.
+
+    Parameters
+    ----------
+    camera
+        Camera of the pixels ``pixels``.
+    pixels
+        The camera's pixels in the coordinates of ``part``.
+    part
+        The pixels to be seen.
+
+    Returns
+    -------
+    Camera
+        The same rays at the pixels of ``part``.
+    """
+    offset = np.array([part.left - pixels.left, part.top - pixels.top], float)
+    return replace(
+        camera,
+        width_px=part.width,
+        height_px=part.height,
+        principal_point_px=camera.principal_point_px - offset,
+    )
 
 
 def cube_paths(text: str) -> tuple[Path, ...]:
@@ -140,6 +245,8 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         if side.radiance.shape != first.radiance.shape or side.bands != first.bands:
             found = f"{side.shape[1]} x {side.shape[0]} px, {side.wavelength_nm.size} wavelengths"
             raise InputError(side.source, found, f"size and wavelengths of {first.source}, its companion")
+        if side.pixels != first.pixels:
+            raise InputError(side.source, f"the pixels {side.pixels}", f"{first.pixels}, as {first.source}")
     if len(sides) == 1:
         return first
     known: dict[bytes, Side] = {}
@@ -204,6 +311,7 @@ def _one(cube: xr.Dataset, source: str) -> Side:
         _camera(cube, *radiance.shape[:2]),
         _rounding(ordered),
         stated_in(cube),
+        window_of(cube),
     )
 
 

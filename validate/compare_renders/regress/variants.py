@@ -135,6 +135,8 @@ def mismatch(variants: Variants, side: Side) -> float:
         surfaces.index * 16 + block,
         inside,
     )
+    if not (by_surface.size and by_part.size):  # parts of too few pixels
+        return float("inf")
     return max(float(np.percentile(np.abs(ratio - 1), 90)) for ratio in (by_surface, by_part))
 
 

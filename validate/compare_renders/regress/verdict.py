@@ -23,6 +23,8 @@ __all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
 FALSE_ALARMS = 1e-3
 #: Of the pixels said to differ by themselves, this part may be wrong.
 _FALSE_DISCOVERIES = 0.01
+#: Shortest side of a picture, px: edges and noise are found in 3 x 3 pixels.
+_SHORTEST_SIDE_PX = 3
 #: Scatter of neighbours over what the sides state, from which on it is said.
 _TELLING = 1.5
 
@@ -42,6 +44,11 @@ def compared_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
 ) -> Comparison:
     """surfaces : in place of those of the cubes. Raises InputError where the sides cannot be compared."""
+    rows, columns = baseline.shape
+    if min(rows, columns) < _SHORTEST_SIDE_PX:
+        least = f"{_SHORTEST_SIDE_PX} x {_SHORTEST_SIDE_PX} px or more: noise and edges come from neighbouring pixels"
+        hint = "cbox compare states the differences without a verdict."
+        raise InputError(baseline.source, f"a picture of {columns} x {rows} px", least, hint)
     common = common_wavelengths(candidate, baseline)
     a, b = common.candidate, common.baseline
     own = surfaces or b.surfaces or a.surfaces
@@ -80,7 +87,9 @@ def regress_sides(
     found = compared_sides(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(found.pooling, found.common.baseline.bands)
     if not pools or pools[0].kind != "whole":
-        raise InputError(baseline.source, "a picture without light, or of a few pixels", "a picture of a lit scene")
+        raise InputError(
+            baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
+        )
     body = found.strata.body
     level = float(found.trimmed.level[body].sum())
     notes = [
