@@ -8,14 +8,12 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
-from .bands import check_lamp, check_materials, check_registration, view_scene
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
 from .darks import check_darks
 from .fingerprint import check_fingerprint, check_flat_shapes
-from .geometry import check_points
-from .placement import check_orientation, check_survey
+from .points import check_points
 from .repeats import check_noise, check_repeats
 from .schedule import check_exposures, check_schedule
 from .stacks import read_stacks
@@ -42,8 +40,6 @@ def find_suspicions(
     a faulty frame.
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
-    camera = None if fit is None else fit.camera
-    view = view_scene(capture, bands, radiometry, camera, channels)
     found = [
         *already,
         *check_numbers(capture),
@@ -64,10 +60,5 @@ def find_suspicions(
         *check_flats_and_references(capture, bands, radiometry, channels),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),
-        *check_orientation(capture, view),
-        *check_survey(capture, view),
-        *check_lamp(capture, bands, radiometry, channels, view),
-        *check_materials(capture, view),
-        *check_registration(capture, bands),
     ]
     return tuple(dict.fromkeys(found))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..capture import Capture
 from ..geometry import CameraFit, SurveyedPoints, fit_camera, read_points
-from .sight import distance_to_surfaces
+from .surface_distance import distance_to_surfaces
 from .suspicion import Suspicion
 
 __all__ = ["check_points", "explain_points"]
