@@ -1,4 +1,4 @@
-"""All checks of a capture for errors, in order."""
+"""All checks of a capture that need no rendering of its scene, in order."""
 
 from __future__ import annotations
 
@@ -34,13 +34,42 @@ def find_suspicions(
     channels: Mapping[str, str] | None = None,
     already: Iterable[Suspicion] = (),
 ) -> tuple[Suspicion, ...]:
-    """Suspected errors made when the capture was taken or described; empty if there are none.
+    """Suspected errors of a capture by its frames, tables and numbers.
 
-    Physical effects that a model may lack are not errors. already : found before, placed first. Raises InputError for
-    a faulty frame.
+    Physical effects that a model may lack are not errors. ``cboxlab.validation.capture_checks`` adds the checks that
+    compare the photographs with a rendering.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    bands
+        Its corrected signals.
+    dark
+        Its dark frames.
+    noise
+        Gain and read noise by its frames.
+    radiometry
+        Its constant C.
+    fit
+        Camera fitted to its surveyed points; None without one.
+    channels
+        Channel of each band of a sensor with a mosaic; None without one.
+    already
+        Suspicions of earlier steps, placed first.
+
+    Returns
+    -------
+    tuple of Suspicion
+        In the order of the checks, none twice; empty for a sound capture.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
-    found = [
+    suspicions = [
         *already,
         *check_numbers(capture),
         *check_tables(capture),
@@ -61,4 +90,4 @@ def find_suspicions(
         *check_focal_length(capture, fit),
         *check_points(capture, fit),
     ]
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(suspicions))

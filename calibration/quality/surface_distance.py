@@ -10,15 +10,29 @@ __all__ = ["distance_to_surfaces"]
 
 
 def distance_to_surfaces(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) mm from points (n, 3) to the nearest triangle of scene or lamps."""
+    """Distance of points to the nearest surface of a scene.
+
+    Parameters
+    ----------
+    scene
+        Its surfaces and lamps count.
+    points
+        (n, 3) mm.
+
+    Returns
+    -------
+    NDArray
+        (n,) mm.
+    """
     nearest = np.full(len(points), np.inf)
-    for part in scene.all_surfaces:
-        for face in part.faces:
-            nearest = np.minimum(nearest, _to_triangle(points, part.vertices_mm[face]))
+    for surface in scene.all_surfaces:
+        for face in surface.faces:
+            nearest = np.minimum(nearest, _distance_to_triangle(points, surface.vertices_mm[face]))
     return nearest
 
 
-def _to_triangle(points: NDArray[np.float64], triangle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distance_to_triangle(points: NDArray[np.float64], triangle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) distance of points (n, 3) to a triangle (3, 3): height above it, or to its edges."""
     a, b, c = triangle
     normal = np.cross(b - a, c - a)
     normal = normal / max(float(np.linalg.norm(normal)), 1e-12)

@@ -54,7 +54,8 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     signal = bands.images["signal"].values[:, ::step, ::step]
     order = np.argsort([np.nanpercentile(s, 90) for s in signal])
     middle = int(order[len(order) // 2])
-    shifts = step * np.array([_shift(signal[middle], image) for image in signal])
+    to_middle = [_shift(signal[middle], image) for image in np.delete(signal, middle, axis=0)]
+    shifts = step * np.insert(np.array(to_middle), middle, 0.0, axis=0)  # the reference has none against itself
     usual = np.median(shifts[np.all(np.isfinite(shifts), axis=1)], axis=0)
     for index, (u, v) in enumerate(shifts - usual):
         # If the reference band itself is shifted, compare with another band.
