@@ -29,6 +29,7 @@ from capture_mistakes import MISTAKES, Draft, Mistake, Unsuitable
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.result import calibrate
 from cboxlab.utils.errors import InputError
+from cboxlab.validation.capture_checks import with_scene_checks
 
 __all__ = ["named", "suspicions_of"]
 
@@ -38,7 +39,8 @@ def suspicions_of(folder: Path) -> list[str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return [str(suspicion) for suspicion in calibrate(load_capture(folder)).suspicions]
+            calibration = with_scene_checks(calibrate(load_capture(folder)))
+            return [str(suspicion) for suspicion in calibration.suspicions]
     except InputError as fault:
         return [f"refused: {fault}"]
     except Exception as crash:  # a traceback for the user: counted as missed

@@ -1,7 +1,8 @@
 """Suspected errors of a capture, detected in its frames, tables and numbers."""
 
+from .constants import centre_nm, power_law
 from .find import find_suspicions
-from .geometry import explain_points
+from .points import explain_points
 from .suspicion import Suspicion
 
-__all__ = ["Suspicion", "explain_points", "find_suspicions"]
+__all__ = ["Suspicion", "centre_nm", "explain_points", "find_suspicions", "power_law"]

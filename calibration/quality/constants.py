@@ -1,4 +1,4 @@
-"""Checks of the constant C against that of the nominal lens, and of bands, flats and references against each other."""
+"""Checks of the constant C against the nominal lens, and of bands, flats and references."""
 
 from __future__ import annotations
 
@@ -23,60 +23,78 @@ __all__ = [
     "power_law",
 ]
 
-#: Plausible range of C over its nominal value: stated apertures, gains and lenses are accurate to about 30%; light from
-#: outside the pass band increases it.
-_LOWEST, _HIGHEST = 1 / 1.45, 1.7
-#: Plausible range of one band's C over the median of all: a leak of its filter increases it.
-_LOWEST_BAND, _HIGHEST_BAND = 1 / 1.4, 20.0
-#: Scatter (natural log) of the bands' C that counts as agreement, and the deviation of a single wrong reference.
-_AGREE, _ALONE = 0.015, 0.12
-#: Scatter of flat over reference between bands if both show the same field, and deviation of a wrong frame.
-_SAME_FIELD, _OTHER_FRAMES = 0.03, 0.07
-#: Flats may have a level of their own in each band; by chance a sixth of the bands agree with the median then. This
-#: part of so many bands or more does with a chance of 1 %.
-_MOST_AGREE, _FEWEST_BANDS = 0.7, 5
-_FOCAL = 1.2
-#: Largest distance of the power from 1 or -1, and of four fifths of the logarithms from the line.
-_NEAR_ONE, _STRAIGHT = 0.2, 0.04
+#: Smallest plausible C over its nominal value: stated apertures, gains and lenses are accurate to about 30 %.
+LOWEST_CONSTANT = 1 / 1.45
 
+#: Largest plausible C over its nominal value: light from outside the pass band increases it.
+HIGHEST_CONSTANT = 1.7
 
-def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) -> list[tuple[float, str]]:
-    """(C over nominal, mistake that causes this ratio)."""
-    manifest = capture.manifest
-    camera, focal = manifest.camera, manifest.lens.focal_length_mm
-    factors = [
-        (1e-3, "exposures in ms, or a reference source stated a thousand times too bright (per um, or mW)"),
-        (1e3, "a reference source stated a thousand times too dim (kW, or per nm taken for per um)"),
-        (1e-2, "a transmittance or quantum efficiency in per cent, or a length in cm"),
-        (1e2, "a transmittance or quantum efficiency a hundred times too small, or a length in cm"),
-        (1e-4, "a transmittance and a quantum efficiency in per cent, or a radiance per cm^2"),
-        (1e4, "a radiance per m^2 taken for cm^2"),
-        (1e-6, "an image distance in m"),
-        (1e6, "a focal length in m, or a pixel pitch in mm"),
-        (4 * np.pi, "a factor of 4 pi"),
-        (1 / (4 * np.pi), "a factor of 4 pi"),
-        (np.pi, "a factor of pi: radiance taken for irradiance"),
-        (1 / np.pi, "a factor of pi: irradiance taken for radiance"),
-        (1 / 683.0, "a reference source in photometric units (683 lm/W)"),
-        (2.0, "an aperture one stop off"),
-        (0.5, "an aperture one stop off"),
-        (4.0, "an aperture two stops off"),
-        (0.25, "an aperture two stops off"),
-    ]
-    f_number = manifest.band[0].f_number
-    if focal is not None and f_number:
-        factors.append((f_number**4 / focal**2, "an aperture's diameter in mm in place of the f-number"))
-        factors.append(((focal / f_number**2) ** 2, "an f-number in place of something else"))
-        if focal_px is not None and camera.pixel_pitch_um:
-            other = focal_px * camera.pixel_pitch_um * 1e-3
-            if not 1 / _FOCAL < other / focal < _FOCAL:
-                factors.insert(0, ((other / focal) ** 2, f"a focal length of {other:.3g} mm, as the points show"))
-                factors.insert(0, ((focal / other) ** 2, f"a pixel pitch {focal / other:.3g} times larger"))
-    if noise.gain_e_per_dn and noise.gain_sigma is not None and camera.gain_e_per_dn:
-        ratio = camera.gain_e_per_dn / noise.gain_e_per_dn
-        if not 1 / 1.4 < ratio < 1.4:
-            factors.insert(0, (ratio, f"a gain of {noise.gain_e_per_dn:.4g} e-/DN, as the noise shows"))
-    return factors
+#: Smallest plausible C of one band over the median of all.
+LOWEST_BAND = 1 / 1.4
+
+#: Largest plausible C of one band over the median of all: a leak of its filter increases it.
+HIGHEST_BAND = 20.0
+
+#: Largest deviation of the bands' C that counts as agreement, natural log.
+AGREEING = 0.015
+
+#: Smallest deviation of a single wrong reference if all others agree, natural log.
+ALONE = 0.12
+
+#: Largest deviation of flat over reference between bands if both show the same field, natural log.
+SAME_FIELD = 0.03
+
+#: Smallest deviation of flat over reference of a wrong frame, natural log.
+OTHER_FRAMES = 0.07
+
+#: Smallest share of the bands with the same field. Flats may have another level in each band: by chance a sixth of the
+#: bands then agree with the median, and this share of FEWEST_BANDS or more with a chance of 1 %.
+SMALLEST_AGREEING_SHARE = 0.7
+
+#: Fewest bands for a comparison of flats and references.
+FEWEST_BANDS = 5
+
+#: Largest factor of the focal length or the gain that is not named as a cause of C.
+LARGEST_FOCAL_RATIO = 1.2
+
+#: Largest factor of the gain by the noise over the stated one that is not named as a cause of C.
+LARGEST_GAIN_RATIO = 1.4
+
+#: Largest factor between C over its nominal value and an error that explains it.
+EXPLAINED_RATIO = 1.15
+
+#: Largest number of errors that a suspicion names.
+MOST_NAMED = 3
+
+#: Largest distance of a power of the wavelength from 1 or -1.
+POWER_TOLERANCE = 0.2
+
+#: Largest deviation from the power law of four fifths of the bands, natural log.
+STRAIGHT = 0.04
+
+#: Share of the bands that must follow the power law: robust against one band in five (a leak, a wrong exposure).
+STRAIGHT_SHARE = 0.8
+
+#: (C over its nominal value, error that causes this ratio).
+NAMED_FACTORS = (
+    (1e-3, "exposures in ms, or a reference source stated a thousand times too bright (per um, or mW)"),
+    (1e3, "a reference source stated a thousand times too dim (kW, or per nm taken for per um)"),
+    (1e-2, "a transmittance or quantum efficiency in per cent, or a length in cm"),
+    (1e2, "a transmittance or quantum efficiency a hundred times too small, or a length in cm"),
+    (1e-4, "a transmittance and a quantum efficiency in per cent, or a radiance per cm^2"),
+    (1e4, "a radiance per m^2 taken for cm^2"),
+    (1e-6, "an image distance in m"),
+    (1e6, "a focal length in m, or a pixel pitch in mm"),
+    (4 * np.pi, "a factor of 4 pi"),
+    (1 / (4 * np.pi), "a factor of 4 pi"),
+    (np.pi, "a factor of pi: radiance taken for irradiance"),
+    (1 / np.pi, "a factor of pi: irradiance taken for radiance"),
+    (1 / 683.0, "a reference source in photometric units (683 lm/W)"),
+    (2.0, "an aperture one stop off"),
+    (0.5, "an aperture one stop off"),
+    (4.0, "an aperture two stops off"),
+    (0.25, "an aperture two stops off"),
+)
 
 
 def check_constant(
@@ -86,7 +104,26 @@ def check_constant(
     fit: CameraFit | None,
     channels: Mapping[str, str] | None,
 ) -> Iterator[Suspicion]:
-    """Checks C of the references against that of the nominal lens, and each band's C against their median."""
+    """Check C of the references against the nominal lens, and each band's C against the median.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    radiometry
+        C by the references of each band, and nominal.
+    noise
+        Gain by the frames.
+    fit
+        Camera fitted to the surveyed points; None without one.
+    channels
+        Channel of each band of a sensor with a mosaic; None without one.
+
+    Yields
+    ------
+    Suspicion
+        One for quanta taken for energy, or else for the level of C and for each band that deviates.
+    """
     constants = [c.constant for c in radiometry.by_band]
     if not constants:
         return
@@ -99,28 +136,63 @@ def check_constant(
             "The bands' C falls as one over the wavelength; C is one constant for all.",
         )
         return
-    focal_px = None if fit is None else fit.camera.focal_length_px
     if radiometry.nominal:
-        ratio = median / radiometry.nominal
-        if ratio <= 0 or not _LOWEST < ratio < _HIGHEST:
-            named = _named_factors(capture, noise, focal_px)
-            near = [text for factor, text in named if ratio > 0 and abs(np.log(ratio / factor)) < np.log(1.15)]
-            guess = "; ".join(dict.fromkeys(near[:3])) or (
-                "exposure, aperture, image distance, gain, pixel pitch, a transmittance or the source's radiance"
-            )
-            what = "a quantity of the sensor equation is in another unit or wrong"
-            yield Suspicion(
-                f"{what}: {guess}",
-                "reference",
-                f"The references give C = {median:.3g}, focal length, pixel area and gain {radiometry.nominal:.3g}: "
-                f"{ratio:.3g} times as much.",
-            )
-    if len(constants) < 3 or median <= 0:
+        focal_px = None if fit is None else fit.camera.focal_length_px
+        factors = _named_factors(capture, noise, focal_px)
+        yield from _check_level(median, radiometry.nominal, factors)
+    if len(constants) >= 3 and median > 0:
+        ratios = {c.band: c.constant / median for c in radiometry.by_band}
+        yield from _check_bands(capture, ratios, channels)
+
+
+def _named_factors(capture: Capture, noise: NoiseModel, focal_px: float | None) -> list[tuple[float, str]]:
+    """(C over nominal, error that causes this ratio), those that the capture itself shows first.
+
+    focal_px : focal length fitted to the surveyed points, px.
+    """
+    manifest = capture.manifest
+    camera, focal = manifest.camera, manifest.lens.focal_length_mm
+    factors = [*NAMED_FACTORS]
+    f_number = manifest.band[0].f_number
+    if focal is not None and f_number:
+        factors.append((f_number**4 / focal**2, "an aperture's diameter in mm in place of the f-number"))
+        factors.append(((focal / f_number**2) ** 2, "an f-number in place of something else"))
+        if focal_px is not None and camera.pixel_pitch_um:
+            other = focal_px * camera.pixel_pitch_um * 1e-3
+            if not 1 / LARGEST_FOCAL_RATIO < other / focal < LARGEST_FOCAL_RATIO:
+                factors.insert(0, ((other / focal) ** 2, f"a focal length of {other:.3g} mm, as the points show"))
+                factors.insert(0, ((focal / other) ** 2, f"a pixel pitch {focal / other:.3g} times larger"))
+    if noise.gain_e_per_dn and noise.gain_sigma is not None and camera.gain_e_per_dn:
+        ratio = camera.gain_e_per_dn / noise.gain_e_per_dn
+        if not 1 / LARGEST_GAIN_RATIO < ratio < LARGEST_GAIN_RATIO:
+            factors.insert(0, (ratio, f"a gain of {noise.gain_e_per_dn:.4g} e-/DN, as the noise shows"))
+    return factors
+
+
+def _check_level(median: float, nominal: float, factors: list[tuple[float, str]]) -> Iterator[Suspicion]:
+    """Median C against the nominal one. factors : of ``_named_factors``."""
+    ratio = median / nominal
+    if ratio > 0 and LOWEST_CONSTANT < ratio < HIGHEST_CONSTANT:
         return
-    ratios = {c.band: c.constant / median for c in radiometry.by_band}
+    near = [text for factor, text in factors if ratio > 0 and abs(np.log(ratio / factor)) < np.log(EXPLAINED_RATIO)]
+    guess = "; ".join(dict.fromkeys(near[:MOST_NAMED])) or (
+        "exposure, aperture, image distance, gain, pixel pitch, a transmittance or the source's radiance"
+    )
+    yield Suspicion(
+        f"a quantity of the sensor equation is in another unit or wrong: {guess}",
+        "reference",
+        f"The references give C = {median:.3g}, focal length, pixel area and gain {nominal:.3g}: "
+        f"{ratio:.3g} times as much.",
+    )
+
+
+def _check_bands(
+    capture: Capture, ratios: Mapping[str, float], channels: Mapping[str, str] | None
+) -> Iterator[Suspicion]:
+    """Bands whose C deviates from the median. ratios : C over the median, by band."""
     exchanged = _exchanged(capture, ratios, channels)
     for band, ratio in ratios.items():
-        if band in exchanged or not _LOWEST_BAND < ratio < _HIGHEST_BAND or _stands_alone(ratios, band):
+        if band in exchanged or not LOWEST_BAND < ratio < HIGHEST_BAND or _is_alone_below(ratios, band):
             yield Suspicion(
                 f"the references of {' and '.join(exchanged)} are exchanged"
                 if band in exchanged
@@ -132,10 +204,14 @@ def check_constant(
 
 
 def _exchanged(capture: Capture, ratios: Mapping[str, float], channels: Mapping[str, str] | None) -> tuple[str, ...]:
-    """Two bands whose C are off as their exchanged frames, with or without exposures, make them; all others agree."""
-    off = {band: float(np.log(ratio)) for band, ratio in ratios.items() if ratio > 0}
-    apart = [band for band in off if abs(off[band]) > 2 * _AGREE]
-    if len(off) < 5 or len(apart) != 2:
+    """Two bands with exchanged references; empty if there are none.
+
+    Frames may be exchanged with or without their exposures. Their C must deviate as the exchange changes it, and all
+    others agree.
+    """
+    deviation = {band: float(np.log(ratio)) for band, ratio in ratios.items() if ratio > 0}
+    apart = [band for band in deviation if abs(deviation[band]) > 2 * AGREEING]
+    if len(deviation) < 5 or len(apart) != 2:
         return ()
     tables = [capture.references(band)[0] for band in apart]
     units = np.array(
@@ -144,33 +220,47 @@ def _exchanged(capture: Capture, ratios: Mapping[str, float], channels: Mapping[
             for table in tables
         ]
     )
-    first, second = (off[band] for band in apart)
+    first, second = (deviation[band] for band in apart)
     for counts in (units, units / [table.exposure_s for table in tables]):
         expected = np.log(counts[1] / counts[0])
-        if max(abs(first - expected), abs(second + expected)) < max(_AGREE, 0.1 * abs(expected)):
+        if max(abs(first - expected), abs(second + expected)) < max(AGREEING, 0.1 * abs(expected)):
             return tuple(apart)
     return ()
 
 
-def _stands_alone(ratios: Mapping[str, float], band: str) -> bool:
-    """One band's C below those of all others, which agree: a leak or a shutter changes several, and by degrees."""
-    rest = [abs(np.log(ratio)) for other, ratio in ratios.items() if other != band and ratio > 0]
-    agreeing = len(rest) >= 4 and max(rest) < _AGREE
-    return agreeing and ratios[band] > 0 and float(np.log(ratios[band])) < -_ALONE
+def _is_alone_below(ratios: Mapping[str, float], band: str) -> bool:
+    """Whether one band's C is below those of all others, which agree.
 
-
-def _flat_constant(capture: Capture, table: FlatTable, mean_dn: float, channel: str | None) -> float | None:
-    """C from a flat, assuming that its field is the reference source; None if tables are incomplete."""
-    references = capture.references(table.band)
-    source = table.radiance or (references[0].radiance if references else None)
-    unit = None if source is None else counts_over_constant(capture, table, source, channel)
-    return mean_dn / unit if unit is not None and np.isfinite(mean_dn) else None
+    A leak or a shutter changes several bands, and by degrees.
+    """
+    others = [abs(np.log(ratio)) for other, ratio in ratios.items() if other != band and ratio > 0]
+    agreeing = len(others) >= 4 and max(others) < AGREEING
+    return agreeing and ratios[band] > 0 and float(np.log(ratios[band])) < -ALONE
 
 
 def check_flats_and_references(
     capture: Capture, bands: CorrectedBands, radiometry: Radiometry, channels: Mapping[str, str] | None
 ) -> Iterator[Suspicion]:
-    """Checks that the ratio of flat and reference is the same in all bands, if both show the same field."""
+    """Check that the ratio of flat and reference is the same in all bands.
+
+    Nothing is checked if flats and references show different fields.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    bands
+        Its flats.
+    radiometry
+        C by the references of each band.
+    channels
+        Channel of each band of a sensor with a mosaic; None without one.
+
+    Yields
+    ------
+    Suspicion
+        For each band whose ratio deviates, while those of most bands agree.
+    """
     by_reference = {c.band: c.constant for c in radiometry.by_band}
     by_flat = {}
     for band in capture.band_ids:
@@ -179,37 +269,58 @@ def check_flats_and_references(
         constant = _flat_constant(capture, tables[0], bands.flats[band].mean_dn, channel) if tables else None
         if constant and constant > 0 and by_reference.get(band, 0) > 0:
             by_flat[band] = constant
-    if len(by_flat) < _FEWEST_BANDS:
+    if len(by_flat) < FEWEST_BANDS:
         return
     ratio = np.log([by_flat[band] / by_reference[band] for band in by_flat])
-    off = ratio - np.median(ratio)
-    if np.mean(np.abs(off) < _SAME_FIELD) < _MOST_AGREE:
+    deviation = ratio - np.median(ratio)
+    if np.mean(np.abs(deviation) < SAME_FIELD) < SMALLEST_AGREEING_SHARE:
         return
     flat_median, reference_median = (
         float(np.median(list(v.values()))) for v in (by_flat, {b: by_reference[b] for b in by_flat})
     )
-    for band, left in zip(by_flat, off, strict=True):
-        if abs(left) < _OTHER_FRAMES:
+    for band, difference in zip(by_flat, deviation, strict=True):
+        if abs(difference) < OTHER_FRAMES:
             continue
-        flat_off = abs(np.log(by_flat[band] / flat_median))
-        reference_off = abs(np.log(by_reference[band] / reference_median))
-        kind = "flat" if flat_off > reference_off else "reference"
+        flat_deviation = abs(np.log(by_flat[band] / flat_median))
+        reference_deviation = abs(np.log(by_reference[band] / reference_median))
+        kind = "flat" if flat_deviation > reference_deviation else "reference"
         yield Suspicion(
             f"the {kind} of {band} is that of another band, or its exposure, aperture or image distance is wrong",
             f"{kind} ({band})",
-            f"Flat over reference is {np.exp(left):.3g} times that of the other bands, whose flats and references "
-            "agree within 3%.",
+            f"Flat over reference is {np.exp(difference):.3g} times that of the other bands, whose flats and "
+            "references agree within 3%.",
         )
 
 
+def _flat_constant(capture: Capture, table: FlatTable, mean_dn: float, channel: str | None) -> float | None:
+    """C from a flat, if its field is the reference source; None if tables are incomplete."""
+    references = capture.references(table.band)
+    source = table.radiance or (references[0].radiance if references else None)
+    unit = None if source is None else counts_over_constant(capture, table, source, channel)
+    return mean_dn / unit if unit is not None and np.isfinite(mean_dn) else None
+
+
 def check_focal_length(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]:
-    """Checks the focal length fitted to the points against the nominal one."""
+    """Check the focal length fitted to the points against the nominal one.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    fit
+        Camera fitted to its surveyed points; None without one.
+
+    Yields
+    ------
+    Suspicion
+        If they differ by more than a fifth.
+    """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
     if fit is None or focal is None or camera.pixel_pitch_um is None:
         return
     nominal = focal * 1e3 / camera.pixel_pitch_um
     ratio = fit.camera.focal_length_px / nominal
-    if not 1 / _FOCAL < ratio < _FOCAL:
+    if not 1 / LARGEST_FOCAL_RATIO < ratio < LARGEST_FOCAL_RATIO:
         yield Suspicion(
             "focal length or pixel pitch is wrong, or the points are those of another camera",
             "lens.focal_length_mm",
@@ -219,7 +330,20 @@ def check_focal_length(capture: Capture, fit: CameraFit | None) -> Iterator[Susp
 
 
 def centre_nm(capture: Capture, band: BandTable) -> float:
-    """The mean wavelength of a band's transmittance, nm; NaN if it is not stated."""
+    """Mean wavelength of a band's transmittance.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    band
+        One of its bands.
+
+    Returns
+    -------
+    float
+        nm; NaN if the transmittance is not stated.
+    """
     if band.transmittance is None:
         return float("nan")
     transmittance = capture.light(band.transmittance).at(WAVELENGTH_NM)
@@ -227,14 +351,27 @@ def centre_nm(capture: Capture, band: BandTable) -> float:
 
 
 def power_law(wavelength_nm: NDArray[np.float64], ratios: NDArray[np.float64]) -> int | None:
-    """The power of the wavelength, 1 or -1, that ratios (n,) follow; None if they follow neither.
+    """Power of the wavelength that ratios follow.
 
-    Robust against one band in five (a leak, a wrong exposure).
+    Robust slope of logarithms (Theil 1950, Sen 1968).
+
+    Parameters
+    ----------
+    wavelength_nm
+        (n,) nm; NaN is left out.
+    ratios
+        (n,) ratios; values that are not positive are left out.
+
+    Returns
+    -------
+    int or None
+        1 or -1; None if the ratios follow neither, or if fewer than four are usable.
     """
-    good = np.isfinite(wavelength_nm) & np.isfinite(ratios) & (ratios > 0)
-    if np.count_nonzero(good) < 4 or np.ptp(wavelength_nm[good]) == 0:
+    usable = np.isfinite(wavelength_nm) & np.isfinite(ratios) & (ratios > 0)
+    if np.count_nonzero(usable) < 4 or np.ptp(wavelength_nm[usable]) == 0:
         return None
-    x, y = np.log(wavelength_nm[good]), np.log(ratios[good])
+    x, y = np.log(wavelength_nm[usable]), np.log(ratios[usable])
     slope, offset, *_ = theilslopes(y, x)
-    near = abs(abs(slope) - 1) < _NEAR_ONE and np.quantile(np.abs(y - slope * x - offset), 0.8) < _STRAIGHT
+    residual = np.abs(y - slope * x - offset)
+    near = abs(abs(slope) - 1) < POWER_TOLERANCE and np.quantile(residual, STRAIGHT_SHARE) < STRAIGHT
     return int(np.sign(slope)) if near else None

@@ -16,9 +16,11 @@ from .tables import stated_columns
 
 __all__ = ["check_frame_content", "check_names", "check_spectra_content"]
 
-#: Smallest share of pixels that differ from the most common count; frames below it (clipped darks) are not compared.
-_FEWEST_DIFFERENT = 0.05
-_KINDS = {
+#: Smallest share of pixels that differ from the most common count: clipped darks below it may be equal by chance.
+SMALLEST_VARIED_SHARE = 0.05
+
+#: Kind of frame by a word in a file's name.
+KIND_OF_WORD = {
     "dark": "dark",
     "bias": "dark",
     "flat": "flat",
@@ -26,29 +28,49 @@ _KINDS = {
     "reference": "reference",
     "ref": "reference",
 }
-_EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
-#: Largest factor between an exposure and its file's name, and frames of one factor that make it that of all.
-_AS_NAMED, _SEVERAL = 1.25, 4
 
+#: Exposure in a file's name, in s or ms.
+EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
 
-def _telling(frame: np.ndarray) -> bool:
-    counts = np.bincount(frame.ravel())
-    return bool(counts.max() < (1 - _FEWEST_DIFFERENT) * frame.size)
+#: Largest factor between an exposure and that in its file's name: names hold rounded numbers.
+LARGEST_NAME_FACTOR = 1.25
+
+#: Fewest frames off by one factor that are one error of all exposures, not one error each.
+FEWEST_ALIKE = 4
+
+#: Pass bands farther than this from the wavelength in the band's name are not its own, nm.
+FAR_PASS_BAND_NM = 25
+
+#: Pass bands nearer than this to the wavelength in another band's name are that band's, nm.
+NEAR_PASS_BAND_NM = 15
+
+#: Numbers of three digits in a band's name are a wavelength within this range, nm.
+NAMED_WAVELENGTH_NM = (350, 1000)
 
 
 def check_frame_content(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    """Detects identical frames; with noise, no two frames are identical."""
-    seen: dict[bytes, tuple[Stack, str]] = {}
+    """Detect identical frames; with noise, no two frames are identical.
+
+    Parameters
+    ----------
+    stacks
+        All frames.
+
+    Yields
+    ------
+    Suspicion
+        For each frame that equals an earlier one. A uniform field may serve as flat and as reference of a band.
+    """
+    first_of: dict[bytes, tuple[Stack, str]] = {}
     for stack in stacks:
-        for path, frame in zip(stack.paths, stack.whole, strict=True):
-            if not _telling(frame):
+        for path, frame in zip(stack.paths, stack.frames, strict=True):
+            if not _is_varied(frame):
                 continue
             key = hashlib.sha256(np.ascontiguousarray(frame).tobytes()).digest()
-            first, other = seen.setdefault(key, (stack, path))
+            first, other = first_of.setdefault(key, (stack, path))
             if (first, other) == (stack, path):
                 continue
             kinds = {first.kind, stack.kind}
-            # One uniform field may serve as flat and as reference.
             if other == path and first.band == stack.band and kinds == {"flat", "reference"}:
                 continue
             two = "two repeats" if first is stack else f"{first.key} and {stack.key}"
@@ -59,14 +81,31 @@ def check_frame_content(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             )
 
 
+def _is_varied(frame: np.ndarray) -> bool:
+    """Whether enough pixels differ from the most common count, so that no other frame is equal."""
+    counts = np.bincount(frame.ravel())
+    return bool(counts.max() < (1 - SMALLEST_VARIED_SHARE) * frame.size)
+
+
 def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:
-    """Detects spectra with equal values under two names."""
+    """Detect spectra with equal values under two names.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+
+    Yields
+    ------
+    Suspicion
+        For each pair, except constant spectra and the radiances of two references.
+    """
     distinct = {reference: (kind, key, s) for kind, key, reference, s in reversed(stated_columns(capture))}
-    listed = list(reversed(list(distinct.items())))
-    for index, (reference, (kind, key, spectrum)) in enumerate(listed):
+    columns = list(reversed(list(distinct.items())))
+    for index, (reference, (kind, key, spectrum)) in enumerate(columns):
         if np.ptp(spectrum.values) == 0:
             continue
-        for other, (other_kind, _, another) in listed[:index]:
+        for other, (other_kind, _, another) in columns[:index]:
             same = spectrum.values.shape == another.values.shape and np.allclose(
                 spectrum.values, another.values, rtol=1e-9, atol=0
             )
@@ -78,58 +117,71 @@ def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:
                 )
 
 
-def _tokens(path: str) -> set[str]:
-    # the sign of a power of ten parts no name: 8.6e-06s
-    return set(re.split(r"(?<!\de)[+-]|[^A-Za-z0-9.+-]+", PurePosixPath(path).stem.lower()))
-
-
 def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    """Detects frames named after another band, kind or exposure, and bands with the filter of another band."""
+    """Detect frames named after another band, kind or exposure, and exchanged filters.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+
+    Yields
+    ------
+    Suspicion
+        For each frame or band whose name contradicts its table.
+    """
     bands = {band.lower() for band in capture.band_ids if re.search(r"[A-Za-z]", band)}
     for stack in stacks:
         for path in stack.paths:
             tokens = _tokens(path)
-            named = tokens & bands
-            if stack.band is not None and named and stack.band.lower() not in named:
+            bands_in_name = tokens & bands
+            if stack.band is not None and bands_in_name and stack.band.lower() not in bands_in_name:
                 yield Suspicion(
                     f"a frame of another band: {path} is listed under {stack.band}",
                     f"{stack.key}.frames",
-                    f"Its name says {', '.join(sorted(named))}.",
+                    f"Its name says {', '.join(sorted(bands_in_name))}.",
                 )
-            kinds = {_KINDS[token] for token in tokens if token in _KINDS}
-            own = {"bracket": "band"}.get(stack.kind, stack.kind)
-            if kinds and own not in kinds and kinds | {own} != {"flat", "reference"}:
+            kinds = {KIND_OF_WORD[token] for token in tokens if token in KIND_OF_WORD}
+            kind = {"bracket": "band"}.get(stack.kind, stack.kind)
+            if kinds and kind not in kinds and kinds | {kind} != {"flat", "reference"}:
                 yield Suspicion(
-                    f"a {' or '.join(sorted(kinds))} frame is listed among the {own} frames",
+                    f"a {' or '.join(sorted(kinds))} frame is listed among the {kind} frames",
                     f"{stack.key}.frames",
                     f"The file is called {path}.",
                 )
-    yield from _exposures_named(stacks)
-    yield from _peaks(capture)
+    yield from _check_named_exposures(stacks)
+    yield from _check_pass_bands(capture)
 
 
-def _exposures_named(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    """Detects exposures other than file names say: all by one factor, or single ones."""
-    named = [
-        (stack, path, float(found[1]) * (1e-3 if found[2] == "ms" else 1.0))
+def _tokens(path: str) -> set[str]:
+    """Words of a file's name. The sign of a power of ten does not divide a word, as in 8.6e-06s."""
+    return set(re.split(r"(?<!\de)[+-]|[^A-Za-z0-9.+-]+", PurePosixPath(path).stem.lower()))
+
+
+def _check_named_exposures(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Exposures that contradict the names of their frames: all by one factor, or single ones."""
+    exposures = [
+        (stack, path, float(match[1]) * (1e-3 if match[2] == "ms" else 1.0))
         for stack in stacks
         for path in stack.paths
         for token in _tokens(path)
-        if (found := _EXPOSURE.fullmatch(token))
+        if (match := EXPOSURE.fullmatch(token))
     ]
-    named = [row for row in named if row[2] > 0]
-    factors = np.array([stack.exposure_s / seconds for stack, _, seconds in named])
-    alike = factors.size >= _SEVERAL and np.ptp(np.log(factors)) < np.log(_AS_NAMED)
-    if alike and not 1 / _AS_NAMED < (factor := float(np.median(factors))) < _AS_NAMED:
-        stack, path, seconds = named[0]
+    exposures = [row for row in exposures if row[2] > 0]
+    factors = np.array([stack.exposure_s / seconds for stack, _, seconds in exposures])
+    alike = factors.size >= FEWEST_ALIKE and np.ptp(np.log(factors)) < np.log(LARGEST_NAME_FACTOR)
+    if alike and not 1 / LARGEST_NAME_FACTOR < (factor := float(np.median(factors))) < LARGEST_NAME_FACTOR:
+        stack, path, seconds = exposures[0]
         yield Suspicion(
             f"all exposures are {factor:.4g} times those in the names of the frames (another unit)",
             "exposure_s",
-            f"{path} is listed under {stack.exposure_s:g} s, and {len(named) - 1} others likewise.",
+            f"{path} is listed under {stack.exposure_s:g} s, and {len(exposures) - 1} others by the same factor.",
         )
         return
-    for (stack, path, seconds), factor in zip(named, factors, strict=True):
-        if not 1 / _AS_NAMED < factor < _AS_NAMED:
+    for (stack, path, seconds), factor in zip(exposures, factors, strict=True):
+        if not 1 / LARGEST_NAME_FACTOR < factor < LARGEST_NAME_FACTOR:
             yield Suspicion(
                 f"a frame of {seconds:g} s is listed under {stack.exposure_s:g} s",
                 f"{stack.key}.exposure_s",
@@ -137,24 +189,26 @@ def _exposures_named(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             )
 
 
-def _peaks(capture: Capture) -> Iterator[Suspicion]:
-    """Detects bands named after a wavelength whose filter is that of another band."""
-    named, centre = {}, {}
+def _check_pass_bands(capture: Capture) -> Iterator[Suspicion]:
+    """Bands named after a wavelength whose filter is that of another band."""
+    wavelength_of, centre = {}, {}
+    shortest, longest = NAMED_WAVELENGTH_NM
     for index, band in enumerate(capture.manifest.band):
         number = re.search(r"(?<!\d)(\d{3})(?!\d)", band.id)
-        if number is None or band.transmittance is None or not 350 <= int(number[1]) <= 1000:
+        if number is None or band.transmittance is None or not shortest <= int(number[1]) <= longest:
             continue
         curve = capture.light(band.transmittance)
         if curve.values.max() <= 0 or curve.wavelength_nm[-1] < 300:
             continue
         weight = np.maximum(curve.values, 0) * (curve.values > 0.5 * curve.values.max())
-        named[band.id] = float(number[1])
+        wavelength_of[band.id] = float(number[1])
         centre[band.id] = (index, float(np.average(curve.wavelength_nm, weights=weight)))
     for name, (index, peak) in centre.items():
-        nearest = min(named, key=lambda other: abs(named[other] - peak))
-        if nearest != name and abs(named[name] - peak) > 25 and abs(named[nearest] - peak) < 15:
+        nearest = min(wavelength_of, key=lambda other: abs(wavelength_of[other] - peak))
+        far = abs(wavelength_of[name] - peak) > FAR_PASS_BAND_NM
+        if nearest != name and far and abs(wavelength_of[nearest] - peak) < NEAR_PASS_BAND_NM:
             yield Suspicion(
                 f"the filter of {name} is that of {nearest}",
                 f"band[{index}] ({name}).transmittance",
-                f"Its pass band is at {peak:.0f} nm; the band is named after {named[name]:.0f} nm.",
+                f"Its pass band is at {peak:.0f} nm; the band is named after {wavelength_of[name]:.0f} nm.",
             )

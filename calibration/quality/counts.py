@@ -15,34 +15,68 @@ from .suspicion import Suspicion
 
 __all__ = ["check_counts"]
 
-#: Smallest number of pixels at the largest count of a table, absolute and relative to the counts below it.
-_FEWEST_PILED, _PILE = 12, 12.0
+#: Fewest pixels at the largest count of a table that are a saturation.
+FEWEST_PILED_PIXELS = 12
+
+#: Smallest ratio of the pixels at the largest count to the mean of the counts below it.
+PILE_RATIO = 12.0
+
+#: Number of counts below the largest one that it is compared with.
+PILE_NEIGHBOURS = 20
+
 #: Smallest ratio of the number of different counts to that expected from a smooth histogram.
-_SHARE_OF_CODES = 0.6
-_FEWEST_CODES = 25
-_MOST_SATURATED = {"band": 0.3, "flat": 0.1, "reference": 0.1}
+SMALLEST_CODE_SHARE = 0.6
+
+#: Fewest counts of a histogram in which gaps can be detected.
+FEWEST_CODES = 25
+
+#: Window by which a histogram is smoothed, DN.
+SMOOTHING_DN = 65
+
+#: Largest share of saturated pixels by kind of frame: photographs show the lamp, fields are even.
+LARGEST_SATURATED_SHARE = {"band": 0.3, "flat": 0.1, "reference": 0.1}
+
+#: Frames show no light if their bright pixels exceed the dark level by less than this many standard deviations.
+NO_LIGHT_SIGMAS = 3
+
+#: The same, in addition, as a share of the dark level.
+NO_LIGHT_SHARE = 0.02
+
+#: Dark level over the standard deviation of reading, below which frames cannot be darker than it.
+LOWEST_LEVEL_SIGMAS = 10
+
+#: Frames are darker than the dark frames if their dark pixels lack this share of the dark level.
+DARKER_SHARE = 0.5
 
 
-def _piled(histogram: NDArray[np.int64]) -> int:
-    """Number of pixels at the largest count; 0 if the histogram is continuous there."""
-    top = int(np.flatnonzero(histogram)[-1])
-    near = histogram[max(top - 20, 0) : top]
-    expected = float(near.mean()) if near.size else 0.0
-    return int(histogram[top]) if histogram[top] > max(_FEWEST_PILED, _PILE * expected) else 0
+def check_counts(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> Iterator[Suspicion]:
+    """Check saturation, gaps between counts, and levels relative to full scale and dark.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        Its dark frames.
+    noise
+        Its noise of reading.
+
+    Yields
+    ------
+    Suspicion
+        One for a saturation, one for gaps, one for frames below the dark level, one for each table without light or
+        with too much of it.
+    """
+    yield from _check_codes(capture, stacks)
+    yield from _check_levels(capture, stacks, dark, noise)
 
 
-def _codes(histogram: NDArray[np.int64]) -> tuple[float, float]:
-    """Number of different counts in the lower half of the pixels, and the number expected from a smooth histogram."""
-    share = np.cumsum(histogram) / histogram.sum()
-    low, high = np.searchsorted(share, [0.02, 0.5])
-    part = histogram[low : high + 1].astype(float)
-    if part.size < _FEWEST_CODES:
-        return 0.0, 0.0
-    density = uniform_filter1d(part, min(65, part.size), mode="nearest")
-    return float(np.count_nonzero(part)), float(np.sum(1 - np.exp(-density)))
-
-
-def _scale(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+def _check_codes(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Saturation below full scale, and gaps between the counts that occur."""
     full = capture.full_scale_dn
     piled, stepped = [], []
     for stack in stacks:
@@ -50,11 +84,11 @@ def _scale(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             continue
         histogram = np.bincount(stack.counts.ravel())
         top = histogram.size - 1
-        if top < full and _piled(histogram):
-            piled.append((stack, top, _piled(histogram)))
-        found, expected = _codes(histogram)
-        if expected > _FEWEST_CODES and found < _SHARE_OF_CODES * expected:
-            stepped.append((stack, found, expected))
+        if top < full and _piled_pixels(histogram):
+            piled.append((stack, top, _piled_pixels(histogram)))
+        codes, expected = _different_counts(histogram)
+        if expected > FEWEST_CODES and codes < SMALLEST_CODE_SHARE * expected:
+            stepped.append((stack, codes, expected))
     if piled:
         stack, top, pixels = piled[0]
         yield Suspicion(
@@ -64,15 +98,40 @@ def _scale(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             f"scale is {full} DN.",
         )
     if stepped:
-        stack, found, expected = stepped[0]
+        stack, codes, expected = stepped[0]
         yield Suspicion(
             "counts have gaps: frames were rescaled, gamma-encoded or reduced in bits",
             f"{stack.key}.frames",
-            f"Only {found:.0f} different counts occur where {expected:.0f} are expected (so in {len(stepped)} tables).",
+            f"Only {codes:.0f} different counts occur where {expected:.0f} are expected (so in {len(stepped)} tables).",
         )
 
 
-def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -> Iterator[Suspicion]:
+def _piled_pixels(histogram: NDArray[np.int64]) -> int:
+    """Number of pixels at the largest count; 0 if the histogram is continuous there."""
+    top = int(np.flatnonzero(histogram)[-1])
+    near = histogram[max(top - PILE_NEIGHBOURS, 0) : top]
+    expected = float(near.mean()) if near.size else 0.0
+    return int(histogram[top]) if histogram[top] > max(FEWEST_PILED_PIXELS, PILE_RATIO * expected) else 0
+
+
+def _different_counts(histogram: NDArray[np.int64]) -> tuple[float, float]:
+    """Number of different counts in the darker half of the pixels: measured and expected.
+
+    A smooth histogram has the expected number.
+    """
+    share = np.cumsum(histogram) / histogram.sum()
+    low, high = np.searchsorted(share, [0.02, 0.5])
+    part = histogram[low : high + 1].astype(float)
+    if part.size < FEWEST_CODES:
+        return 0.0, 0.0
+    density = uniform_filter1d(part, min(SMOOTHING_DN, part.size), mode="nearest")
+    return float(np.count_nonzero(part)), float(np.sum(1 - np.exp(-density)))
+
+
+def _check_levels(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> Iterator[Suspicion]:
+    """Levels of the frames relative to saturation and dark level."""
     full = capture.saturation_dn
     sigma = float(np.sqrt(noise.floor_dn2))
     below = []
@@ -80,7 +139,7 @@ def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise:
         if stack.kind in ("dark", "bracket"):
             continue
         saturated = float(np.mean(stack.counts >= full))
-        if saturated > _MOST_SATURATED[stack.kind]:
+        if saturated > LARGEST_SATURATED_SHARE[stack.kind]:
             yield Suspicion(
                 f"the {stack.kind} frames are overexposed",
                 f"{stack.key}.frames",
@@ -88,7 +147,7 @@ def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise:
             )
         level = stack.thinned(dark.at(stack.exposure_s))
         net = stack.mean - level
-        if np.percentile(net, 99) < 3 * sigma + 0.02 * abs(float(np.median(level))):
+        if np.percentile(net, 99) < NO_LIGHT_SIGMAS * sigma + NO_LIGHT_SHARE * abs(float(np.median(level))):
             yield Suspicion(
                 f"the {stack.kind} frames show no light (lens cap on, or dark frames)",
                 f"{stack.key}.frames",
@@ -96,7 +155,7 @@ def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise:
                 f"{np.median(level):.4g} DN.",
             )
         lowest, middle = float(np.percentile(net, 0.5)), float(np.median(level))
-        if middle > 10 * sigma and lowest < -0.5 * middle:
+        if middle > LOWEST_LEVEL_SIGMAS * sigma and lowest < -DARKER_SHARE * middle:
             below.append((stack, lowest, middle))
     if below:
         stack, lowest, middle = below[0]
@@ -106,11 +165,3 @@ def _levels(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise:
             f"A part of {stack.key} is {-lowest:.0f} DN below the dark level of {middle:.0f} DN (so in {len(below)} "
             "tables).",
         )
-
-
-def check_counts(
-    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
-) -> Iterator[Suspicion]:
-    """Checks saturation, gaps between counts, and levels relative to full scale and dark."""
-    yield from _scale(capture, stacks)
-    yield from _levels(capture, stacks, dark, noise)

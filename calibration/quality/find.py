@@ -1,4 +1,4 @@
-"""All checks of a capture for errors, in order."""
+"""All checks of a capture that need no rendering of its scene, in order."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
-from .bands import check_lamp, check_materials, check_registration, view_scene
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
 from .darks import check_darks
 from .fingerprint import check_fingerprint, check_flat_shapes
-from .geometry import check_points
-from .placement import check_orientation, check_survey
+from .points import check_points
 from .repeats import check_noise, check_repeats
 from .schedule import check_exposures, check_schedule
 from .stacks import read_stacks
@@ -36,15 +34,42 @@ def find_suspicions(
     channels: Mapping[str, str] | None = None,
     already: Iterable[Suspicion] = (),
 ) -> tuple[Suspicion, ...]:
-    """Suspected errors made when the capture was taken or described; empty if there are none.
+    """Suspected errors of a capture by its frames, tables and numbers.
 
-    Physical effects that a model may lack are not errors. already : found before, placed first. Raises InputError for
-    a faulty frame.
+    Physical effects that a model may lack are not errors. ``cboxlab.validation.capture_checks`` adds the checks that
+    compare the photographs with a rendering.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    bands
+        Its corrected signals.
+    dark
+        Its dark frames.
+    noise
+        Gain and read noise by its frames.
+    radiometry
+        Its constant C.
+    fit
+        Camera fitted to its surveyed points; None without one.
+    channels
+        Channel of each band of a sensor with a mosaic; None without one.
+    already
+        Suspicions of earlier steps, placed first.
+
+    Returns
+    -------
+    tuple of Suspicion
+        In the order of the checks, none twice; empty for a sound capture.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
-    camera = None if fit is None else fit.camera
-    view = view_scene(capture, bands, radiometry, camera, channels)
-    found = [
+    suspicions = [
         *already,
         *check_numbers(capture),
         *check_tables(capture),
@@ -64,10 +89,5 @@ def find_suspicions(
         *check_flats_and_references(capture, bands, radiometry, channels),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),
-        *check_orientation(capture, view),
-        *check_survey(capture, view),
-        *check_lamp(capture, bands, radiometry, channels, view),
-        *check_materials(capture, view),
-        *check_registration(capture, bands),
     ]
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(suspicions))

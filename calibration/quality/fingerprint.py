@@ -1,9 +1,10 @@
-"""Checks by the sensor's pattern: the pixels' sensitivities appear at the same position in all lit frames."""
+"""Checks by the pattern of the pixels' sensitivities, which all lit frames have in common."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,42 @@ from .suspicion import Suspicion
 
 __all__ = ["check_fingerprint", "check_flat_shapes"]
 
-#: Thresholds of a correlation in standard deviations; with 8 orientations and a few thousand shifts, noise reaches 5.5.
-_FOUND, _LOST = 9.0, 4.5
-_STRONG = 20.0
-_STRUCTURE = 0.04
-#: Smallest factor of the flats' pattern in a photograph over that in a flat, and standard deviations to be sure of it.
-_LEAST_SHARE, _SURE = 0.4, 4.0
-_TURNS = {
+#: Smallest correlation at another position or orientation, standard deviations: in 8 orientations with a few thousand
+#: shifts each, noise reaches 5.5.
+SMALLEST_CORRELATION_ELSEWHERE = 9.0
+
+#: Correlation in place below which the pattern is missing, standard deviations.
+SMALLEST_CORRELATION_IN_PLACE = 4.5
+
+#: Smallest median correlation of neighbouring flats, standard deviations: without a pattern nothing can be tested.
+SMALLEST_CORRELATION_OF_FLATS = 20.0
+
+#: Smallest factor of the flats' pattern in a photograph over that in a flat.
+SMALLEST_SHARE = 0.4
+
+#: The factor must be below by this many standard deviations.
+SHARE_SIGMAS = 4.0
+
+#: Smallest suspicious rms structure of a flat over 2 to 6 px: flats of a uniform field stay below 1 %.
+LARGEST_STRUCTURE = 0.04
+
+#: Smallest flat whose structure is measured, px: smaller ones have too little beyond the filters' borders.
+SMALLEST_FLAT_PX = 64
+
+#: Edge of the neighbourhood of a pixel, px.
+NEIGHBOURHOOD_PX = 5
+
+#: Pixels darker than this share of the brightest have too much noise.
+DARKEST_SHARE = 0.02
+
+#: Details beyond this many standard deviations of their neighbourhood are clipped.
+CLIP_SIGMAS = 4
+
+#: Standard deviations of the Gaussians between which structure of a flat is measured, px.
+STRUCTURE_PX = (2.0, 6.0)
+
+#: Orientations of a frame other than its own, by the words of the suspicion.
+ORIENTATIONS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     "mirrored left to right": lambda image: image[:, ::-1],
     "upside down": lambda image: image[::-1],
     "turned by 180 degrees": lambda image: image[::-1, ::-1],
@@ -32,16 +62,120 @@ _TURNS = {
 }
 
 
+@dataclass(frozen=True, eq=False)
+class _Patterns:
+    """Patterns of the lit frames of one place in the mosaic's cell."""
+
+    #: (y, x) DN above dark of each table, by key.
+    net: Mapping[str, NDArray[np.float64]]
+    #: (y, x) pattern of each table, by key.
+    of_table: Mapping[str, NDArray[np.float64]]
+    #: The flats.
+    flats: Sequence[Stack]
+    #: (y, x) mean of the flats' patterns.
+    common: NDArray[np.float64]
+
+    def flats_without(self, stack: Stack) -> NDArray[np.float64]:
+        """(y, x) mean pattern of all flats other than a stack, of unit variance."""
+        count, pattern = len(self.flats), self.of_table[stack.key]
+        others = self.common if stack.kind != "flat" else (self.common * count - pattern) / (count - 1)
+        return np.asarray(others / others.std(), np.float64)
+
+
+def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
+    """Detect frames mirrored, turned or shifted against the flats, or without their pattern.
+
+    Parameters
+    ----------
+    stacks
+        All frames. Without two flats of one channel, or without a pattern in them, nothing is tested.
+    dark
+        Dark frames.
+
+    Yields
+    ------
+    Suspicion
+        For each table whose pattern is elsewhere, then one for all photographs without the pattern.
+    """
+    bright = [s for s in stacks if s.kind in ("band", "flat", "reference")]
+    flats = [s for s in bright if s.kind == "flat"]
+    cell_pixels = {s.cell_pixel for s in flats}
+    if len(flats) < 2 or len(cell_pixels) != 1:
+        return
+    patterns = _measure_patterns(bright, flats, dark)
+    pairs = [
+        float(_correlations(patterns.of_table[a.key], patterns.of_table[b.key])[0, 0])
+        for a, b in itertools.pairwise(flats)
+    ]
+    if np.median(pairs) < SMALLEST_CORRELATION_OF_FLATS:
+        return
+    missing = []
+    for stack in bright:
+        if stack.cell_pixel not in cell_pixels:
+            continue
+        pattern, others = patterns.of_table[stack.key], patterns.flats_without(stack)
+        correlations = _correlations(pattern, others)
+        in_place = float(correlations[0, 0])
+        if in_place > SMALLEST_CORRELATION_IN_PLACE:
+            continue
+        movement = _movement(pattern, others, correlations)
+        if movement is not None:
+            yield _moved_frames(stack, movement, in_place)
+        elif stack.kind == "band":
+            missing.append(stack)
+    yield from _check_shares(missing, patterns)
+
+
+def _measure_patterns(bright: Sequence[Stack], flats: Sequence[Stack], dark: DarkLibrary) -> _Patterns:
+    """Patterns of all lit tables and the mean of those of the flats."""
+    net = {s.key: s.mean - s.thinned(dark.at(s.exposure_s)) for s in bright}
+    of_table = {key: _pattern(image) for key, image in net.items()}
+    return _Patterns(net, of_table, flats, np.mean([of_table[s.key] for s in flats], axis=0))
+
+
+def _moved_frames(stack: Stack, movement: tuple[str, float], in_place: float) -> Suspicion:
+    """Suspicion of frames whose pattern is elsewhere. movement : as of ``_movement``."""
+    how, strength = movement
+    return Suspicion(
+        f"the {stack.kind} frames are {how} against the flats",
+        f"{stack.key}.frames",
+        f"The correlation of the pixels' sensitivities with those of the flats is {strength:.0f} standard "
+        f"deviations when they are {how}, {in_place:.1f} as stored.",
+    )
+
+
+def _check_shares(missing: Sequence[Stack], patterns: _Patterns) -> Iterator[Suspicion]:
+    """Photographs in which the flats' pattern is weaker than it can be by chance.
+
+    missing : photographs without a significant correlation.
+    """
+    unit = patterns.common / patterns.common.std()
+    usual = float(np.median([_share(_detail(patterns.net[s.key]), unit)[0] for s in patterns.flats]))
+    shares = {stack.key: _share(_detail(patterns.net[stack.key]), unit) for stack in missing}
+    without = [
+        key for key, (share, by_chance) in shares.items() if share + SHARE_SIGMAS * by_chance < SMALLEST_SHARE * usual
+    ]
+    if without:
+        yield Suspicion(
+            "the photographs do not show the pixels' sensitivities that the flats show (already divided by a flat, or "
+            "another sensor)",
+            ", ".join(without),
+            f"The flats' pattern is in them with a factor of {shares[without[0]][0] / usual:.2f} +- "
+            f"{shares[without[0]][1] / usual:.2f}; about 1 is expected.",
+        )
+
+
 def _detail(net: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) relative difference of each pixel from its neighbours, where the picture is smooth; mean 0."""
-    local = uniform_filter(net, 5)
-    floor = 0.02 * max(float(np.percentile(net, 99)), 1e-9)
+    """(y, x) relative difference of each pixel from its neighbours, mean 0; edges count less."""
+    local = uniform_filter(net, NEIGHBOURHOOD_PX)
+    floor = DARKEST_SHARE * max(float(np.percentile(net, 99)), 1e-9)
     high = (net - local) / np.maximum(local, floor)
     high[local < floor] = 0.0
     # Reduce the weight of edges in the picture.
-    spread = np.sqrt(np.maximum(uniform_filter(high**2, 5), 0.0)) + 1e-12
+    spread = np.sqrt(np.maximum(uniform_filter(high**2, NEIGHBOURHOOD_PX), 0.0)) + 1e-12
     usual = float(np.median(spread[spread > 1e-9])) if np.any(spread > 1e-9) else 1.0
-    high = usual * np.clip(high / np.maximum(spread, usual), -4, 4) * np.minimum(1.0, (usual / spread) ** 2)
+    clipped = np.clip(high / np.maximum(spread, usual), -CLIP_SIGMAS, CLIP_SIGMAS)
+    high = usual * clipped * np.minimum(1.0, (usual / spread) ** 2)
     return np.asarray(high - high.mean(), np.float64)
 
 
@@ -52,106 +186,69 @@ def _pattern(net: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _share(detail: NDArray[np.float64], pattern: NDArray[np.float64]) -> tuple[float, float]:
-    """The factor with which a pattern of unit variance is in a detail, and its standard deviation by chance."""
-    found = _correlations(detail, pattern) / np.sqrt(detail.size)
-    return float(found[0, 0]), float(found.std())
+    """Factor of a pattern of unit variance in a detail, and its standard deviation by chance."""
+    factors = _correlations(detail, pattern) / np.sqrt(detail.size)
+    return float(factors[0, 0]), float(factors.std())
 
 
 def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) circular correlation of two patterns for each shift, in standard deviations of noise."""
+    """(y, x) circular correlation of two patterns by shift, in standard deviations of noise."""
     product = np.fft.rfft2(a) * np.conj(np.fft.rfft2(b))
-    found = np.fft.irfft2(product, s=a.shape)
-    return np.asarray(found / np.sqrt(a.size), np.float64)
+    correlations = np.fft.irfft2(product, s=a.shape)
+    return np.asarray(correlations / np.sqrt(a.size), np.float64)
 
 
-def _place(peak: tuple[int, ...], shape: tuple[int, int]) -> tuple[int, int]:
+def _shift(peak: tuple[int, ...], shape: tuple[int, int]) -> tuple[int, int]:
+    """(u, v) shift, px, of a peak (row, column) of a circular correlation."""
     v, u = (int(p) if p <= n // 2 else int(p) - n for p, n in zip(peak, shape, strict=True))
     return u, v
 
 
-def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
-    """Detects frames that are mirrored, turned or shifted relative to the flats, or do not show their pattern."""
-    net = {s.key: s.mean - s.thinned(dark.at(s.exposure_s)) for s in stacks if s.kind in ("band", "flat", "reference")}
-    flats = [s for s in stacks if s.kind == "flat" and s.mean.shape == net[s.key].shape]
-    places = {s.place for s in flats}
-    if len(flats) < 2 or len(places) != 1:
-        return
-    patterns = {key: _pattern(image) for key, image in net.items()}
-    common = np.mean([patterns[s.key] for s in flats], axis=0)
-    pairs = [float(_correlations(patterns[a.key], patterns[b.key])[0, 0]) for a, b in itertools.pairwise(flats)]
-    # Without a pattern of the sensor (or in simulations without noise) nothing can be tested.
-    if np.median(pairs) < _STRONG:
-        return
-    lost = []
-    for stack in stacks:
-        if stack.kind not in ("band", "flat", "reference") or stack.place not in places:
-            continue
-        own = patterns[stack.key]
-        others = common if stack.kind != "flat" else (common * len(flats) - own) / (len(flats) - 1)
-        found = _correlations(own, others / others.std())
-        here = float(found[0, 0])
-        if here > _LOST:
-            continue
-        moved = _moved(own, others / others.std(), found)
-        if moved is None:
-            if stack.kind == "band":
-                lost.append(stack)
-        else:
-            how, strength = moved
-            yield Suspicion(
-                f"the {stack.kind} frames are {how} against the flats",
-                f"{stack.key}.frames",
-                f"The correlation of the pixels' sensitivities with those of the flats is {strength:.0f} standard "
-                f"deviations when they are {how}, {here:.1f} as stored.",
-            )
-    unit = common / common.std()
-    usual = float(np.median([_share(_detail(net[s.key]), unit)[0] for s in flats]))
-    shares = {stack.key: _share(_detail(net[stack.key]), unit) for stack in lost}
-    flat_fielded = [
-        key for key, (share, by_chance) in shares.items() if share + _SURE * by_chance < _LEAST_SHARE * usual
-    ]
-    if flat_fielded:
-        yield Suspicion(
-            "the photographs do not show the pixels' sensitivities that the flats show (already divided by a flat, or "
-            "another sensor)",
-            ", ".join(flat_fielded),
-            f"The flats' pattern is in them with a factor of {shares[flat_fielded[0]][0] / usual:.2f} +- "
-            f"{shares[flat_fielded[0]][1] / usual:.2f}; about 1 is expected.",
-        )
-
-
-def _moved(
-    own: NDArray[np.float64], others: NDArray[np.float64], found: NDArray[np.float64]
+def _movement(
+    pattern: NDArray[np.float64], others: NDArray[np.float64], correlations: NDArray[np.float64]
 ) -> tuple[str, float] | None:
-    """Orientation or shift of the pattern relative to the others, and its significance; None if it is not found."""
-    if found.max() > _FOUND:
-        u, v = _place(np.unravel_index(int(found.argmax()), found.shape), own.shape)  # type: ignore[arg-type]
-        return f"moved by ({u}, {v}) px", float(found.max())
-    for how, turn in _TURNS.items():
-        turned = turn(own)
+    """Shift or orientation of a pattern relative to others, and its significance; or None."""
+    if correlations.max() > SMALLEST_CORRELATION_ELSEWHERE:
+        u, v = _shift(np.unravel_index(int(correlations.argmax()), correlations.shape), pattern.shape)  # type: ignore[arg-type]
+        return f"moved by ({u}, {v}) px", float(correlations.max())
+    for how, turn in ORIENTATIONS.items():
+        turned = turn(pattern)
         if turned.shape == others.shape:
             other = _correlations(turned, others)
-            if other.max() > _FOUND:
+            if other.max() > SMALLEST_CORRELATION_ELSEWHERE:
                 return how, float(other.max())
     return None
 
 
 def check_flat_shapes(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
-    """Detects flats and references with structure, which a uniform field does not have."""
+    """Detect flats and references with structure, which a uniform field does not have.
+
+    Parameters
+    ----------
+    stacks
+        All frames.
+    dark
+        Dark frames.
+
+    Yields
+    ------
+    Suspicion
+        For each flat or reference. The border is left out: a filter seen obliquely darkens the corners steeply.
+    """
+    narrow, wide = STRUCTURE_PX
     for stack in stacks:
-        if stack.kind not in ("flat", "reference") or min(stack.mean.shape) < 64:
+        if stack.kind not in ("flat", "reference") or min(stack.mean.shape) < SMALLEST_FLAT_PX:
             continue
         net = stack.mean - stack.thinned(dark.at(stack.exposure_s))
-        smooth = gaussian_filter(net, 2.0)
+        smooth = gaussian_filter(net, narrow)
         level = float(np.median(net))
         if level <= 0:
             continue
-        broad = gaussian_filter(net, 6.0)
-        # A filter seen obliquely darkens the corners steeply; a picture shows in the middle as well.
+        broad = gaussian_filter(net, wide)
         inner = tuple(slice(n // 5, n - n // 5) for n in net.shape)
         detail = ((smooth - broad) / np.maximum(broad, 0.1 * level))[inner]
         structure = float(np.sqrt(np.mean(detail**2)))
-        if structure > _STRUCTURE:
+        if structure > LARGEST_STRUCTURE:
             yield Suspicion(
                 f"the {stack.kind} frames of {stack.band} show a picture, not a uniform field",
                 f"{stack.key}.frames",

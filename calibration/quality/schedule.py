@@ -12,30 +12,66 @@ from .suspicion import Suspicion
 
 __all__ = ["check_exposures", "check_schedule"]
 
-#: Clocks are read to a second, and the readout may be a little shorter than stated.
-_CLOCK_S = 2.0
-_LONGEST_CAPTURE_S = 2 * 86400.0
-_LONGEST_EXPOSURE_S = 7200.0
+#: Overlap of two exposures that is not suspected, s: clocks are read to a second.
+CLOCK_S = 2.0
+
+#: The same over the exposure of the first frames: the readout may be a little shorter than stated.
+CLOCK_SHARE = 0.02
+
+#: Longest plausible capture, s: two days.
+LONGEST_CAPTURE_S = 2 * 86400.0
+
+#: Longest plausible exposure, s: two hours.
+LONGEST_EXPOSURE_S = 7200.0
+
+#: Exposures are equal within this relative difference, the rounding of a decimal number.
+EQUAL_EXPOSURES = 1e-6
 
 
 def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    """Checks that bands are in the order taken and that exposures do not overlap."""
+    """Check that bands are in the order taken and that exposures do not overlap.
+
+    Parameters
+    ----------
+    stacks
+        All frames; tables without ``start_s`` are not checked.
+
+    Yields
+    ------
+    Suspicion
+        At most one for each kind of contradiction, one for each pair of bands that start together.
+    """
     timed = [stack for stack in stacks if stack.start_s is not None]
-    starts = [s.start_s for s in timed if s.kind == "band" and s.start_s is not None]
+    order = sorted(timed, key=lambda s: s.start_s or 0.0)
+    yield from _check_order(timed)
+    yield from _check_overlap(order)
+    yield from _check_same_start(order)
+    yield from _check_unit_of_time(order)
+
+
+def _check_order(timed: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Bands must be in the order taken."""
+    bands = [s for s in timed if s.kind == "band"]
+    starts = [s.start_s for s in bands if s.start_s is not None]
     if len(starts) > 1 and np.any(np.diff(starts) < 0):
-        late = [s for s in timed if s.kind == "band"][1 + int(np.argmax(np.diff(starts) < 0))]
+        late = bands[1 + int(np.argmax(np.diff(starts) < 0))]
         yield Suspicion(
             "the start times are out of order",
             f"{late.key}.start_s",
             f"Bands must be in the order taken, but this one started at {late.start_s:g} s, before the previous one.",
         )
-    order = sorted(timed, key=lambda s: s.start_s or 0.0)
+
+
+def _check_overlap(order: Sequence[Stack]) -> Iterator[Suspicion]:
+    """First table that starts before the exposures of the one before it end.
+
+    Exposures alone count: a camera may read one frame out while it exposes the next.
+    """
     for before, after in itertools.pairwise(order):
         if before.start_s is None or after.start_s is None:
             continue
-        # Exposures alone: a camera may read one frame out while it exposes the next.
         end = before.start_s + len(before.paths) * before.exposure_s
-        if after.start_s < end - _CLOCK_S - 0.02 * (end - before.start_s):
+        if after.start_s < end - CLOCK_S - CLOCK_SHARE * (end - before.start_s):
             yield Suspicion(
                 "start times and exposures contradict each other (an exposure or a start time in another unit, or "
                 "wrong)",
@@ -44,6 +80,10 @@ def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
                 f"{len(before.paths)} x {before.exposure_s:g} s) is exposed until {end:g} s.",
             )
             break
+
+
+def _check_same_start(order: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Two bands cannot start at the same time."""
     for before, after in itertools.pairwise(order):
         if before.kind == after.kind == "band" and before.start_s == after.start_s:
             yield Suspicion(
@@ -51,13 +91,17 @@ def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
                 f"{after.key}.start_s",
                 f"{before.key} begins then as well.",
             )
-    if order and abs(order[0].start_s or 0.0) > _LONGEST_CAPTURE_S:
+
+
+def _check_unit_of_time(order: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Start times must count from the first frame, in seconds."""
+    if order and abs(order[0].start_s or 0.0) > LONGEST_CAPTURE_S:
         yield Suspicion(
             "start times do not count from the first frame",
             f"{order[0].key}.start_s",
             f"The first begins at {order[0].start_s:g} s.",
         )
-    elif order and (order[-1].start_s or 0.0) > _LONGEST_CAPTURE_S:
+    elif order and (order[-1].start_s or 0.0) > LONGEST_CAPTURE_S:
         yield Suspicion(
             "the start times are in another unit than seconds",
             f"{order[-1].key}.start_s",
@@ -66,19 +110,31 @@ def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
 
 
 def check_exposures(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
-    """Detects exposures too long for a camera, and an exposure that does not match the exposures of the darks."""
+    """Detect exposures too long for a camera, and an exposure without dark frames.
+
+    Parameters
+    ----------
+    stacks
+        All frames.
+
+    Yields
+    ------
+    Suspicion
+        For the longest exposure. For an exposure without dark frames, if one exposure of the darks fits no frames and
+        all others match.
+    """
     longest = max(stacks, key=lambda s: s.exposure_s)
-    if longest.exposure_s > _LONGEST_EXPOSURE_S:
+    if longest.exposure_s > LONGEST_EXPOSURE_S:
         yield Suspicion(
             "exposures are in another unit than seconds (milliseconds)",
             f"{longest.key}.exposure_s",
             f"The longest is {longest.exposure_s:g} s, {longest.exposure_s / 3600:.1f} hours.",
         )
     darks = {s.exposure_s for s in stacks if s.kind == "dark"}
-    lit = [s for s in stacks if s.kind != "dark"]
-    used = {s.exposure_s for s in lit}
-    missing = [s for s in lit if not any(np.isclose(s.exposure_s, d, rtol=1e-6) for d in darks)]
-    unused = [d for d in darks if not any(np.isclose(d, e, rtol=1e-6) for e in used)]
+    bright = [s for s in stacks if s.kind != "dark"]
+    used = {s.exposure_s for s in bright}
+    missing = [s for s in bright if not any(np.isclose(s.exposure_s, d, rtol=EQUAL_EXPOSURES) for d in darks)]
+    unused = [d for d in darks if not any(np.isclose(d, e, rtol=EQUAL_EXPOSURES) for e in used)]
     if len(darks) > 2 and len({s.exposure_s for s in missing}) == 1 and len(unused) == 1:
         yield Suspicion(
             "an exposure is wrong: of the frames or of their dark frames",

@@ -16,29 +16,51 @@ __all__ = ["Stack", "read_stacks"]
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """The frames of one table.
+    """The frames of one table."""
 
-    kind : "band", "dark", "flat", "reference" or "bracket". key : the table in capture.toml. band : its band, None
-    of darks. counts : (repeat, y, x) DN, of a sensor with a mosaic only the pixels of the band's channel that fill
-    one place of the 2 x 2 cell. whole : (repeat, y, x) DN, all pixels.
-    """
-
+    #: "band", "dark", "flat", "reference" or "bracket".
     kind: str
+
+    #: The table in capture.toml with its band or exposure, as in "flat[0] (f450)".
     key: str
+
+    #: Id of its band; None for darks.
     band: str | None
+
+    #: Exposure, s.
     exposure_s: float
+
+    #: Start, s after the first frame; None if it is not stated.
     start_s: float | None
+
+    #: Files of the frames, as in the manifest.
     paths: tuple[str, ...]
-    whole: NDArray[np.uint16]
-    place: tuple[int, int] | None
+
+    #: (repeat, y, x) DN, all pixels.
+    frames: NDArray[np.uint16]
+
+    #: (row, column) in the 2 x 2 cell of the pixels that ``counts`` holds; None without a mosaic.
+    cell_pixel: tuple[int, int] | None
 
     @property
     def counts(self) -> NDArray[np.uint16]:
-        return self.thinned(self.whole)
+        """(repeat, y, x) DN; with a mosaic only the pixels at ``cell_pixel``."""
+        return self.thinned(self.frames)
 
     def thinned(self, image: NDArray) -> NDArray:
-        """The pixels (..., y, x) of an image that ``counts`` holds."""
-        return image if self.place is None else image[..., self.place[0] :: 2, self.place[1] :: 2]
+        """Select the pixels of an image that ``counts`` holds.
+
+        Parameters
+        ----------
+        image
+            (..., y, x) all pixels.
+
+        Returns
+        -------
+        NDArray
+            (..., y, x); with a mosaic every second row and column.
+        """
+        return image if self.cell_pixel is None else image[..., self.cell_pixel[0] :: 2, self.cell_pixel[1] :: 2]
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
@@ -46,20 +68,25 @@ class Stack:
         return np.asarray(self.counts.mean(axis=0), np.float64)
 
 
-def _place(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int] | None:
-    mosaic = capture.manifest.mosaic
-    if mosaic is None:
-        return None
-    if channels is None or band is None:
-        return 0, 0
-    index = mosaic.pattern.index(channels[band])
-    return index // 2, index % 2
-
-
 def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tuple[Stack, ...]:
-    """All tables with frames, except those of flat targets, in the manifest's order.
+    """Read all tables with frames, except those of flat targets.
 
-    channels : by band, the channel of a sensor with a mosaic. Raises InputError for a faulty frame.
+    Parameters
+    ----------
+    capture
+        A capture.
+    channels
+        Channel of each band of a sensor with a mosaic; None without one.
+
+    Returns
+    -------
+    tuple of Stack
+        Bands, brackets, darks, flats, references; each in the manifest's order.
+
+    Raises
+    ------
+    InputError
+        For a faulty frame.
     """
     manifest = capture.manifest
     stacks = []
@@ -83,7 +110,18 @@ def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tup
                     table.start_s,
                     table.frames,
                     capture.frames(table),
-                    _place(capture, channels, band),
+                    _cell_pixel(capture, channels, band),
                 )
             )
     return tuple(stacks)
+
+
+def _cell_pixel(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int] | None:
+    """(row, column) of a band in the mosaic's cell, (0, 0) for darks; None without a mosaic."""
+    mosaic = capture.manifest.mosaic
+    if mosaic is None:
+        return None
+    if channels is None or band is None:
+        return 0, 0
+    index = mosaic.pattern.index(channels[band])
+    return index // 2, index % 2

@@ -1,4 +1,4 @@
-"""A suspected error of a capture: what it is, where, and the evidence."""
+"""Suspected error of a capture."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ __all__ = ["Suspicion"]
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A probable error made when the capture was taken or described.
+    """A probable error made when the capture was taken or described."""
 
-    what : the mistake, in a few words. where : the key of capture.toml or the file. why : what was found and what
-    was expected, with numbers.
-    """
-
+    #: The error, in a few words.
     what: str
+
+    #: The key of capture.toml, or the file.
     where: str
+
+    #: What was measured and what was expected, with numbers.
     why: str
 
     @property

@@ -17,41 +17,101 @@ from .suspicion import Suspicion
 __all__ = ["Column", "check_numbers", "check_scene", "check_tables", "stated_columns"]
 
 #: Largest excess over 1 of a measured transmittance.
-_ABOVE_ONE = 0.02
-#: Largest reflectance: relative to an imperfect white tile, or of a fluorescent material.
-_BRIGHTEST_REFLECTANCE = 1.25
-#: Largest share of a band's response, or of a table's maximum, beyond the end of a table.
-_BEYOND = 0.02
-_CUT = 0.1
+LARGEST_EXCESS = 0.02
 
+#: Largest reflectance: relative to an imperfect white tile, or of a fluorescent material.
+LARGEST_REFLECTANCE = 1.25
+
+#: Smallest plausible largest value of a fraction: tables in another unit are a hundred times smaller.
+SMALLEST_MAXIMUM = 5e-3
+
+#: Smallest value of a fraction that is in per cent or in another unit.
+SMALLEST_PER_CENT = 2.0
+
+#: Largest negative value of a source over its largest: noise of its measurement.
+NEGATIVE_RADIANCE_SHARE = 0.02
+
+#: Largest share of a band's response beyond the end of a table.
+LARGEST_SHARE_BEYOND = 0.02
+
+#: Largest transmittance at the end of a filter's table over its largest.
+LARGEST_END_SHARE = 0.1
+
+#: Longest wavelength of a table in micrometres.
+LONGEST_UM = 20
+
+#: Shortest wavelength of a table in angstroms or wavenumbers.
+SHORTEST_ANGSTROM = 2000
+
+#: Longest wavelength of a table in angstroms; larger numbers are wavenumbers.
+LONGEST_ANGSTROM = 15000
+
+#: Plausible width of a sensor, mm: 1 to 100 mm, and a factor of three.
+SENSOR_WIDTH_MM = (0.3, 300)
+
+#: Plausible focal length, mm.
+FOCAL_LENGTH_MM = (1, 3000)
+
+#: Plausible image distance over the focal length.
+IMAGE_DISTANCE_RATIO = (0.95, 4)
+
+#: Plausible f-number: lenses have 0.7 to 45.
+F_NUMBER = (0.5, 64)
+
+#: Smallest relative uncertainty that is in per cent.
+UNCERTAINTY_PER_CENT = 0.5
+
+#: (kind, key, reference, spectrum) of a spectrum that the manifest names.
 Column = tuple[str, str, str, Spectrum]
 
 
 def stated_columns(capture: Capture) -> list[Column]:
-    """(kind, key, reference, spectrum) of every spectrum that the manifest names."""
+    """List every spectrum that the manifest names.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+
+    Returns
+    -------
+    list of Column
+        Kind in words, key in capture.toml, reference to the file's column, spectrum.
+    """
     manifest = capture.manifest
     efficiency = manifest.camera.quantum_efficiency
-    stated: list[tuple[str, str, str | None]] = [
+    columns: list[tuple[str, str, str | None]] = [
         ("quantum efficiency", "camera.quantum_efficiency", column)
         for column in (efficiency if isinstance(efficiency, tuple) else (efficiency,))
     ]
-    stated.append(("lens transmittance", "lens.transmittance", manifest.lens.transmittance))
+    columns.append(("lens transmittance", "lens.transmittance", manifest.lens.transmittance))
     for index, band in enumerate(manifest.band):
-        stated.append(("filter transmittance", f"band[{index}] ({band.id}).transmittance", band.transmittance))
+        columns.append(("filter transmittance", f"band[{index}] ({band.id}).transmittance", band.transmittance))
     if manifest.lamp is not None:
-        stated.append(("lamp radiance", "lamp.radiance", manifest.lamp.radiance))
+        columns.append(("lamp radiance", "lamp.radiance", manifest.lamp.radiance))
     for index, reference in enumerate(manifest.reference):
         key = f"reference[{index}] ({reference.band}).radiance"
-        stated.append(("reference radiance", key, reference.radiance))
+        columns.append(("reference radiance", key, reference.radiance))
     for index, flat in enumerate(manifest.flats):
-        stated.append(("flat radiance", f"flat[{index}] ({flat.band}).radiance", flat.radiance))
-    return [(kind, key, column, capture.light(column)) for kind, key, column in stated if column is not None]
+        columns.append(("flat radiance", f"flat[{index}] ({flat.band}).radiance", flat.radiance))
+    return [(kind, key, column, capture.light(column)) for kind, key, column in columns if column is not None]
 
 
 def check_scene(capture: Capture) -> Iterator[Suspicion]:
-    """Whether a scene file that the manifest names can be read."""
-    stated = capture.manifest.scene
-    if stated is None or not stated.endswith(".toml"):
+    """Check that a scene file that the manifest names can be read.
+
+    Parameters
+    ----------
+    capture
+        A capture; a packaged scene is not checked.
+
+    Yields
+    ------
+    Suspicion
+        With the reason of the refusal.
+    """
+    scene = capture.manifest.scene
+    if scene is None or not scene.endswith(".toml"):
         return
     try:
         load_scene(str(capture.scene_reference))
@@ -59,7 +119,44 @@ def check_scene(capture: Capture) -> Iterator[Suspicion]:
         yield Suspicion("the scene file cannot be read", "scene", f"{error}. Checks against the box were left out.")
 
 
-def _once(columns: list[Column]) -> list[Column]:
+def check_tables(capture: Capture) -> Iterator[Suspicion]:
+    """Check the units of wavelengths, the ranges of fractions, and the coverage of the tables.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+
+    Yields
+    ------
+    Suspicion
+        For each table and each fault of it. Coverage is checked only if all wavelengths are in nm.
+    """
+    columns = stated_columns(capture)
+    misread = set()
+    for kind, key, reference, spectrum in _each_column_once(columns):
+        name = kind if kind != "filter transmittance" else f"filter transmittance ({key})"
+        unit = _wavelength_fault(name, reference, spectrum)
+        if unit is not None:
+            misread.add(reference)
+            yield unit
+        elif "radiance" in kind:
+            yield from _check_radiance(kind, reference, spectrum.values)
+        else:
+            yield from _check_fraction(name, reference, spectrum.values, 1 + LARGEST_EXCESS)
+    for name, spectrum in capture.label_reflectances().items():
+        reference = f"{capture.manifest.labels.reflectance if capture.manifest.labels else ''}:{name}"
+        unit = _wavelength_fault("reflectance", reference, spectrum)
+        if unit is not None:
+            yield unit
+        else:
+            yield from _check_fraction("reflectance", reference, spectrum.values, LARGEST_REFLECTANCE)
+    if not misread:
+        yield from _check_coverage(capture, columns)
+        yield from _check_same_filter(capture)
+
+
+def _each_column_once(columns: list[Column]) -> list[Column]:
     """One entry for each column of a file, since several tables may refer to the same spectrum."""
     first: dict[str, Column] = {}
     for column in columns:
@@ -67,15 +164,8 @@ def _once(columns: list[Column]) -> list[Column]:
     return list(first.values())
 
 
-def _unit_of_wavelength(wavelength: NDArray[np.float64]) -> str | None:
-    if wavelength[-1] <= 20:
-        return "micrometres"
-    if wavelength[0] >= 2000:
-        return "angstroms" if wavelength[-1] < 15000 else "wavenumbers"
-    return None
-
-
-def _wavelengths(kind: str, reference: str, spectrum: Spectrum) -> Suspicion | None:
+def _wavelength_fault(kind: str, reference: str, spectrum: Spectrum) -> Suspicion | None:
+    """Suspicion of wavelengths that are not in nm or not visible."""
     wavelength = spectrum.wavelength_nm
     span = f"The table runs from {wavelength[0]:g} to {wavelength[-1]:g}; light is 400 to 700 nm."
     unit = _unit_of_wavelength(wavelength)
@@ -86,22 +176,33 @@ def _wavelengths(kind: str, reference: str, spectrum: Spectrum) -> Suspicion | N
     return None
 
 
-def _fractions(kind: str, reference: str, values: NDArray[np.float64], limit: float) -> Iterator[Suspicion]:
+def _unit_of_wavelength(wavelength: NDArray[np.float64]) -> str | None:
+    """Unit of wavelengths (n,), ascending, by their size; None for nm."""
+    if wavelength[-1] <= LONGEST_UM:
+        return "micrometres"
+    if wavelength[0] >= SHORTEST_ANGSTROM:
+        return "angstroms" if wavelength[-1] < LONGEST_ANGSTROM else "wavenumbers"
+    return None
+
+
+def _check_fraction(kind: str, reference: str, values: NDArray[np.float64], limit: float) -> Iterator[Suspicion]:
+    """Values (n,) that must lie within 0 to 1. limit : largest plausible value."""
     top, bottom = float(values.max()), float(values.min())
-    found = f"The largest value is {top:.4g}; a {kind} lies within 0 to 1."
-    if top > max(2.0, limit):
-        yield Suspicion(f"the {kind} is in per cent or in another unit, not a fraction", reference, found)
+    evidence = f"The largest value is {top:.4g}; a {kind} lies within 0 to 1."
+    if top > max(SMALLEST_PER_CENT, limit):
+        yield Suspicion(f"the {kind} is in per cent or in another unit, not a fraction", reference, evidence)
     elif top > limit:
-        yield Suspicion(f"the {kind} is above 1", reference, found)
-    elif 0 < top < 5e-3:
-        yield Suspicion(f"the {kind} is a hundred times too small", reference, found)
-    if bottom < -_ABOVE_ONE * max(top, 0.1):
+        yield Suspicion(f"the {kind} is above 1", reference, evidence)
+    elif 0 < top < SMALLEST_MAXIMUM:
+        yield Suspicion(f"the {kind} is a hundred times too small", reference, evidence)
+    if bottom < -LARGEST_EXCESS * max(top, 0.1):
         yield Suspicion(f"the {kind} is negative", reference, f"The smallest value is {bottom:.4g}.")
 
 
-def _radiances(kind: str, reference: str, values: NDArray[np.float64]) -> Iterator[Suspicion]:
+def _check_radiance(kind: str, reference: str, values: NDArray[np.float64]) -> Iterator[Suspicion]:
+    """Values (n,) of a source, which are positive."""
     top, bottom = float(values.max()), float(values.min())
-    if top <= 0 or bottom < -0.02 * top:
+    if top <= 0 or bottom < -NEGATIVE_RADIANCE_SHARE * top:
         yield Suspicion(
             f"the {kind} is not that of a source",
             reference,
@@ -109,70 +210,34 @@ def _radiances(kind: str, reference: str, values: NDArray[np.float64]) -> Iterat
         )
 
 
-def check_tables(capture: Capture) -> Iterator[Suspicion]:
-    """Checks the units of wavelengths, the ranges of fractions, and the coverage of the tables."""
-    columns = stated_columns(capture)
-    misread = set()
-    for kind, key, reference, spectrum in _once(columns):
-        name = kind if kind != "filter transmittance" else f"filter transmittance ({key})"
-        unit = _wavelengths(name, reference, spectrum)
-        if unit is not None:
-            misread.add(reference)
-            yield unit
-        elif "radiance" in kind:
-            yield from _radiances(kind, reference, spectrum.values)
-        else:
-            yield from _fractions(name, reference, spectrum.values, 1 + _ABOVE_ONE)
-    for name, spectrum in capture.label_reflectances().items():
-        reference = f"{capture.manifest.labels.reflectance if capture.manifest.labels else ''}:{name}"
-        unit = _wavelengths("reflectance", reference, spectrum)
-        if unit is not None:
-            yield unit
-        else:
-            yield from _fractions("reflectance", reference, spectrum.values, _BRIGHTEST_REFLECTANCE)
-    if not misread:
-        yield from _coverage(capture, columns)
-        yield from _same_filter(capture)
-
-
-def _held(spectrum: Spectrum) -> NDArray[np.float64]:
+def _extended(spectrum: Spectrum) -> NDArray[np.float64]:
     """(301,) on WAVELENGTH_NM, extrapolated with the end values."""
     return np.interp(WAVELENGTH_NM, spectrum.wavelength_nm, spectrum.values)
 
 
-def _coverage(capture: Capture, columns: list[Column]) -> Iterator[Suspicion]:
-    """Detects tables that end within a band's response."""
-    used = {
+def _check_coverage(capture: Capture, columns: list[Column]) -> Iterator[Suspicion]:
+    """Tables that end within a band's response."""
+    responses = {
         band.id: np.prod(
-            [_held(s) for kind, key, _, s in columns if kind == "lens transmittance" or f"({band.id}).t" in key]
+            [_extended(s) for kind, key, _, s in columns if kind == "lens transmittance" or f"({band.id}).t" in key]
             or [np.ones(WAVELENGTH_NM.size)],
             axis=0,
         )
         for band in capture.manifest.band
         if band.transmittance is not None
     }
-    for kind, key, reference, spectrum in _once(columns):
+    for kind, key, reference, spectrum in _each_column_once(columns):
         low, high = spectrum.wavelength_nm[[0, -1]]
-        out = (WAVELENGTH_NM < low) | (WAVELENGTH_NM > high)
-        if not np.any(out):
+        beyond = (WAVELENGTH_NM < low) | (WAVELENGTH_NM > high)
+        if not np.any(beyond):
             continue
         span = f"The table runs from {low:g} to {high:g} nm"
         if kind == "filter transmittance":
-            ends = [
-                value
-                for end, value in zip((low, high), spectrum.values[[0, -1]], strict=True)
-                if 400 < end < 700 and value > _CUT * spectrum.values.max()
-            ]
-            for value in ends:
-                yield Suspicion(
-                    f"the filter transmittance ({key}) is cut short",
-                    reference,
-                    f"{span}, where it is still {value / spectrum.values.max():.0%} of its largest value.",
-                )
+            yield from _check_filter_ends(key, reference, spectrum, span)
             continue
-        lost = {band: float(curve[out].sum() / max(curve.sum(), 1e-300)) for band, curve in used.items()}
+        lost = {band: float(curve[beyond].sum() / max(curve.sum(), 1e-300)) for band, curve in responses.items()}
         worst = max(lost, key=lost.__getitem__, default=None)
-        if worst is not None and lost[worst] > _BEYOND:
+        if worst is not None and lost[worst] > LARGEST_SHARE_BEYOND:
             yield Suspicion(
                 f"the table of the {kind} is cut short: it does not cover the bands",
                 reference,
@@ -180,44 +245,99 @@ def _coverage(capture: Capture, columns: list[Column]) -> Iterator[Suspicion]:
             )
 
 
-def _same_filter(capture: Capture) -> Iterator[Suspicion]:
-    """Detects two bands with the same filter."""
-    seen: dict[str, str] = {}
+def _check_filter_ends(key: str, reference: str, spectrum: Spectrum, span: str) -> Iterator[Suspicion]:
+    """Ends of a filter's table within the visible, where it must be dark.
+
+    span : the table's range in words.
+    """
+    low, high = spectrum.wavelength_nm[[0, -1]]
+    for end, value in zip((low, high), spectrum.values[[0, -1]], strict=True):
+        if 400 < end < 700 and value > LARGEST_END_SHARE * spectrum.values.max():
+            yield Suspicion(
+                f"the filter transmittance ({key}) is cut short",
+                reference,
+                f"{span}, where it is still {value / spectrum.values.max():.0%} of its largest value.",
+            )
+
+
+def _check_same_filter(capture: Capture) -> Iterator[Suspicion]:
+    """Two bands with the same filter."""
+    band_of: dict[str, str] = {}
     for index, band in enumerate(capture.manifest.band):
         if band.transmittance is None:
             continue
-        if band.transmittance in seen:
+        if band.transmittance in band_of:
             yield Suspicion(
-                f"{band.id} and {seen[band.transmittance]} state the same filter",
+                f"{band.id} and {band_of[band.transmittance]} state the same filter",
                 f"band[{index}] ({band.id}).transmittance",
                 f"Both refer to {band.transmittance}. Further exposures with the same filter must be brackets.",
             )
-        seen.setdefault(band.transmittance, band.id)
+        band_of.setdefault(band.transmittance, band.id)
 
 
 def check_numbers(capture: Capture) -> Iterator[Suspicion]:
-    """Checks lengths, times and fractions of the manifest against the range of real cameras."""
+    """Check lengths, f-numbers and fractions of the manifest against the range of real cameras.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+
+    Yields
+    ------
+    Suspicion
+        For pixel pitch, focal length, the first image distance, f-numbers, and the lamp's uncertainties.
+    """
+    lit_tables = _lit_tables(capture)
+    yield from _check_sensor_width(capture)
+    yield from _check_image_distance(capture, lit_tables)
+    numbers = [table.f_number for _, table in lit_tables if table.f_number]
+    smallest, largest = F_NUMBER
+    if numbers and not smallest <= min(numbers) <= max(numbers) <= largest:
+        yield Suspicion(
+            "the f-number is no f-number",
+            "band.f_number",
+            f"They run from {min(numbers):g} to {max(numbers):g}; lenses have 0.7 to 45.",
+        )
+    yield from _check_lamp_uncertainty(capture)
+
+
+def _lit_tables(capture: Capture) -> list[tuple[str, BandTable | BracketTable]]:
+    """All tables of frames with light, with their keys."""
     manifest = capture.manifest
-    camera, focal = manifest.camera, manifest.lens.focal_length_mm
-    if camera.pixel_pitch_um is not None:
-        width = (manifest.crop.full_width_px if manifest.crop else camera.width_px) * camera.pixel_pitch_um / 1e3
-        if not 0.3 < width < 300:
-            yield Suspicion(
-                "the pixel pitch is in another unit than um",
-                "camera.pixel_pitch_um",
-                f"With {camera.pixel_pitch_um:g} um the sensor is {width:.3g} mm wide; sensors are 1 to 100 mm wide.",
-            )
-    if focal is not None and not 1 < focal < 3000:
-        yield Suspicion("the focal length is in another unit than mm", "lens.focal_length_mm", f"It is {focal:g} mm.")
-    lit: list[tuple[str, BandTable | BracketTable]] = [
+    return [
         *((f"band[{i}] ({b.id})", b) for i, b in enumerate(manifest.band)),
         *((f"bracket[{i}] ({b.band})", b) for i, b in enumerate(manifest.bracket)),
         *((f"flat[{i}] ({b.band})", b) for i, b in enumerate(manifest.flats)),
         *((f"reference[{i}] ({b.band})", b) for i, b in enumerate(manifest.reference)),
     ]
-    for key, table in lit:
+
+
+def _check_sensor_width(capture: Capture) -> Iterator[Suspicion]:
+    """Pixel pitch by the width of the sensor, and focal length."""
+    manifest = capture.manifest
+    camera, focal = manifest.camera, manifest.lens.focal_length_mm
+    if camera.pixel_pitch_um is not None:
+        width = (manifest.crop.full_width_px if manifest.crop else camera.width_px) * camera.pixel_pitch_um / 1e3
+        if not SENSOR_WIDTH_MM[0] < width < SENSOR_WIDTH_MM[1]:
+            yield Suspicion(
+                "the pixel pitch is in another unit than um",
+                "camera.pixel_pitch_um",
+                f"With {camera.pixel_pitch_um:g} um the sensor is {width:.3g} mm wide; sensors are 1 to 100 mm wide.",
+            )
+    if focal is not None and not FOCAL_LENGTH_MM[0] < focal < FOCAL_LENGTH_MM[1]:
+        yield Suspicion("the focal length is in another unit than mm", "lens.focal_length_mm", f"It is {focal:g} mm.")
+
+
+def _check_image_distance(
+    capture: Capture, lit_tables: list[tuple[str, BandTable | BracketTable]]
+) -> Iterator[Suspicion]:
+    """The first image distance that does not suit the focal length."""
+    focal = capture.manifest.lens.focal_length_mm
+    nearest, farthest = IMAGE_DISTANCE_RATIO
+    for key, table in lit_tables:
         distance = table.image_distance_mm
-        if distance is not None and focal is not None and not 0.95 * focal <= distance <= 4 * focal:
+        if distance is not None and focal is not None and not nearest * focal <= distance <= farthest * focal:
             yield Suspicion(
                 "the image distance does not suit the focal length (a length in another unit, or exchanged)",
                 f"{key}.image_distance_mm",
@@ -225,17 +345,14 @@ def check_numbers(capture: Capture) -> Iterator[Suspicion]:
                 "to a few focal lengths.",
             )
             break
-    numbers = [table.f_number for _, table in lit if table.f_number]
-    if numbers and not 0.5 <= min(numbers) <= max(numbers) <= 64:
-        yield Suspicion(
-            "the f-number is no f-number",
-            "band.f_number",
-            f"They run from {min(numbers):g} to {max(numbers):g}; lenses have 0.7 to 45.",
-        )
-    lamp = manifest.lamp
+
+
+def _check_lamp_uncertainty(capture: Capture) -> Iterator[Suspicion]:
+    """Relative uncertainties of the lamp that are in per cent."""
+    lamp = capture.manifest.lamp
     for name in ("relative_uncertainty", "spectral_uncertainty"):
         value = None if lamp is None else getattr(lamp, name)
-        if value is not None and value >= 0.5:
+        if value is not None and value >= UNCERTAINTY_PER_CENT:
             yield Suspicion(
                 "the lamp's uncertainty is in per cent, not a fraction", f"lamp.{name}", f"It is {value:g}."
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
 from ..geometry import CameraFit, read_points
 from .calibrate import Calibration
-from .edge_alignment import ObjectError
 from .geometry_plot import plot_geometry
 from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
@@ -58,37 +57,24 @@ def _parameters_record(camera: Camera) -> dict[str, Any]:
     }
 
 
-def write_geometry(camera: Camera, errors: Sequence[ObjectError], folder: Path) -> Path:
+def write_geometry(camera: Camera, objects: Sequence[Mapping[str, Any]], folder: Path) -> Path:
     """Write geometry.json: the refined camera and the errors of the objects, with covariances.
 
     Parameters
     ----------
     camera
-        Refined camera.
-    errors
-        Errors of the objects.
+        Refined camera; NaN stands for a missing covariance.
+    objects
+        Record of each object's error.
     folder
-        Existing folder.
+        Folder of the results.
 
     Returns
     -------
     Path
-        File written.
+        The file.
     """
-    record = {
-        "camera": _parameters_record(camera),
-        "objects": [
-            {
-                "name": error.name,
-                "shift_mm": error.shift_mm.tolist(),
-                "covariance": error.covariance.tolist(),
-                "samples": error.samples,
-                "rms_before_px": error.rms_before_px,
-                "rms_after_px": error.rms_after_px,
-            }
-            for error in errors
-        ],
-    }
+    record = {"camera": _parameters_record(camera), "objects": [dict(item) for item in objects]}
     path = folder / "geometry.json"
     text = json.dumps(_finite(record), indent=1, allow_nan=False) + "\n"
     _write(path, lambda temporary: temporary.write_text(text))

@@ -11,6 +11,7 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.result import Calibration, calibration_record, write_calibration
 from cboxlab.calibration.result import calibrate as calibrated
 
+from ..capture_checks import with_scene_checks
 from .inputs import as_capture
 from .result import Result
 
@@ -65,4 +66,4 @@ def calibrate(capture: Capture | str | Path, *, reference_uncertainty: float = 0
 
     Raises InputError for faulty captures; what a capture lacks is no error, a note says so.
     """
-    return CalibrationResult(calibrated(as_capture(capture), reference_uncertainty))
+    return CalibrationResult(with_scene_checks(calibrated(as_capture(capture), reference_uncertainty)))

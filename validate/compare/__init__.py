@@ -2,6 +2,7 @@
 
 from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
 from .comparison import ChiSquare, Comparison, RelativeDifference
+from .edge_alignment import refine_geometry
 from .excess import Region, regions_of
 from .failure import OUTSIDE, Failure, Part
 from .maps import read_map, write_map, write_maps
@@ -45,6 +46,7 @@ __all__ = [
     "held_lamp_scale",
     "prepare",
     "read_map",
+    "refine_geometry",
     "refitted_picture",
     "regions_of",
     "rendered_from",

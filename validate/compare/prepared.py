@@ -23,6 +23,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
+from ..capture_checks import with_scene_checks
 from ..predict import ForeignPicture, foreign_picture
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
@@ -97,7 +98,7 @@ def prepare(capture: Capture, model: Model) -> Prepared:
 
     Raises InputError if the capture lacks data that a comparison with a render needs.
     """
-    calibration = calibrate(capture)
+    calibration = with_scene_checks(calibrate(capture))
     manifest = capture.folder / "capture.toml"
     lamp = capture.manifest.lamp
     camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights

@@ -1,24 +1,15 @@
-"""Mistakes made in a small sound capture are named; benchmarks/spoilt_captures.py counts them over many captures."""
+"""Mistakes in frames, tables and numbers are named, and nothing else with them."""
 
 import re
 import shutil
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
-from cboxlab.calibration.geometry import calibrate_camera
-from cboxlab.calibration.quality import explain_points, find_suspicions
-from cboxlab.calibration.quality.sight import radiance_over_lamp, see
-from cboxlab.calibration.radiometry import measure_constant
+from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.result import calibrate
-from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.radiosity.final_gather import render_final_gather
-from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from cboxlab.utils.errors import InputError
+from helpers.calibrations import quick_calibration
 from helpers.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -30,46 +21,7 @@ from capture_mistakes import MISTAKES, Draft
 
 
 def suspicions(folder):
-    """Those of ``calibrate``, without its costly parts."""
-    capture = load_capture(folder)
-    dark = read_darks(capture)
-    noise = measure_noise(capture, dark)
-    bands = correct_bands(capture, dark, noise)
-    fit, explained = None, ()
-    try:
-        fit = calibrate_camera(capture)[0]
-    except InputError as fault:
-        explained = (explain_points(capture, fault),)
-    constant = measure_constant(capture, bands, dark, noise)
-    return find_suspicions(capture, bands, dark, noise, constant, fit, already=explained)
-
-
-#: Mistakes made at once, in which nothing of one hides another.
-CHOSEN = (
-    ("all exposures in milliseconds", "photographs read from a region 4 px beside the flats'"),
-    ("sphere a thousand times too bright", "a repeat shows another band"),
-    ("two bands' frames exchanged", "points in inches"),
-    ("all frames mirrored left to right", "rows with a noise of their own"),
-    ("the photographs mirrored, not the flats",),
-    ("lamp table in micrometres", "photographs already divided by the flat"),
-    ("a dark repeat of another exposure", "sphere in quanta, not energy"),
-    ("points with v upwards", "photographs binned by two and enlarged again"),
-    ("exposure of one band twice too long", "points in m"),
-    ("lamp in quanta, not energy", "photographs cropped and enlarged by a tenth"),
-)
-
-
-@pytest.mark.parametrize("names", CHOSEN, ids=lambda names: names[-1])
-def test_mistakes_in_the_bundled_capture_are_named(tmp_path, names):
-    """The mistakes are deterministic (seed 5); the sound capture raises none (test_sound)."""
-    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
-    mistakes = [next(m for m in MISTAKES if m.name == name) for name in names]
-    for mistake in mistakes:
-        mistake.make(draft, np.random.default_rng(5))
-    draft.save()
-    found = suspicions(draft.folder)
-    for mistake in mistakes:
-        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), (mistake.name, found)
+    return quick_calibration(folder).suspicions
 
 
 @pytest.mark.filterwarnings("error")
@@ -85,21 +37,6 @@ def test_bands_without_light_leave_a_calibration_and_a_suspicion(tmp_path, name,
     found = calibrate(load_capture(draft.folder))
     assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found.suspicions)
     assert (found.weights is not None) == colour
-
-
-@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
-def test_the_rough_light_of_the_lamp_is_the_renderers():
-    """The mean over 400 pixels of all surfaces within 3 %: paths of nine reflections against a final gather."""
-    box, camera, bands = cornell_box(), cornell_camera(32), np.array([450.0, 650.0])
-    scene = replace(box, lamp=replace(box.lamp, reflectance=Spectrum(bands, np.zeros(2))))
-    image = render_final_gather(RenderJob(scene, camera, bands, samples=64, batches=2))
-    rendered = image.project(np.eye(2))[0] / scene.lamp.radiance.at(bands)
-    sight = see(scene, camera)
-    chosen = image.single_surface & (sight.surface == image.surface) & (sight.surface < len(scene.surfaces))
-    reflectance = scene.reflectances(bands)[[[*scene.materials].index(s.material) for s in scene.surfaces]]
-    found = radiance_over_lamp(scene, sight.place_mm[chosen], sight.normal[chosen], sight.surface[chosen], reflectance)
-    assert np.count_nonzero(chosen) > 400
-    np.testing.assert_allclose(found.mean(axis=0), rendered[chosen].mean(axis=0), rtol=0.03)
 
 
 def test_a_suspicion_says_what_where_and_why(tmp_path):

@@ -69,10 +69,12 @@ def calibrate(
 
 
 def _refine_geometry(calibration: Calibration, out: Path) -> Path:
-    from cboxlab.calibration.result import refine_geometry, write_geometry
+    from cboxlab.calibration.result import write_geometry
+
+    from ...compare import refine_geometry
 
     camera, errors = refine_geometry(calibration)
-    write_geometry(camera, errors, out)
+    write_geometry(camera, [error.record for error in errors], out)
     table = data_table(
         "Geometry from edges: photograph minus model",
         "object",

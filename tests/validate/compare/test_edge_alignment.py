@@ -5,14 +5,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from cboxlab.calibration.result.edge_alignment import (
-    EDGE_BIAS_PX,
-    EdgeOffsets,
-    align_edges,
-    align_photograph,
-    measure_edges,
-)
 from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.validation.compare.edge_alignment import EDGE_BIAS_PX, align_edges, align_photograph
+from cboxlab.validation.compare.edge_offsets import EdgeOffsets, measure_edges
 from scipy import stats
 
 SIZE, FINE = 224, 16

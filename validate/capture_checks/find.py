@@ -1,0 +1,72 @@
+"""All checks of the photographs against each other and against the scene, in order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cboxlab.calibration.quality import Suspicion
+from cboxlab.calibration.result import Calibration
+from cboxlab.rendering.device import variant
+
+from .band_registration import check_registration
+from .lamp import check_lamp
+from .materials import check_materials
+from .placement import check_orientation, check_survey
+from .scene_view import view_scene
+
+__all__ = ["find_scene_suspicions", "with_scene_checks"]
+
+#: Note of a calibration whose photographs could be compared with a rendering, but for lack of a compiled variant.
+NOT_RENDERED = (
+    "the photographs were not checked against a rendering of the scene: no compiled variant (LLVM 16 or newer, or a "
+    "GPU)"
+)
+
+
+def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
+    """Suspected errors of a capture by its photographs and a rendering of its scene.
+
+    Without a known scene, a camera, a lamp, a complete sensor equation or a compiled variant the checks that need the
+    rendering are left out. Physical effects that a model may lack are not errors.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of the capture.
+
+    Returns
+    -------
+    tuple of Suspicion
+        In the order of the checks; empty for a sound capture.
+    """
+    capture, bands, radiometry = calibration.capture, calibration.bands, calibration.radiometry
+    camera = None if calibration.camera_fit is None else calibration.camera_fit.camera
+    view = view_scene(capture, bands, radiometry, camera, calibration.channels)
+    suspicions = (
+        *check_orientation(capture, view),
+        *check_survey(capture, view),
+        *check_lamp(capture, bands, radiometry, calibration.channels, view),
+        *check_materials(capture, view),
+        *check_registration(capture, bands),
+    )
+    return tuple(dict.fromkeys(suspicions))
+
+
+def with_scene_checks(calibration: Calibration) -> Calibration:
+    """Calibration whose suspicions include those of the photographs and the scene.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture by ``cboxlab.calibration`` alone.
+
+    Returns
+    -------
+    Calibration
+        The same calibration. The suspicions of ``find_scene_suspicions`` follow those that it has; none occurs twice.
+        A note says if a known scene was not rendered for lack of a compiled variant.
+    """
+    suspicions = (*calibration.suspicions, *find_scene_suspicions(calibration))
+    renderable = calibration.camera_fit is not None and calibration.capture.known_scene() is not None
+    notes = [] if variant.compiled() or not renderable else [NOT_RENDERED]
+    return replace(calibration, suspicions=tuple(dict.fromkeys(suspicions)), notes=(*calibration.notes, *notes))
