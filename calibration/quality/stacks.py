@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import BandTable, BracketTable, Capture, DarkTable
+from ..capture import BandTable, BracketTable, Capture, DarkTable, channel_lattice
 
 __all__ = ["Stack", "read_stacks"]
 
@@ -20,7 +20,7 @@ class Stack:
 
     kind : "band", "dark", "flat", "reference" or "bracket". key : the table in capture.toml. band : its band, None
     of darks. counts : (repeat, y, x) DN, of a sensor with a mosaic only the pixels of the band's channel that fill
-    one place of the 2 x 2 cell. whole : (repeat, y, x) DN, all pixels.
+    one square lattice (see ``channel_lattice``). whole : (repeat, y, x) DN, all pixels.
     """
 
     kind: str
@@ -30,7 +30,7 @@ class Stack:
     start_s: float | None
     paths: tuple[str, ...]
     whole: NDArray[np.uint16]
-    place: tuple[int, int] | None
+    place: tuple[int, int, int] | None
 
     @property
     def counts(self) -> NDArray[np.uint16]:
@@ -38,7 +38,10 @@ class Stack:
 
     def thinned(self, image: NDArray) -> NDArray:
         """The pixels (..., y, x) of an image that ``counts`` holds."""
-        return image if self.place is None else image[..., self.place[0] :: 2, self.place[1] :: 2]
+        if self.place is None:
+            return image
+        row, column, step = self.place
+        return image[..., row::step, column::step]
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
@@ -46,14 +49,13 @@ class Stack:
         return np.asarray(self.counts.mean(axis=0), np.float64)
 
 
-def _place(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int] | None:
+def _place(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int, int] | None:
     mosaic = capture.manifest.mosaic
     if mosaic is None:
         return None
     if channels is None or band is None:
-        return 0, 0
-    index = mosaic.pattern.index(channels[band])
-    return index // 2, index % 2
+        return channel_lattice(mosaic.pattern, mosaic.pattern[0])
+    return channel_lattice(mosaic.pattern, channels[band])
 
 
 def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tuple[Stack, ...]:
