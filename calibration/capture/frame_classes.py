@@ -69,6 +69,8 @@ def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
     if kind is not None and other_words and other_words not in bands:
         return f"'{kind}' in its name may be a kind of frame or a word, since '{other_words}' stands next to it"
     other = [word for word in item.name.other_words if parse_name(word).kind is not None]
+    if kind is None and len(other) > 1:
+        return f"its name has both '{other[0]}' and '{other[1]}'"
     if kind is None and other:
         return f"'{other[0]}' in its name may be a kind of frame or a word, since it does not come first"
     return None
