@@ -5,7 +5,7 @@ from .first_manifest import FirstManifest, write_first_manifest
 from .labels import Label
 from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
 from .manifest_faults import nearest
-from .mosaic import band_channels, brighter_channel_notes, channel_mask
+from .mosaic import band_channels, brighter_channel_notes, channel_lattice, channel_mask, pattern_rows
 
 __all__ = [
     "BandTable",
@@ -19,8 +19,10 @@ __all__ = [
     "ReferenceTable",
     "band_channels",
     "brighter_channel_notes",
+    "channel_lattice",
     "channel_mask",
     "load_capture",
     "nearest",
+    "pattern_rows",
     "write_first_manifest",
 ]

@@ -1,30 +1,30 @@
-"""Writes a first capture.toml for a folder of frames and lists what the user still has to add.
+"""First capture.toml of a folder of frames, and the list of what the user still has to add.
 
-No value is invented: a key that neither the files nor their names tell is left out. Where the format requires it, the
-capture does not load until it is there.
+No value is invented: a key that neither the files nor their names state with certainty is left out. Where the format
+requires it, the capture does not load until it is there. No file is written over, and none is left out unsaid.
 
-The kind, exposure, f-number and filter of a frame are taken from the file's metadata, else from its name:
-``dark``, ``flat``, ``sphere`` or ``reference``, a filter such as ``f550`` or ``550nm``, an exposure such as ``4s``
-or ``250ms``, and a last number that counts repeats.
+What the header of a file says (FITS keywords, EXIF, camera raw) comes before what its name says (see ``frame_names``).
 """
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
 from pydantic import BaseModel
 
-from .foreign_frames import SUFFIXES, ForeignFrame, read_foreign
+from ..frame_readers import suffixes
+from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
+from .folder_tables import FolderTables, tables_in
+from .frame_classes import FrameGroup, group_frames
 from .manifest import (
     BandTable,
     BracketTable,
@@ -42,12 +42,7 @@ from .manifest import (
 
 __all__ = ["FirstManifest", "MissingKey", "write_first_manifest"]
 
-_KINDS = {
-    "dark": ("dark", "bias"),
-    "flat": ("flat",),
-    "reference": ("sphere", "reference", "integrating"),
-    "target": ("target", "chessboard", "charuco", "checkerboard"),
-}
+#: By kind of table, its model.
 _TABLES: dict[str, type[BaseModel]] = {
     "band": BandTable,
     "bracket": BracketTable,
@@ -75,20 +70,21 @@ _FURTHER = (
     "# Keys marked 'missing' are required. Further tables: [lamp], [geometry], [labels], [crop]; see the manual,\n"
     "# 'The capture format'.\n"
 )
-_BAND = re.compile(r"(?:^|[^a-z0-9])(?:f|nm|band)?(\d{3,4})(?:nm)?(?=$|[^0-9a-z])")
-_EXPOSURE = re.compile(r"(?:^|[^a-z0-9.])(\d+(?:[._]\d+)?)(ms|s|sec)(?=$|[^a-z])")
+#: Bits of a count in the example of a missing bit depth, at least.
+_EXAMPLE_BITS = 12
 
 
 @dataclass(frozen=True)
 class MissingKey:
-    """A key that is not known. where : its table. example : a line of TOML. why : what it is, or what it is for.
+    """A key of the manifest that is not known."""
 
-    required : whether the capture cannot be loaded without it.
-    """
-
+    #: Its table.
     where: str
+    #: The key with a value, as a line of TOML; empty for a note.
     example: str
+    #: Meaning of the key, or what it is for.
     why: str
+    #: True if the capture cannot be loaded without it.
     required: bool
 
     def __str__(self) -> str:
@@ -97,101 +93,43 @@ class MissingKey:
 
 @dataclass(frozen=True)
 class FirstManifest(OwnMappings):
-    """path : the capture.toml written. tables : number of tables by kind. missing : keys to add, the required first."""
+    """A manifest that was written, and what it lacks."""
 
+    #: The capture.toml written.
     path: Path
+    #: Number of tables by kind.
     tables: Mapping[str, int]
+    #: Keys to add, the required ones first.
     missing: tuple[MissingKey, ...]
-
-
-@dataclass(frozen=True)
-class _ClassifiedFrame:
-    kind: str
-    band: str | None
-    exposure_s: float | None
-    f_number: float | None
-    frame: ForeignFrame
-
-
-def _kind(frame: ForeignFrame) -> str:
-    stated = f"{frame.metadata.get('kind', '')} {frame.name}".lower()
-    return next((k for k, words in _KINDS.items() if any(word in stated for word in words)), "band")
-
-
-def _band(frame: ForeignFrame) -> str | None:
-    stated = str(frame.metadata.get("filter", "")).strip()
-    if stated:
-        return re.sub(r"\s+", "-", stated)
-    found = _BAND.search(frame.name.lower())
-    return f"f{found.group(1)}" if found else None
-
-
-def _exposure(frame: ForeignFrame) -> float | None:
-    if "exposure_s" in frame.metadata:
-        return float(frame.metadata["exposure_s"])
-    found = _EXPOSURE.search(frame.name.lower())
-    if found is None:
-        return None
-    value = float(found.group(1).replace("_", "."))
-    return value / 1000 if found.group(2) == "ms" else value
-
-
-def _classified(frame: ForeignFrame) -> _ClassifiedFrame:
-    kind = _kind(frame)
-    band = None if kind in ("dark", "target") else _band(frame)
-    if kind == "band" and band is None:
-        # Without a filter, frames that differ in name (without the repeat number) are different bands.
-        band = re.sub(r"[-_ ]*\d+$", "", frame.name) or "all"
-    f_number = None if kind in ("dark", "target") else frame.metadata.get("f_number")
-    return _ClassifiedFrame(kind, band, _exposure(frame), f_number, frame)
-
-
-def _common(frames: Sequence[ForeignFrame], key: str) -> Any:
-    values = Counter(f.metadata[key] for f in frames if key in f.metadata)
-    return values.most_common(1)[0][0] if values else None
+    #: Files of the folder that the manifest does not name, with the reason.
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _group(frames: Iterable[_ClassifiedFrame]) -> dict[tuple[Any, ...], list[_ClassifiedFrame]]:
-    groups: dict[tuple[Any, ...], list[_ClassifiedFrame]] = {}
-    for one in frames:
-        groups.setdefault((one.kind, one.band, one.exposure_s, one.f_number), []).append(one)
-    return groups
-
-
-def _table(
-    header: str,
-    lines: list[str],
-    group: Sequence[_ClassifiedFrame],
-    paths: dict[int, str],
-    missing: list[MissingKey],
-) -> str:
-    """One table of the manifest; a required key that is not known stands in it as a comment."""
-    listed = ", ".join(_quoted(paths[id(one.frame)]) for one in group)
-    table, exposure, f_number = _TABLES[header], group[0].exposure_s, group[0].f_number
-    known = [*lines, f"frames = [{listed}]"]
-    if exposure is not None and header != "target":
-        known.append(f"exposure_s = {exposure:g}")
-    if f_number is not None and header not in ("dark", "target"):
-        known.append(f"f_number = {f_number:g}")
-    stated = {line.partition(" = ")[0] for line in known}
-    where = f"[[{header}]] of {paths[id(group[0].frame)]}"
-    for key, field in table.model_fields.items():
-        if field.is_required() and key not in stated:
-            missing.append(MissingKey(where, example_of(table, key), field.description or "", True))
-            known.append(f"# {key} =    # missing: {field.description}")
-    return "\n".join([f"[[{header}]]", *known]) + "\n"
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def write_first_manifest(folder: Path) -> FirstManifest:
-    """Classify the frames of a folder (and of its subfolder ``frames``) and write ``capture.toml``.
+    """Classify the frames of a folder and its subfolder ``frames``; write ``capture.toml``.
 
-    Frames in other formats are converted to 16-bit TIFF in ``frames/``; TIFFs stay where they are.
-    Raises InputError if a capture.toml exists, if there are no frames of a scene, if frames differ in size, and
-    for files that cannot be read.
+    Frames stay where they are, whatever their format. Only the bands of a file with several bands are written into a
+    TIFF each, in ``frames/``.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    FirstManifest
+        What was written, what is missing, and what was left out.
+
+    Raises
+    ------
+    InputError
+        If a capture.toml exists, or if there are no frames of a scene. If frames differ in size or mosaic, or two
+        photographs have one name. For files that cannot be read.
     """
     folder = Path(folder)
     path = folder / "capture.toml"
@@ -199,106 +137,161 @@ def write_first_manifest(folder: Path) -> FirstManifest:
         raise InputError(folder, "no such folder", "a folder of frames")
     if path.exists():
         raise InputError(path, "a file that exists already", "no such file", "Move it away to start again.")
-    files = sorted(
-        p
-        for place in (folder, folder / "frames")
-        if place.is_dir()
-        for p in place.iterdir()
-        if p.suffix.lower() in SUFFIXES
-    )
-    frames = [frame for file in files for frame in read_foreign(file)]
+    frames, left_out = frames_in(folder)
     if not frames:
-        raise InputError(folder, "no frames", f"files ending in {', '.join(SUFFIXES)}")
-    sizes = Counter(frame.counts.shape for frame in frames)
-    if len(sizes) > 1:
-        common = sizes.most_common(1)[0][0]
-        odd = next(frame for frame in frames if frame.counts.shape != common)
-        raise InputError(
-            odd.path,
-            f"{odd.counts.shape[1]} x {odd.counts.shape[0]} px",
-            f"{common[1]} x {common[0]} px like the other frames",
-        )
-    paths = {}
-    for frame in frames:
-        if frame.path.suffix.lower() in (".tif", ".tiff"):
-            paths[id(frame)] = frame.path.relative_to(folder).as_posix()
-            continue
-        paths[id(frame)] = f"frames/{frame.name}.tif"
-        with replacing(folder / "frames" / f"{frame.name}.tif") as temporary:
-            tifffile.imwrite(temporary, frame.counts, photometric="minisblack", metadata=None)
-    text, tables, missing = _manifest(folder, frames, paths)
+        raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
+    _require_one_size(frames)
+    groups, unused = group_frames(frames)
+    if not any(group.kind == "band" for group in groups):
+        expected = "at least one frame that is not a dark, flat, reference or target"
+        raise InputError(folder, "no frame of a scene", expected, "; ".join(f"{f.file}: {f.why}" for f in unused))
+    bands = list(dict.fromkeys(str(group.band) for group in groups if group.kind == "band"))
+    tables = tables_in(folder, bands, frames[0].shape)
+    draft = _Draft(tables)
+    text = draft.text(folder, frames, groups)
+    convert_bands(folder, [frame for group in groups for frame in group.frames])
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return FirstManifest(path, tables, tuple(missing))
+    missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
+    return FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
 
 
-def _manifest(
-    folder: Path, frames: list[ForeignFrame], paths: dict[int, str]
-) -> tuple[str, dict[str, int], list[MissingKey]]:
-    missing: list[MissingKey] = []
-    blocks, tables = [_head(folder, frames, missing)], Counter[str]()
-    groups = _group(_classified(frame) for frame in frames)
-    scenes = {band for kind, band, *_ in groups if kind == "band"}
-    seen: set[str] = set()
-    for (kind, band, *_), group in sorted(groups.items(), key=lambda item: str(item[0])):
-        first = paths[id(group[0].frame)]
-        header, lines = kind, [] if band is None else [f"band = {_quoted(band)}"]
-        if kind == "band":
-            # Of several exposures of a band, the first becomes the band and the others its brackets.
-            header = "bracket" if band in seen else "band"
-            lines = lines if header == "bracket" else [f"id = {_quoted(str(band))}"]
-            seen.add(str(band))
-        elif kind in ("flat", "reference") and band is not None and band not in scenes:
-            missing.append(
-                MissingKey(f"[[{kind}]]", "", f"{first} left out: its band has no frames of the scene", False)
-            )
-            continue
-        tables[header] += 1
-        blocks.append(_table(header, lines, group, paths, missing))
-    if not tables["band"]:
-        expected = "at least one frame that is not a dark, flat, reference or target"
-        raise InputError(folder, "no frame of a scene", expected)
-    missing += [
-        MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
-        for kind, without in _WITHOUT
-        if not tables[kind]
-    ]
-    text = "\n".join(blocks) + "\n" + _FURTHER
-    return text, dict(tables), sorted(missing, key=lambda key: not key.required)
+def _require_one_size(frames: Sequence[FolderFrame]) -> None:
+    sizes = Counter(frame.shape for frame in frames)
+    if len(sizes) > 1:
+        common = sizes.most_common(1)[0][0]
+        odd = next(frame for frame in frames if frame.shape != common)
+        raise InputError(
+            odd.path,
+            f"{odd.shape[1]} x {odd.shape[0]} px",
+            f"{common[1]} x {common[0]} px like the other frames",
+        )
 
 
-def _head(folder: Path, frames: list[ForeignFrame], missing: list[MissingKey]) -> str:
-    """The manifest's first tables, from what the frames' files say of camera and lens."""
-    height, width = frames[0].counts.shape
-    head = [
-        'format = "capture/1"',
-        f"name = {_quoted(folder.resolve().name)}",
-        "",
-        "[camera]",
-        f"width_px = {width}",
-        f"height_px = {height}",
-    ]
-    white, largest = _common(frames, "white_level"), max(int(f.counts.max()) for f in frames)
-    if white is not None:
-        head.append(f"bit_depth = {int(np.ceil(np.log2(white + 1)))}")
-    else:
-        why = f"bits of a count: of the camera's data sheet; the largest count found is {largest}"
-        head.append(f"# bit_depth =    # missing: {why}")
-        bits = max(12, int(np.ceil(np.log2(largest + 1))))
-        missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))
-    for key in ("model", "pixel_pitch_um", "gain_e_per_dn"):
-        value = _common(frames, key)
-        if value is not None:
-            head.append(f"{key} = {_quoted(value) if isinstance(value, str) else f'{value:g}'}")
-    pattern, focal = _common(frames, "pattern"), _common(frames, "focal_length_mm")
-    if pattern is not None:
-        head += ["", "[mosaic]", f"pattern = {_quoted(pattern)}"]
-    head += ["", "[lens]"] + ([] if focal is None else [f"focal_length_mm = {focal:g}"])
-    stated = {line.partition(" = ")[0] for line in head}
-    missing += [
-        MissingKey(where, example_of(table, key), table.model_fields[key].description or "", False)
-        for where, table, keys in _USEFUL
-        for key in keys
-        if key not in stated
-    ]
-    return "\n".join(head) + "\n"
+def _pattern(frames: Sequence[FolderFrame]) -> str | None:
+    """The mosaic that the files state; InputError if they state different ones."""
+    frames_with_mosaic = [frame for frame in frames if frame.facts.pattern is not None]
+    for frame in frames_with_mosaic:
+        if frame.facts.pattern != frames_with_mosaic[0].facts.pattern:
+            expected = f"'{frames_with_mosaic[0].facts.pattern}' as in {frames_with_mosaic[0].path.name}"
+            raise InputError(frame.path, f"the mosaic '{frame.facts.pattern}'", expected)
+    return frames_with_mosaic[0].facts.pattern if frames_with_mosaic else None
+
+
+class _Draft:
+    """The text of a manifest in the making, with the keys that it lacks."""
+
+    def __init__(self, tables: FolderTables) -> None:
+        self.tables = tables
+        self.missing: list[MissingKey] = []
+        self.counts: Counter[str] = Counter()
+        self._written: dict[str, set[str]] = defaultdict(set)
+
+    def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
+        """The whole manifest."""
+        blocks = self._head(folder, frames)
+        bands: set[str] = set()
+        for group in groups:
+            header = group.kind
+            if group.kind == "band":
+                # Of several exposures of a band, the first becomes the band and the others its brackets.
+                header = "bracket" if group.band in bands else "band"
+                bands.add(str(group.band))
+            self.counts[header] += 1
+            blocks.append(self._table(header, group))
+        blocks += self._further_tables()
+        self._note_useful_keys(len(bands))
+        self.missing += [
+            MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
+            for kind, without in _WITHOUT
+            if not self.counts[kind]
+        ]
+        return "\n".join(blocks) + "\n" + _FURTHER
+
+    def _agreed(self, frames: Sequence[FolderFrame], key: str, where: str, name: str) -> Any:
+        """The fact that all files which state it agree on; None, with a note, if they do not."""
+        values = sorted({value for f in frames if (value := getattr(f.facts, key)) is not None})
+        if len(values) > 1:
+            listing = ", ".join(v if isinstance(v, str) else f"{v:g}" for v in values[:4])
+            self.missing.append(MissingKey(where, "", f"{name}: the files state {listing}; a capture has one", False))
+        return values[0] if len(values) == 1 else None
+
+    def _head(self, folder: Path, frames: Sequence[FolderFrame]) -> list[str]:
+        """The first tables, from what the files say of camera and lens."""
+        height, width = frames[0].shape
+        top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
+        camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
+        white = self._agreed(frames, "white_level", "[camera]", "white level")
+        largest = max(frame.largest for frame in frames)
+        if white is not None:
+            camera.append(f"bit_depth = {int(np.ceil(np.log2(max(white, largest) + 1)))}")
+        else:
+            why = f"bits of a count: of the camera's data sheet; the largest count found is {largest}"
+            camera.append(f"# bit_depth =    # missing: {why}")
+            bits = max(_EXAMPLE_BITS, int(np.ceil(np.log2(largest + 1))))
+            self.missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))
+        for key in ("model", "pixel_pitch_um", "gain_e_per_dn"):
+            value = self._agreed(frames, key, "[camera]", key)
+            if value is not None:
+                camera.append(f"{key} = {_quoted(value) if isinstance(value, str) else repr(value)}")
+        self._agreed(frames, "iso", "[camera]", "ISO")
+        lens = ["[lens]"]
+        focal = self._agreed(frames, "focal_length_mm", "[lens]", "focal_length_mm")
+        lens += [] if focal is None else [f"focal_length_mm = {focal!r}"]
+        pattern, columns = _pattern(frames), self.tables.columns
+        if "quantum_efficiency" in columns and pattern is None:
+            camera.append(f"quantum_efficiency = {_quoted(columns['quantum_efficiency'])}")
+        if "lens" in columns:
+            lens.append(f"transmittance = {_quoted(columns['lens'])}")
+        mosaic = [] if pattern is None else [f"[mosaic]\npattern = {_quoted(pattern)}\n"]
+        self._note_lines("[camera]", camera)
+        self._note_lines("[lens]", lens)
+        return ["\n".join(top) + "\n", "\n".join(camera) + "\n", *mosaic, "\n".join(lens) + "\n"]
+
+    def _table(self, header: str, group: FrameGroup) -> str:
+        """One table of frames; a required key that is not known stands in it as a comment."""
+        lines = [] if group.band is None else [f"{'id' if header == 'band' else 'band'} = {_quoted(group.band)}"]
+        lines.append(f"frames = [{', '.join(_quoted(frame.listed) for frame in group.frames)}]")
+        if group.exposure_s is not None and header != "target":
+            lines.append(f"exposure_s = {group.exposure_s!r}")
+        if group.f_number is not None and header not in ("dark", "target"):
+            lines.append(f"f_number = {group.f_number!r}")
+        if header == "band" and group.band in self.tables.filters:
+            lines.append(f"transmittance = {_quoted(self.tables.filters[group.band])}")
+        if header in ("reference", "flat") and header in self.tables.columns:
+            lines.append(f"radiance = {_quoted(self.tables.columns[header])}")
+        keys = {line.partition(" = ")[0] for line in lines}
+        where = f"[[{header}]] of {group.frames[0].listed}"
+        for key, field in _TABLES[header].model_fields.items():
+            if field.is_required() and key not in keys:
+                self.missing.append(MissingKey(where, example_of(_TABLES[header], key), field.description or "", True))
+                lines.append(f"# {key} =    # missing: {field.description}")
+        if header == "band":
+            for key in keys:
+                self._written[f"[[band]] {key}"].add(str(group.band))
+        return "\n".join([f"[[{header}]]", *lines]) + "\n"
+
+    def _further_tables(self) -> list[str]:
+        """[lamp], [geometry] and [labels] by the tables of the folder."""
+        blocks = []
+        if "lamp" in self.tables.columns:
+            blocks.append(["[lamp]", f"radiance = {_quoted(self.tables.columns['lamp'])}"])
+        if self.tables.points is not None:
+            blocks.append(["[geometry]", f"points = {_quoted(self.tables.points)}"])
+        if self.tables.labels:
+            blocks.append(["[labels]", *(f"{key} = {_quoted(file)}" for key, file in self.tables.labels.items())])
+        for lines in blocks:
+            self._note_lines(lines[0], lines)
+        return ["\n".join(lines) + "\n" for lines in blocks]
+
+    def _note_lines(self, table: str, lines: Sequence[str]) -> None:
+        self._written[table].update(line.partition(" = ")[0] for line in lines)
+
+    def _note_useful_keys(self, bands: int) -> None:
+        """Note optional keys that are not written; those of a band, if any band lacks them."""
+        for where, table, keys in _USEFUL:
+            for key in keys:
+                in_bands = len(self._written[f"[[band]] {key}"]) == bands if table is BandTable else False
+                if not in_bands and key not in self._written[where]:
+                    description = table.model_fields[key].description or ""
+                    self.missing.append(MissingKey(where, example_of(table, key), description, False))

@@ -34,9 +34,12 @@ __all__ = [
     "ReferenceTable",
     "TargetTable",
     "example_of",
+    "pattern_rows",
 ]
 
 
+#: Rows and columns of a mosaic's repeat, at most; X-Trans has 6 x 6.
+_MAX_REPEAT = 16
 #: Smallest absolute value of a key, 0 apart: below it the value is a mistake in any of the units.
 _MIN_SIZE = 1e-9
 #: Largest absolute value of a key: above it the value is a mistake in any of the units; seconds since 1970 are 2e9.
@@ -66,10 +69,31 @@ def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
     return paths
 
 
+def pattern_rows(pattern: str) -> tuple[str, ...]:
+    """Rows of one repeat of a mosaic.
+
+    Parameters
+    ----------
+    pattern
+        Letters row by row: four letters for 2 x 2 pixels, or rows separated by a space.
+
+    Returns
+    -------
+    tuple
+        One string per row, from the upper left pixel of the frame on.
+    """
+    return tuple(pattern.split(" ")) if " " in pattern else (pattern[:2], pattern[2:])
+
+
 def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for another one than 2 x 2 letters R, G, B."""
-    if len(pattern) != 4 or set(pattern) != {"R", "G", "B"}:
-        raise ValueError("four letters of R, G and B, each at least once, such as 'GBRG'")
+    """The mosaic pattern itself; ValueError for one that is no repeat of letters R, G, B."""
+    rows = pattern_rows(pattern)
+    one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
+    if not one_length or set("".join(rows)) != {"R", "G", "B"} or max(len(rows), len(rows[0])) > _MAX_REPEAT:
+        raise ValueError(
+            "four letters of R, G and B, each at least once, such as 'GBRG', or rows of the same length, separated by "
+            f"a space, for another repeat of at most {_MAX_REPEAT} x {_MAX_REPEAT} pixels"
+        )
     return pattern
 
 
@@ -251,7 +275,8 @@ class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
     pattern: Annotated[str, AfterValidator(_pattern)] = _key(
-        "letters of the upper left 2 x 2 pixels, row by row", '"RGGB"'
+        "letters of the upper left 2 x 2 pixels, row by row; of another repeat, its rows separated by a space",
+        '"RGGB"',
     )
 
 

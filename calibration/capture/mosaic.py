@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .capture import Capture
-from .manifest import BandTable
+from .manifest import BandTable, pattern_rows
 
-__all__ = ["band_channels", "brighter_channel_notes", "channel_mask"]
+__all__ = ["band_channels", "brighter_channel_notes", "channel_lattice", "channel_mask", "pattern_rows"]
 
 #: Wavelength at which the blue and green sensitivities of common colour filter arrays cross, nm.
 _BLUE_TO_GREEN_NM = 490.0
@@ -24,7 +24,8 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     Parameters
     ----------
     pattern
-        Letters of the upper left 2 x 2 pixels, row by row, such as "GBRG".
+        Letters of one repeat from the upper left pixel on, row by row, such as "GBRG" for 2 x 2 pixels; rows of another
+        repeat are separated by a space.
     shape
         (height, width) of the frame, px.
     channel
@@ -42,9 +43,38 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     """
     if channel not in pattern:
         raise ValueError(f"channel '{channel}' is not in the pattern '{pattern}'")
-    cell = np.array([letter == channel for letter in pattern]).reshape(2, 2)
+    cell = np.array([[letter == channel for letter in row] for row in pattern_rows(pattern)])
     height, width = shape
-    return np.tile(cell, ((height + 1) // 2, (width + 1) // 2))[:height, :width]
+    return np.tile(cell, (-(-height // cell.shape[0]), -(-width // cell.shape[1])))[:height, :width]
+
+
+def channel_lattice(pattern: str, channel: str) -> tuple[int, int, int]:
+    """Densest square lattice of pixels that all belong to one channel.
+
+    With a Bayer pattern it is the channel's first pixel of every 2 x 2, with X-Trans green one pixel of every 3 x 3.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``channel_mask``.
+    channel
+        "R", "G" or "B".
+
+    Returns
+    -------
+    tuple
+        Row and column of the first pixel, and the step in both directions, px.
+    """
+    rows = pattern_rows(pattern)
+    period = int(np.lcm(len(rows), len(rows[0])))
+    mask = channel_mask(pattern, (period, period), channel)
+    for step in range(1, period + 1):
+        if period % step == 0:
+            everywhere = mask.reshape(period // step, step, period // step, step).all(axis=(0, 2))
+            if everywhere.any():
+                row, column = divmod(int(everywhere.argmax()), step)
+                return row, column, step
+    raise AssertionError("a step of the whole period has one pixel of every channel")
 
 
 def band_channels(capture: Capture) -> dict[str, str] | None:

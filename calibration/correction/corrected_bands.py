@@ -11,7 +11,7 @@ from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
-from ..capture import Capture, channel_mask
+from ..capture import Capture, channel_mask, pattern_rows
 from ..instrument import Mask, band_images
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
@@ -61,7 +61,10 @@ def _defects(
         smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
         mask[hot_pixels(dark.at(exposure_s), smallest)] |= np.uint8(Mask.HOT)
     if np.isfinite(flat.mean_dn):
-        mask[dead_pixels(flat.response, capture.manifest.mosaic is not None)] |= np.uint8(Mask.DEAD)
+        mosaic = capture.manifest.mosaic
+        rows = ("-",) if mosaic is None else pattern_rows(mosaic.pattern)
+        cell = len(rows), len(rows[0])
+        mask[dead_pixels(flat.response, cell)] |= np.uint8(Mask.DEAD)
         mask[vignetted_pixels(flat.response)] |= np.uint8(Mask.VIGNETTED)
     return mask
 

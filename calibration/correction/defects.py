@@ -50,7 +50,7 @@ def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[n
     return _robust(dark, smallest_sigma_dn) > norm.isf(FALSE_ALARMS_PER_IMAGE / dark.size)
 
 
-def dead_pixels(response: NDArray[np.float64], mosaic: bool = False) -> NDArray[np.bool_]:
+def dead_pixels(response: NDArray[np.float64], cell: tuple[int, int] = (1, 1)) -> NDArray[np.bool_]:
     """Pixels whose flat response is unusually low compared with their 5 x 5 neighbours.
 
     The ratio to the neighbours' median is tested against the median absolute deviation of this ratio. Threshold:
@@ -60,22 +60,21 @@ def dead_pixels(response: NDArray[np.float64], mosaic: bool = False) -> NDArray[
     ----------
     response
         (y, x) relative response.
-    mosaic
-        True to compare only pixels of the same position in the mosaic's 2 x 2 cell.
+    cell
+        (height, width) of the mosaic's repeat, px: only pixels of the same position in it are compared.
 
     Returns
     -------
     NDArray
         (y, x) True for dead pixels.
     """
-    step = 2 if mosaic else 1
     ratio = np.empty_like(response)
-    for row, column in itertools.product(range(step), range(step)):
-        plane = response[row::step, column::step]
+    for row, column in itertools.product(range(cell[0]), range(cell[1])):
+        plane = response[row :: cell[0], column :: cell[1]]
         # Odd reflection continues the gradient of the light beyond the edge; even reflection would reverse it.
         padded = np.pad(plane, 2, mode="reflect", reflect_type="odd")
         middle = median_filter(padded, footprint=_NEIGHBOURS)[2:-2, 2:-2]
-        ratio[row::step, column::step] = plane / np.maximum(middle, 1e-6)
+        ratio[row :: cell[0], column :: cell[1]] = plane / np.maximum(middle, 1e-6)
     return _robust(ratio, 1e-6) < -norm.isf(FALSE_ALARMS_PER_IMAGE / response.size)
 
 

@@ -79,8 +79,11 @@ def _pages(path: Path, file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
             hint = "Save it as a TIFF of several pages."
             raise InputError(path, f"a stack of {count} pictures in one page", "a page for each picture", hint)
         return [first]
-    pages = [page for page in (file.pages[k] for k in range(len(file.pages))) if not getattr(page, "is_reduced", 0)]
-    pages = [page if isinstance(page, tifffile.TiffPage) else page.aspage() for page in pages]
+    all_pages = [file.pages[k] for k in range(len(file.pages))]
+    full_pages = [page if isinstance(page, tifffile.TiffPage) else page.aspage() for page in all_pages]
+    pages = [page for page in full_pages if not page.is_reduced]
+    if not pages:
+        raise InputError(path, "only previews", "a picture of full size", EXPORT_HINT)
     for page in pages:
         if page.shape != pages[0].shape:
             sizes = f"images of {pages[0].shape} and {page.shape} in the file"
@@ -137,7 +140,8 @@ def _header(path: Path) -> FrameHeader:
         raise InputError(path, kind, "a TIFF frame", EXPORT_HINT)
     with tifffile.TiffFile(path) as file:
         pages = _pages(path, file)
-        return FrameHeader(pages[0].shape, len(pages), _facts(path, pages[0]))
+        height, width = pages[0].shape
+        return FrameHeader((height, width), len(pages), _facts(path, pages[0]))
 
 
 def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cboxlab.utils.errors import InputError
 
-from ..capture import Capture, channel_mask
+from ..capture import Capture, channel_lattice
 from .camera_fit import CameraFit, fit_camera, read_points
 from .distortion_choice import choose_distortion
 from .surveyed_points import SurveyedPoints
@@ -22,9 +22,9 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str], list[str]]:
         for name in target.frames:
             image, row, column, step = capture.frame(name), 0, 0, 1
             if pattern is not None:
-                # Use one green pixel of each 2 x 2 cell: an image of half the resolution.
-                row, column = divmod(int(channel_mask(pattern, (2, 2), "G").argmax()), 2)
-                image, step = image[row::2, column::2], 2
+                # Use one green pixel of each 2 x 2 (X-Trans: 3 x 3) pixels: an image of lower resolution.
+                row, column, step = channel_lattice(pattern, "G")
+                image = image[row::step, column::step]
             try:
                 world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:

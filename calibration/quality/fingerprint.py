@@ -99,8 +99,8 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
     """
     bright = [s for s in stacks if s.kind in ("band", "flat", "reference")]
     flats = [s for s in bright if s.kind == "flat"]
-    cell_pixels = {s.cell_pixel for s in flats}
-    if len(flats) < 2 or len(cell_pixels) != 1:
+    lattices = {s.lattice for s in flats}
+    if len(flats) < 2 or len(lattices) != 1:
         return
     patterns = _measure_patterns(bright, flats, dark)
     pairs = [
@@ -111,7 +111,7 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
         return
     missing = []
     for stack in bright:
-        if stack.cell_pixel not in cell_pixels:
+        if stack.lattice not in lattices:
             continue
         pattern, others = patterns.of_table[stack.key], patterns.flats_without(stack)
         correlations = _correlations(pattern, others)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import BandTable, BracketTable, Capture, DarkTable
+from ..capture import BandTable, BracketTable, Capture, DarkTable, channel_lattice
 
 __all__ = ["Stack", "read_stacks"]
 
@@ -39,12 +39,13 @@ class Stack:
     #: (repeat, y, x) DN, all pixels.
     frames: NDArray[np.uint16]
 
-    #: (row, column) in the 2 x 2 cell of the pixels that ``counts`` holds; None without a mosaic.
-    cell_pixel: tuple[int, int] | None
+    #: First row, first column and step of the square lattice of pixels that ``counts`` holds, see
+    #: ``channel_lattice``; None without a mosaic.
+    lattice: tuple[int, int, int] | None
 
     @property
     def counts(self) -> NDArray[np.uint16]:
-        """(repeat, y, x) DN; with a mosaic only the pixels at ``cell_pixel``."""
+        """(repeat, y, x) DN; with a mosaic only the pixels at ``lattice``."""
         return self.thinned(self.frames)
 
     def thinned(self, image: NDArray) -> NDArray:
@@ -58,14 +59,27 @@ class Stack:
         Returns
         -------
         NDArray
-            (..., y, x); with a mosaic every second row and column.
+            (..., y, x); with a mosaic only the pixels of ``lattice``.
         """
-        return image if self.cell_pixel is None else image[..., self.cell_pixel[0] :: 2, self.cell_pixel[1] :: 2]
+        if self.lattice is None:
+            return image
+        row, column, step = self.lattice
+        return image[..., row::step, column::step]
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
         """(y, x) DN, mean over the repeats of ``counts``."""
         return np.asarray(self.counts.mean(axis=0), np.float64)
+
+
+def _lattice(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int, int] | None:
+    """Lattice of a band's channel, of darks that of the pattern's first channel; None without a mosaic."""
+    mosaic = capture.manifest.mosaic
+    if mosaic is None:
+        return None
+    if channels is None or band is None:
+        return channel_lattice(mosaic.pattern, mosaic.pattern[0])
+    return channel_lattice(mosaic.pattern, channels[band])
 
 
 def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tuple[Stack, ...]:
@@ -110,18 +124,7 @@ def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tup
                     table.start_s,
                     table.frames,
                     capture.frames(table),
-                    _cell_pixel(capture, channels, band),
+                    _lattice(capture, channels, band),
                 )
             )
     return tuple(stacks)
-
-
-def _cell_pixel(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int] | None:
-    """(row, column) of a band in the mosaic's cell, (0, 0) for darks; None without a mosaic."""
-    mosaic = capture.manifest.mosaic
-    if mosaic is None:
-        return None
-    if channels is None or band is None:
-        return 0, 0
-    index = mosaic.pattern.index(channels[band])
-    return index // 2, index % 2

@@ -3,13 +3,12 @@
 import tomllib
 
 import numpy as np
-import OpenEXR
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
-from cboxlab.calibration.capture.foreign_frames import read_foreign
 from cboxlab.utils.errors import InputError
+from helpers.frame_files import write_dng, write_fits
 
 SHAPE = (12, 16)
 
@@ -31,77 +30,6 @@ def required(first):
 
 def counts(seed):
     return np.random.default_rng(seed).integers(0, 4095, SHAPE).astype(np.uint16)
-
-
-def write_fits(path, image, **header):
-    fits = pytest.importorskip("astropy.io.fits", reason="needs astropy (extra 'readers')")
-    # counts above 32767 take the offset that FITS uses for unsigned numbers
-    fits.PrimaryHDU(image[::-1], fits.Header(header)).writeto(path)
-
-
-def write_dng(path, image, exposure=(1, 4)):
-    """The fewest tags by which LibRaw knows a DNG."""
-    pytest.importorskip("rawpy", reason="needs rawpy (extra 'readers')")
-    matrix = [number for value in np.eye(3).ravel() for number in (int(value * 10000), 10000)]
-    tags = [
-        (33421, "H", 2, (2, 2), True),
-        (33422, "B", 4, (0, 1, 1, 2), True),
-        (50706, "B", 4, (1, 4, 0, 0), True),
-        (50707, "B", 4, (1, 1, 0, 0), True),
-        (50708, "s", 5, "Test", True),
-        (50721, 10, 9, tuple(matrix), True),
-        (50717, "H", 1, 4095, True),
-        (50714, "H", 1, 0, True),
-        (50778, "H", 1, 21, True),
-        (50728, 5, 3, (1,) * 6, True),
-        (33434, 5, 1, exposure, True),
-        (33437, 5, 1, (8, 1), True),
-        (271, "s", 5, "Test", True),
-        (272, "s", 5, "Test", True),
-    ]
-    tifffile.imwrite(path, image, photometric=32803, extratags=tags, metadata=None, subfiletype=0)
-
-
-def test_fits_with_its_header(tmp_path):
-    image = counts(1) + np.uint16(40000)
-    write_fits(tmp_path / "a.fits", image, EXPTIME=2.5, FILTER="f550", IMAGETYP="Light Frame", EGAIN=1.3, XPIXSZ=9.0)
-    frame = read_foreign(tmp_path / "a.fits")[0]
-    np.testing.assert_array_equal(frame.counts, image)
-    assert frame.metadata["exposure_s"] == 2.5 and frame.metadata["filter"] == "f550"
-    assert frame.metadata["gain_e_per_dn"] == 1.3 and frame.metadata["pixel_pitch_um"] == 9.0
-
-
-def test_dng_keeps_the_mosaic(tmp_path):
-    image = np.random.default_rng(2).integers(0, 4095, (48, 64)).astype(np.uint16)
-    write_dng(tmp_path / "a.dng", image)
-    frame = read_foreign(tmp_path / "a.dng")[0]
-    np.testing.assert_array_equal(frame.counts, image)
-    assert (
-        frame.metadata["pattern"] == "RGGB" and frame.metadata["exposure_s"] == 0.25 and frame.metadata["f_number"] == 8
-    )
-
-
-def test_exr_stack_is_one_frame_per_channel(tmp_path):
-    stack = {"f450": counts(3).astype(np.float32), "f550": counts(4).astype(np.float32) + np.float32(0.4)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, stack).write(str(tmp_path / "a.exr"))
-    frames = {f.metadata["filter"]: f.counts for f in read_foreign(tmp_path / "a.exr")}
-    np.testing.assert_array_equal(frames["f450"], counts(3))
-    np.testing.assert_array_equal(frames["f550"], counts(4))
-
-
-def test_values_between_0_and_1_are_no_counts(tmp_path):
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"Y": np.full(SHAPE, 0.5, np.float32)}).write(str(tmp_path / "a.exr"))
-    with pytest.raises(InputError, match="Multiply by the largest count"):
-        read_foreign(tmp_path / "a.exr")
-
-
-@pytest.mark.parametrize("name", ["a.fits", "a.dng", "a.exr", "a.tif", "a.xyz"])
-def test_damaged_files_are_named(tmp_path, name):
-    (tmp_path / name).write_bytes(b"no frame at all")
-    with pytest.raises(InputError, match=name):
-        read_foreign(tmp_path / name)
 
 
 def test_a_folder_of_tiffs(tmp_path):

@@ -108,7 +108,12 @@ def _write_first_manifest(folder: Path, json: Path | None) -> None:
     say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
     _print_missing("Missing. Every command refuses the capture until these are there:", first, required=True)
     _print_missing("Can be added, and is then used:", first, required=False)
-    give_json(json, {"manifest": first.path, "tables": first.tables, "missing": [asdict(k) for k in first.missing]})
+    if first.left_out:
+        say("Files that capture.toml does not name:")
+    for item in first.left_out:
+        say(f"• {item.file}: {item.why}")
+    missing, left_out = [asdict(key) for key in first.missing], [asdict(item) for item in first.left_out]
+    give_json(json, {"manifest": first.path, "tables": first.tables, "missing": missing, "left_out": left_out})
 
 
 def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:

@@ -1,0 +1,215 @@
+"""Frames of a folder: each photograph once, and every other file with a reason."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from numpy.typing import NDArray
+
+from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
+
+__all__ = ["FolderFrame", "LeftOut", "convert_bands", "frames_in", "natural_key"]
+
+#: The folder in which frames of a capture usually lie, and into which bands of one file are written.
+FRAMES_FOLDER = "frames"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A file of the folder that the manifest does not name."""
+
+    #: Path relative to the folder, with forward slashes.
+    file: str
+    #: Why it is not named.
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class FolderFrame:
+    """A file of one exposure: one photograph, or as many repeats as it holds pictures."""
+
+    #: Path of the file.
+    path: Path
+    #: Path in the manifest, relative to the folder.
+    listed: str
+    #: Name without folder and ending; with the name of the band where the file holds several.
+    stem: str
+    #: (height, width) of the pictures, px.
+    shape: tuple[int, int]
+    #: What the file says of camera and lens.
+    facts: FrameFacts
+    #: Number of the band's picture in a file of several bands; None for all others.
+    band_number: int | None
+    #: Largest count, DN.
+    largest: int
+    #: Digest of each picture's counts.
+    digests: tuple[str, ...]
+    #: Those digests without pictures of one count everywhere, which two photographs may share.
+    varied_digests: frozenset[str]
+
+
+def natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Key to sort names by their numbers: f550-2 before f550-10.
+
+    Parameters
+    ----------
+    text
+        The name.
+
+    Returns
+    -------
+    tuple
+        Numbers and words of the name in their order.
+    """
+    pieces = re.findall(r"\d+|\D+", text)
+    return tuple((0, int(piece), piece) if piece.isdecimal() else (1, 0, piece) for piece in pieces)
+
+
+def _stem(path: Path) -> str:
+    """Name of a file without the ending by which its reader is chosen."""
+    name, reader = path.name, reader_of(path)
+    endings = () if reader is None else reader.suffixes
+    ending = max((e for e in endings if name.lower().endswith(e)), key=len, default=path.suffix)
+    return name[: len(name) - len(ending)] or name
+
+
+def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | None) -> FolderFrame:
+    counts = read_pictures(path, None if number is None else range(number, number + 1))
+    digests = tuple(_digest(picture) for picture in counts)
+    varied = frozenset(d for d, picture in zip(digests, counts, strict=True) if np.any(picture != picture[0, 0]))
+    shape = (counts.shape[1], counts.shape[2])
+    return FolderFrame(path, listed, stem, shape, facts, number, int(counts.max()), digests, varied)
+
+
+def _digest(counts: NDArray[np.uint16]) -> str:
+    return hashlib.sha256(repr(counts.shape).encode() + np.ascontiguousarray(counts).tobytes()).hexdigest()
+
+
+def _frames_of_file(folder: Path, path: Path) -> Iterator[FolderFrame]:
+    header, listed, stem = frame_header(path), path.relative_to(folder).as_posix(), _stem(path)
+    if not header.bands:
+        yield _frame(path, listed, stem, header.facts, None)
+    for number, band in enumerate(header.bands):
+        name = re.sub(r"[^\w.]+", "-", band)
+        facts = replace(header.facts, filter=band)
+        yield _frame(path, f"{FRAMES_FOLDER}/{stem}-{name}.tif", f"{stem}-{name}", facts, number)
+
+
+def _refusal(folder: Path, path: Path) -> str | None:
+    """Reason why a file cannot be listed as a frame; None if it can."""
+    if reader_of(path) is None:
+        return f"no frame: no reader takes '{path.suffix or path.name}'"
+    if not path.resolve().is_relative_to(folder.resolve()):
+        return "a link that leaves the folder: copy the file into it"
+    if "\\" in path.name:
+        return "a name with a backslash, which a capture cannot list: rename it"
+    return None
+
+
+def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
+    """All frames of a folder and of its subfolder ``frames``, each photograph once.
+
+    A TIFF that holds the same counts as a file of another format was written from it, and is left out. So is one of
+    two files of one name that hold the same counts.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    tuple
+        The frames, and all other files with the reason; tables (``.csv``) and hidden files are in neither.
+
+    Raises
+    ------
+    InputError
+        For a damaged frame, and for two files of one name with different counts.
+    """
+    frames: list[FolderFrame] = []
+    others: list[LeftOut] = []
+    for parent in (folder, folder / FRAMES_FOLDER):
+        for path in sorted(parent.iterdir(), key=lambda p: natural_key(p.name)) if parent.is_dir() else ():
+            listed = path.relative_to(folder).as_posix()
+            if path.name.startswith(".") or path.suffix.lower() == ".csv" or path == folder / FRAMES_FOLDER:
+                continue
+            if path.is_dir():
+                if any(p.is_file() and reader_of(p) for p in path.iterdir()):
+                    others.append(
+                        LeftOut(f"{listed}/", f"a subfolder: frames lie in the folder or in {FRAMES_FOLDER}/")
+                    )
+            elif (why := _refusal(folder, path)) is not None:
+                others.append(LeftOut(listed, why))
+            else:
+                frames += _frames_of_file(folder, path)
+    return _without_copies(frames, others)
+
+
+def _is_tiff(frame: FolderFrame) -> bool:
+    reader = reader_of(frame.path)
+    return reader is not None and reader.id == "tiff"
+
+
+def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[list[FolderFrame], list[LeftOut]]:
+    """Each photograph once: files that hold the counts of another one move to ``others``."""
+    originals = [frame for frame in frames if not _is_tiff(frame)]
+    by_name: dict[str, FolderFrame] = {}
+    photographs: list[FolderFrame] = []
+    for frame in sorted(frames, key=_is_tiff):
+        varied = frame.varied_digests if _is_tiff(frame) and len(frame.varied_digests) == len(frame.digests) else None
+        twin = by_name.get(frame.stem.casefold())
+        if varied:
+            twin = next((other for other in originals if varied <= other.varied_digests), twin)
+        if twin is None:
+            by_name[frame.stem.casefold()] = frame
+            photographs.append(frame)
+        elif not set(frame.digests) <= set(twin.digests):
+            hint = "Rename one if they are two photographs; move one away if it was made from the other."
+            description = f"the name of {twin.path.name} with other counts"
+            raise InputError(frame.path, description, "a different name for each photograph", hint)
+        elif twin.band_number is not None and frame.path == _target(twin, frame):
+            # the band was written into this file before
+            photographs[photographs.index(twin)] = replace(frame, facts=twin.facts)
+        else:
+            others.append(LeftOut(frame.listed, f"the same counts as {twin.listed}"))
+    return sorted(photographs, key=lambda frame: natural_key(frame.listed)), others
+
+
+def _target(band: FolderFrame, frame: FolderFrame) -> Path:
+    """Path of the TIFF of a band in the folder of ``frame``."""
+    return frame.path.with_name(Path(band.listed).name)
+
+
+def convert_bands(folder: Path, frames: list[FolderFrame]) -> None:
+    """Write each band of files with several bands into a TIFF, over no other file.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    frames
+        Its frames; those of files with one band stay as they are.
+
+    Raises
+    ------
+    InputError
+        If one of the files exists; then none is written.
+    """
+    bands = [frame for frame in frames if frame.band_number is not None]
+    for frame in bands:
+        if (folder / frame.listed).exists():
+            raise InputError(folder / frame.listed, "a file that exists already", "no such file", "Move it away.")
+    for frame in bands:
+        number = frame.band_number or 0
+        with replacing(folder / frame.listed) as temporary:
+            counts = read_pictures(frame.path, range(number, number + 1))[0]
+            tifffile.imwrite(temporary, counts, photometric="minisblack", metadata=None)

@@ -1,0 +1,147 @@
+"""Tables of a folder that a first manifest can name: spectra, surveyed points, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cboxlab.scenes.spectra import read_spectra
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.input_files import read_rows
+from PIL import Image
+
+from .folder_frames import LeftOut
+from .labels import read_labels
+
+__all__ = ["FolderTables", "tables_in"]
+
+#: Columns of a file of surveyed points.
+_POINTS_COLUMNS = frozenset({"id", "x_mm", "y_mm", "z_mm", "u_px", "v_px"})
+#: By use, the names of files (without ``.csv``) whose column ``radiance`` is that of the source.
+_RADIANCE_FILES = {
+    "lamp": ("lamp",),
+    "reference": ("sphere", "reference", "integrating-sphere", "integrating_sphere"),
+    "flat": ("flat", "flatfield"),
+}
+#: Names of files whose columns are transmittances of filters.
+_FILTER_FILES = ("filters", "filter", "transmittance", "transmittances")
+#: By use, the names of columns that say it in any file.
+_CAMERA_COLUMNS = {
+    "quantum_efficiency": ("quantum_efficiency",),
+    "lens": ("lens", "lens_transmittance"),
+}
+
+
+@dataclass(frozen=True)
+class FolderTables(OwnMappings):
+    """Uses of the tables of a folder, as column references ``file.csv:column``."""
+
+    #: By use ("lamp", "reference", "flat", "quantum_efficiency", "lens"), the column.
+    columns: dict[str, str]
+    #: By identifier of the band, the column of its filter.
+    filters: dict[str, str]
+    #: File of surveyed points; None without one.
+    points: str | None
+    #: By key of [labels], the file; empty without a label image and its table.
+    labels: dict[str, str]
+    #: Tables that are not used.
+    left_out: tuple[LeftOut, ...]
+
+
+def _header(path: Path) -> list[str]:
+    """Names of the columns of a CSV file."""
+    rows = read_rows(path, "a table in CSV")
+    return [name.strip() for name in rows[0][1]] if rows else []
+
+
+def _labels(folder: Path, shape: tuple[int, int]) -> dict[str, str]:
+    """Files of [labels] by their usual names, if they are sound; empty otherwise."""
+    image, names, reflectance = (folder / name for name in ("labels.png", "labels.csv", "reflectance.csv"))
+    if not (image.is_file() and names.is_file()):
+        return {}
+    try:
+        with Image.open(image) as picture:
+            fits = picture.mode in ("L", "P") and (picture.height, picture.width) == shape
+        read_labels(names)
+    except (InputError, OSError, ValueError, SyntaxError):
+        return {}
+    files = {"image": image.name, "names": names.name}
+    if reflectance.is_file():
+        files["reflectance"] = reflectance.name
+    return files if fits else {}
+
+
+def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> FolderTables:
+    """The tables of a folder and of its subfolder ``spectra``.
+
+    A table is used where its columns say what it is. Surveyed points have columns of their names. A filter is a column
+    of the band's name in ``filters.csv``. A radiance is the column ``radiance`` of ``lamp.csv``, ``sphere.csv`` or
+    ``flat.csv``. A use that two columns claim is left to the user.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    bands
+        Identifiers of the bands.
+    shape
+        (height, width) of the frames, px.
+
+    Returns
+    -------
+    FolderTables
+        The uses, and the tables without one.
+    """
+    claims: dict[tuple[str, str], list[str]] = {}
+    faults: dict[str, str] = {}
+    paths = [
+        path
+        for parent in (folder, folder / "spectra")
+        if parent.is_dir()
+        for path in sorted(parent.iterdir())
+        if path.suffix.lower() == ".csv" and path.is_file() and not path.name.startswith(".")
+    ]
+    labels = _labels(folder, shape)
+    for path in paths:
+        listed = path.relative_to(folder).as_posix()
+        try:
+            _claim(path, listed, bands, claims)
+        except InputError as fault:
+            faults[listed] = f"{fault.found}; expected {fault.expected}"
+    single = {use: references[0] for use, references in claims.items() if len(references) == 1}
+    used = {reference.partition(":")[0] for reference in single.values()}
+    used |= set(labels.values())
+    left_out = []
+    for path in paths:
+        listed = path.relative_to(folder).as_posix()
+        if listed not in used:
+            doubles = [use[1] for use, refs in claims.items() if len(refs) > 1 and any(listed in r for r in refs)]
+            why = f"{', '.join(doubles)} stands in several tables" if doubles else "a table whose use is not certain"
+            left_out.append(LeftOut(listed, f"{faults.get(listed, why)}: name it in capture.toml"))
+    return FolderTables(
+        {use: reference for (kind, use), reference in single.items() if kind == "column"},
+        {band: reference for (kind, band), reference in single.items() if kind == "filter"},
+        single.get(("points", "points")),
+        labels,
+        tuple(left_out),
+    )
+
+
+def _claim(path: Path, listed: str, bands: Sequence[str], claims: dict[tuple[str, str], list[str]]) -> None:
+    """Add the uses of a table to ``claims``. Raises InputError for a faulty table of spectra."""
+    names, stem = _header(path), path.stem.lower()
+    if _POINTS_COLUMNS == set(names):
+        claims.setdefault(("points", "points"), []).append(listed)
+    if not names or names[0] != "wavelength_nm":
+        return
+    for name in read_spectra(path):
+        for use, columns in _CAMERA_COLUMNS.items():
+            if name in columns:
+                claims.setdefault(("column", use), []).append(f"{listed}:{name}")
+        for use, files in _RADIANCE_FILES.items():
+            if name == "radiance" and stem in files:
+                claims.setdefault(("column", use), []).append(f"{listed}:{name}")
+        if name in bands and stem in _FILTER_FILES:
+            claims.setdefault(("filter", name), []).append(f"{listed}:{name}")

@@ -1,0 +1,186 @@
+"""Frames of a folder sorted into tables: kind, band, exposure and repeats."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from .folder_frames import FolderFrame, LeftOut, natural_key
+from .frame_names import FrameName, common_words, kind_in_words, parse_name
+
+__all__ = ["FrameGroup", "group_frames"]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameGroup:
+    """Frames of one table of the manifest: repeats of one exposure."""
+
+    #: "band", "dark", "flat", "reference" or "target".
+    kind: str
+    #: Identifier of the band; None for darks and targets.
+    band: str | None
+    #: Exposure time, s; None if neither header nor name states it.
+    exposure_s: float | None
+    #: F-number by the header; None if not stated.
+    f_number: float | None
+    #: The frames, by time where the files state it, else by name.
+    frames: tuple[FolderFrame, ...]
+
+    @property
+    def time(self) -> datetime | None:
+        """Earliest moment of the frames; None unless all state it."""
+        times = [frame.facts.time for frame in self.frames]
+        return None if None in times else min(time for time in times if time is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Classified:
+    """A frame with what its header and its name say."""
+
+    frame: FolderFrame
+    name: FrameName
+    #: Kind by the header, else by the name; "band" where neither names one.
+    kind: str
+    #: Filter by the header, else by the name.
+    filter: str | None
+    exposure_s: float | None
+    f_number: float | None
+
+
+def _classified(frame: FolderFrame, ignored: int) -> _Classified:
+    facts, name = frame.facts, parse_name(frame.stem, ignored)
+    kind = kind_in_words(facts.kind or "") or name.kind or "band"
+    band = "-".join(facts.filter.split()) if facts.filter else name.filter
+    exposure = facts.exposure_s if facts.exposure_s is not None else name.exposure_s
+    return _Classified(frame, name, kind, band, exposure, facts.f_number)
+
+
+def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
+    """Reason why the kind of a frame by its name is not certain.
+
+    None if it is certain, or if the header states it. ``bands`` has the bands by the words of their names: a flat may
+    name its band.
+    """
+    if kind_in_words(item.frame.facts.kind or "") is not None:
+        return None
+    other_words, kind = "-".join(item.name.other_words), item.name.kind
+    if kind is not None and other_words and other_words not in bands:
+        return f"'{kind}' in its name may be a kind of frame or a word, since '{other_words}' stands next to it"
+    other = [word for word in item.name.other_words if parse_name(word).kind is not None]
+    if kind is None and len(other) > 1:
+        return f"its name has both '{other[0]}' and '{other[1]}'"
+    if kind is None and other:
+        return f"'{other[0]}' in its name may be a kind of frame or a word, since it does not come first"
+    return None
+
+
+def _band(item: _Classified, bands: Mapping[str, str]) -> str | None:
+    """The band of a flat or reference: by its filter, by the words of its name, or the only one."""
+    other_words = "-".join(item.name.other_words)
+    if item.filter is not None:
+        return item.filter if item.filter in bands.values() else None
+    if other_words in bands:
+        return bands[other_words]
+    only = set(bands.values())
+    return only.pop() if not other_words and len(only) == 1 else None
+
+
+def _band_ids(scenes: Sequence[_Classified]) -> dict[int, str]:
+    """Identifier of the band of each frame of a scene, by the frame's ``id``.
+
+    The filter is the band, unless frames of one filter differ in words: then the words are part of it. Without a
+    filter, the name is the band, without the number of the repeat where the numbers count repeats.
+    """
+    ids: dict[int, str] = {}
+    by_filter: dict[str, list[_Classified]] = defaultdict(list)
+    series: dict[str, list[_Classified]] = defaultdict(list)
+    for item in scenes:
+        if item.filter is not None:
+            by_filter[item.filter].append(item)
+        else:
+            series[item.name.series].append(item)
+    for band, items in by_filter.items():
+        differ = len({item.name.other_words for item in items}) > 1
+        for item in items:
+            ids[id(item.frame)] = "-".join([*item.name.other_words, band]) if differ else band
+    for name, items in series.items():
+        repeats = _count_repeats(items)
+        for item in items:
+            ids[id(item.frame)] = (name if repeats else item.name.stem) or item.name.stem
+    return ids
+
+
+def _count_repeats(items: Sequence[_Classified]) -> bool:
+    """Whether the last numbers of names that agree otherwise count repeats of one exposure."""
+    numbers = sorted(item.name.repeat for item in items if item.name.repeat is not None)
+    if len(numbers) < len(items):
+        return len(items) == 1
+    first = numbers[0] if numbers else 0
+    consecutive = first in (0, 1) and numbers == list(range(first, first + len(numbers)))
+    return consecutive and len({(item.exposure_s, item.f_number, item.frame.facts.iso) for item in items}) == 1
+
+
+def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[LeftOut]]:
+    """Sort frames into tables.
+
+    Frames are repeats if they agree in kind, band, exposure, f-number and ISO. Where the exposure is unknown, their
+    names must agree, too, but for the number of the repeat.
+
+    Parameters
+    ----------
+    frames
+        The frames of a folder.
+
+    Returns
+    -------
+    tuple
+        The groups: bands in the order of time where all files state it, else of their names; then darks, flats,
+        references and targets. And the frames without a table, with the reason.
+    """
+    ignored = common_words([frame.stem for frame in frames])
+    items = [_classified(frame, ignored) for frame in frames]
+    scenes = [item for item in items if item.kind == "band" and _doubt(item, {}) is None]
+    ids = _band_ids(scenes)
+    bands = {"-".join(item.name.other_words) or item.name.stem: ids[id(item.frame)] for item in scenes}
+    bands |= {band: band for band in ids.values()}
+    left_out: list[LeftOut] = []
+    groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
+    for item in items:
+        if (doubt := _doubt(item, bands)) is not None:
+            left_out.append(LeftOut(item.frame.listed, f"{doubt}: rename it, or name it in capture.toml"))
+            continue
+        has_lens = item.kind not in ("dark", "target")
+        band = (ids[id(item.frame)] if item.kind == "band" else _band(item, bands)) if has_lens else None
+        if has_lens and band is None:
+            left_out.append(LeftOut(item.frame.listed, f"a {item.kind} whose band has no frames of the scene"))
+            continue
+        # Exposures that are not known may differ: then only the names say which frames are repeats.
+        name = item.name.series if item.exposure_s is None and item.kind != "target" else ""
+        f_number = item.f_number if has_lens else None
+        groups[item.kind, band, item.exposure_s, f_number, item.frame.facts.iso, name].append(item)
+    return _sorted([_group(band, members) for (_, band, *_), members in groups.items()]), left_out
+
+
+def _group(band: object, items: Sequence[_Classified]) -> FrameGroup:
+    """One table, its frames by time where all of them state it, else by name."""
+    frames = [item.frame for item in items]
+    times = {id(frame): frame.facts.time or datetime.min for frame in frames}
+    if None in [frame.facts.time for frame in frames]:
+        times = dict.fromkeys(times, datetime.min)
+    ordered = sorted(frames, key=lambda frame: (times[id(frame)], natural_key(frame.listed)))
+    name = None if band is None else str(band)
+    return FrameGroup(items[0].kind, name, items[0].exposure_s, items[0].f_number, tuple(ordered))
+
+
+def _sorted(groups: Sequence[FrameGroup]) -> list[FrameGroup]:
+    """Tables in the order of the manifest; bands by time where all of them state it."""
+    by_time = all(group.time is not None for group in groups if group.kind == "band")
+
+    def key(group: FrameGroup) -> tuple[object, ...]:
+        moment = group.time if by_time and group.kind == "band" and group.time is not None else datetime.min
+        exposure = float("inf") if group.exposure_s is None else group.exposure_s
+        return group.kind, moment, natural_key(group.band or ""), exposure, natural_key(group.frames[0].listed)
+
+    return sorted(groups, key=key)

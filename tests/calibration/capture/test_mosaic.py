@@ -1,0 +1,76 @@
+"""Mosaics of any repeat and phase: which pixels belong to which channel."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.capture.manifest import MosaicTable
+from cboxlab.calibration.capture.mosaic import channel_lattice, channel_mask
+from cboxlab.calibration.correction.defects import dead_pixels
+from helpers.frame_files import BAYER, XTRANS, shifted
+from pydantic import ValidationError
+
+PATTERNS = {
+    "Bayer": BAYER,
+    "X-Trans": XTRANS,
+    "2 x 4": ("RGBG", "GRGB"),
+    "3 x 3": ("RGB", "GBR", "BRG"),
+}
+
+
+def written(rows):
+    return "".join(rows) if [len(row) for row in rows] == [2, 2] else " ".join(rows)
+
+
+@pytest.mark.parametrize("rows", PATTERNS.values(), ids=PATTERNS)
+@pytest.mark.parametrize(("down", "right"), [(0, 0), (0, 1), (1, 0), (3, 2), (5, 4)])
+@pytest.mark.parametrize("shape", [(13, 11), (12, 12), (1, 5)])
+def test_every_pixel_has_the_letter_of_its_place(rows, down, right, shape):
+    rows = shifted(rows, down, right)
+    pattern = MosaicTable(pattern=written(rows)).pattern
+    masks = {channel: channel_mask(pattern, shape, channel) for channel in "RGB"}
+    for v in range(shape[0]):
+        for u in range(shape[1]):
+            letter = rows[v % len(rows)][u % len(rows[0])]
+            assert {channel for channel in "RGB" if masks[channel][v, u]} == {letter}
+
+
+@pytest.mark.parametrize(
+    ("rows", "channel", "step"),
+    [
+        (BAYER, "R", 2),
+        (BAYER, "G", 2),
+        (XTRANS, "G", 3),
+        (XTRANS, "R", 6),
+        (PATTERNS["3 x 3"], "B", 3),
+        (PATTERNS["2 x 4"], "G", 2),
+    ],
+)
+@pytest.mark.parametrize(("down", "right"), [(0, 0), (1, 0), (0, 1), (2, 5)])
+def test_the_lattice_of_a_channel(rows, channel, step, down, right):
+    pattern = written(shifted(rows, down, right))
+    row, column, found = channel_lattice(pattern, channel)
+    assert found == step and row < step and column < step
+    assert channel_mask(pattern, (36, 36), channel)[row::step, column::step].all()
+
+
+@pytest.mark.parametrize("pattern", ["RGGB", "GBRG", "GRBG", "BGGR"])
+@pytest.mark.parametrize("channel", "RGB")
+def test_a_bayer_channel_begins_with_its_first_pixel(pattern, channel):
+    assert channel_lattice(pattern, channel) == (*divmod(pattern.index(channel), 2), 2)
+
+
+@pytest.mark.parametrize(
+    "pattern", ["RGGX", "RGG", "RRGG", "GBGGRG RGRBG", "RG GB BR G", "RGGBRGGB", "", "R G", "RG  GB"]
+)
+def test_what_is_no_repeat_is_refused(pattern):
+    with pytest.raises(ValidationError):
+        MosaicTable(pattern=pattern)
+
+
+def test_dead_pixels_are_compared_with_those_of_their_place():
+    """The channels differ by a factor of ten: without the repeat every blue pixel would look dead."""
+    rng = np.random.default_rng(1)
+    response = 1 + 0.01 * rng.standard_normal((72, 72))
+    for channel, factor in (("R", 0.3), ("B", 0.1)):
+        response[channel_mask(" ".join(XTRANS), response.shape, channel)] *= factor
+    response[30, 31] *= 0.5
+    assert np.argwhere(dead_pixels(response, (6, 6))).tolist() == [[30, 31]]
