@@ -17,7 +17,7 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, price_of, square
+from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
 from .explain import NONE, Excess, Explanation, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
@@ -70,12 +70,12 @@ def beats(
         numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
         paid = price_of(numbers) + 2 * len(chosen) * float(np.log(len(catalogue())))
         own = _gain(explanation, model, model.residual) - complexity
-        return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE
+        return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE_CHI2
     by_family = model.residual - model.whiten(explanation.change)
     of_effects, of_family = (
         square(one.without_shared_errors(residual)) for one, residual in ((fitted, left), (model, by_family))
     )
-    more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
+    more = max(SHAPE_ERROR * by_effects, MIN_GAIN_PER_SAMPLE * model.count)
     return of_effects - of_family - complexity > more
 
 
