@@ -39,7 +39,7 @@ from .linearised_fit import (
 from .search import Candidate
 from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import beats, excess_of, reported
+from .unexplained import excess_of, explanation_to_report, family_beats_effects
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
 
@@ -251,7 +251,7 @@ def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress
     remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
     excess = excess_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
-    explanation = reported((best, *hidden(excess)), model, residual, by_effects, remains)
+    explanation = explanation_to_report((best, *hidden(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     if explanation is not None:
         enough = explained_part(model, residual) > MIN_EXPLAINED_PART
@@ -259,7 +259,7 @@ def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or beats(alone, start, effects, model, residual, explanation):
+        if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
     if selected == (UNKNOWN,):
         return _Answer(first, [], [], start.residual, selected, explanation)
