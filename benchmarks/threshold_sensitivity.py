@@ -37,6 +37,8 @@ TIMEOUT_S = 3600.0
 #: Subject of a pair of cubes, `BASELINE=CANDIDATE`; any other subject is a capture.
 PAIR = "="
 
+_ERROR = "error: "
+
 
 @dataclass(frozen=True)
 class Moved:
@@ -51,6 +53,23 @@ class Moved:
     def key(self) -> str:
         """Name in the file of results."""
         return "baseline" if self.constant is None else f"{self.constant.key} x {self.factor:g}"
+
+
+def moves_of(constant: DecisionConstant) -> list[Moved]:
+    """The constant times each factor; none where a factor has no meaning.
+
+    Parameters
+    ----------
+    constant
+        Constant with its expression.
+
+    Returns
+    -------
+    list of Moved
+        Empty for an expression such as a grid.
+    """
+    value = ast.parse(constant.value, mode="eval").body
+    return [Moved(constant, factor) for factor in FACTORS] if is_movable(value) else []
 
 
 #: Verdicts by subject, for a moved constant and the subjects that it concerns.
@@ -93,6 +112,12 @@ class _Scaling(ast.NodeTransformer):
             return node
         return ast.copy_location(ast.Constant(moved_number(node.value, self.factor)), node)
 
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        if not is_movable(node):
+            return self.generic_visit(node)
+        product = eval(compile(ast.Expression(node), "constant", "eval"), {})
+        return ast.copy_location(ast.Constant(moved_number(product, self.factor)), node)
+
     def visit_Subscript(self, node: ast.Subscript) -> ast.Subscript:
         return node
 
@@ -104,21 +129,21 @@ class _Scaling(ast.NodeTransformer):
         return node
 
 
-def is_movable(constant: DecisionConstant) -> bool:
-    """Whether a constant is a number, or a collection of numbers.
+def is_movable(value: ast.expr) -> bool:
+    """Whether an expression is a number, or a collection of numbers.
 
     Parameters
     ----------
-    constant
-        Constant with its expression.
+    value
+        Expression of a constant; arithmetic of numbers is a number.
 
     Returns
     -------
     bool
         False for expressions such as a grid: a factor on each of its numbers has no meaning.
     """
-    allowed = (ast.Constant, ast.Tuple, ast.List, ast.Dict, ast.UnaryOp, ast.USub, ast.Load, ast.expr_context)
-    return all(isinstance(node, allowed) for node in ast.walk(ast.parse(constant.value, mode="eval").body))
+    allowed = (ast.Constant, ast.Tuple, ast.List, ast.Dict, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)
+    return all(isinstance(node, (*allowed, ast.expr_context)) for node in ast.walk(value))
 
 
 def moved_tree(source: str, name: str, factor: float) -> ast.Module:
@@ -275,7 +300,7 @@ def in_processes(cache: Path | None) -> Verdicts:
         except subprocess.TimeoutExpired as error:
             printed, fault = (error.stdout or b"").decode(), f"no verdict after {TIMEOUT_S:g} s"
         rows = [json.loads(line) for line in printed.splitlines() if line.startswith("{")]
-        return {**dict.fromkeys(subjects, f"error: {fault}"), **{k: v for row in rows for k, v in row.items()}}
+        return {**dict.fromkeys(subjects, f"{_ERROR}{fault}"), **{k: v for row in rows for k, v in row.items()}}
 
     return verdicts
 
@@ -306,19 +331,26 @@ def measure(
     -------
     dict
         Verdicts by subject, by key of the moved constant.
+
+    Raises
+    ------
+    RuntimeError
+        Where a subject has no verdict with the source as it is.
     """
     table: dict[str, dict[str, str]] = defaultdict(dict)
     if results.exists():
         for line in results.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
             table[row["moved"]][row["subject"]] = row["verdict"]
-    moves = [Moved(), *(Moved(c, factor) for c in constants if is_movable(c) for factor in FACTORS)]
+    moves = [Moved(), *(moved for constant in constants for moved in moves_of(constant))]
     with results.open("a", encoding="utf-8") as file:
         for index, moved in enumerate(moves, 1):
             done = table[moved.key]
             missing = [s for s in subjects if concerns(moved.constant, s) and s not in done]
             if missing:
                 for subject, verdict in verdicts(moved, missing).items():
+                    if moved.constant is None and verdict.startswith(_ERROR):
+                        raise RuntimeError(f"{subject}: {verdict}")
                     done[subject] = verdict
                     file.write(json.dumps({"moved": moved.key, "subject": subject, "verdict": verdict}) + "\n")
                 file.flush()
@@ -352,7 +384,7 @@ def changes(table: Mapping[str, Mapping[str, str]], key: str, subjects: Iterable
         if after is not None:
             before = table["baseline"][subject]
             parts = len(after.split(" | "))
-            before = before if after.startswith("error") else " | ".join(before.split(" | ")[:parts])
+            before = before if after.startswith(_ERROR) else " | ".join(before.split(" | ")[:parts])
             if after != before:
                 changed[subject] = before, after
     return changed
@@ -380,13 +412,13 @@ def report(
     lines = ["| constant | factor | subject | before | after |", "|---|---|---|---|---|"]
     steady, fixed = [], []
     for constant in constants:
-        if not is_movable(constant):
+        if not moves_of(constant):
             fixed.append(constant.key)
             continue
         rows = [
-            f"| {constant.key} = {constant.value} | {factor:g} | {Path(subject).name} | {before} | {after} |"
-            for factor in FACTORS
-            for subject, (before, after) in changes(table, Moved(constant, factor).key, subjects).items()
+            f"| {constant.key} = {constant.value} | {moved.factor:g} | {Path(subject).name} | {before} | {after} |"
+            for moved in moves_of(constant)
+            for subject, (before, after) in changes(table, moved.key, subjects).items()
         ]
         lines += rows
         if not rows and any(concerns(constant, subject) for subject in subjects):

@@ -87,6 +87,15 @@ def test_constants_concern_the_subjects_that_they_decide(tmp_path):
     assert "2 constants change no verdict" in page and f"1 are no numbers and were not moved: {GRID.key}." in page
 
 
+def test_a_subject_without_a_verdict_ends_the_run(tmp_path):
+    def verdicts(moved, subjects):
+        return dict.fromkeys(subjects, "error: no such folder")
+
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r"glare: error: no such folder"):
+            benchmark.measure([GAIN], CAPTURES, verdicts, tmp_path / "r.jsonl", lambda line: None)
+
+
 def test_a_failure_is_a_verdict(tmp_path, monkeypatch):
     """A process that ends with an error gives its last line; what it printed before counts."""
     script = tmp_path / "worker.py"
@@ -124,6 +133,8 @@ def test_numbers_move_by_the_factor(value, factor, expected):
         ("A: tuple = (1.0, 2)\nB = 0", ((1.4, 3), 0)),
         ("A = {1: 2.0}\nB = -1", ({1: 2.8}, -1)),
         ("B = 5.0\nA = -B\nA = 10.0", (14.0, 5.0)),
+        ("A = 2 * 3.0\nB = 0", (8.4, 0)),
+        ("A = (2 * 3.0, 1.0)\nB = 0", ((8.4, 1.4), 0)),
     ],
 )
 def test_a_constant_is_moved_in_the_source(source, expected):
