@@ -19,7 +19,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.model import Model
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare import validate_capture
-from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
+from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.selection import NormalEquations
 from cboxlab.validation.diagnose.stepwise import signatures_of
@@ -64,11 +64,11 @@ def main() -> None:
             if exchanged := len(names - set(pair)):
                 lacks = float(cause @ aim - aim[own] @ inverse @ aim[own])
                 left[exchanged] = min(left[exchanged], (lacks, tuple(sorted(names))))
-        one_exchanged += left[1][0] < INDISTINGUISHABLE
-        if left[2][0] < INDISTINGUISHABLE <= left[1][0]:
+        one_exchanged += left[1][0] < INDISTINGUISHABLE_CHI2
+        if left[2][0] < INDISTINGUISHABLE_CHI2 <= left[1][0]:
             both.append((pair, *left[2]))
     print(f"{len(pairs)} pairs of {len(set(effects))} effects, each of chi2 {arguments.chi2:g} alone")
-    print(f"one of the two can be exchanged (chi2 within {INDISTINGUISHABLE}): {one_exchanged}")
+    print(f"one of the two can be exchanged (chi2 within {INDISTINGUISHABLE_CHI2}): {one_exchanged}")
     print(f"only both together can: {len(both)}")
     for pair, lacks, others in both:
         print(f"  {' and '.join(pair)}: as {' and '.join(others)}, chi2 {lacks:.1f} more")

@@ -17,6 +17,7 @@ from cboxlab.calibration.capture.manifest import Manifest
 from cboxlab.rendering.chain import STAGES
 from cboxlab.rendering.effects import Effect, Parameter, catalogue
 from cboxlab.validation.app.commands.app import app
+from decision_constants import table as decision_constants
 from pydantic import BaseModel
 
 __all__ = ["GENERATED", "fill_in"]
@@ -143,6 +144,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "commands": commands,
     "capture-keys": capture_keys,
     "effects": effects,
+    "decision-constants": decision_constants,
     **{f"notebook-{path.stem}": partial(notebook, path) for path in sorted(NOTEBOOKS.glob("*.ipynb"))},
 }
 

@@ -1,7 +1,7 @@
-"""Which effect the model lacks: hypotheses, screening, fits, selection, held-out tests."""
+"""Missing effects of a model: hypotheses, screening, fits, selection, held-out tests."""
 
 from .alternatives import Cause
-from .diagnosis import Diagnosis, FurtherCaptureFound, Ranked, Step, diagnose
+from .diagnosis import Diagnosis, FurtherCaptureResult, Ranked, Step, diagnose
 from .effect_fit import fit_effect, fit_effects
 from .evidence import Limit
 from .further_captures import Separation
@@ -11,7 +11,7 @@ from .search import judged_by_priors
 __all__ = [
     "Cause",
     "Diagnosis",
-    "FurtherCaptureFound",
+    "FurtherCaptureResult",
     "Limit",
     "Ranked",
     "Separation",

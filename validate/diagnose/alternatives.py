@@ -1,7 +1,6 @@
-"""Every selected effect against the others of the catalogue in its stead, and in pixels and bands held out.
+"""Tests of selected effects: alternatives, held-out samples, edges; the likeliest causes.
 
-The amplitude of a true cause is the same in all pixels and bands; that of an effect which resembles it is not. And what
-the likeliest causes, each tried alone, would do to the picture, beside what it shows.
+The amplitude of a true cause is the same in all pixels and bands; that of an effect which resembles it is not.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, dispersion, penalised, square
+from .evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, dispersion, penalised, square
 from .fitting import parameter_variance
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -24,60 +23,69 @@ from .selection import best_singles
 __all__ = [
     "Cause",
     "SelectedEffect",
-    "comes_of_edges",
     "confirmed_where_held_out",
     "groups",
     "heldout_bands",
     "heldout_pixels",
+    "is_edge_artefact",
     "likeliest_causes",
     "with_alternatives",
     "with_better_alternatives",
 ]
 
-#: So many causes are shown.
-_SHOWN = 3
+#: Number of causes shown.
+_MAX_CAUSES_SHOWN = 3
 
-#: So many of the effects that could stand in a selected one's stead are fitted in full.
-_MOST_FITTED = 3
+#: Number of alternatives to a selected effect that are fitted in full, best to first order first.
+_MAX_ALTERNATIVES_FITTED = 3
 
-#: Where held out, an effect must gain this part of what it gains where fitted.
-_PREDICTS = 0.5
+#: Minimum gain of an effect in samples held out, over its gain in the fitted ones; 1 is perfect. Set by judgement.
+_MIN_HELDOUT_GAIN_RATIO = 0.5
 
-#: An effect is named if its amplitude is so many of its standard deviations, errors that bands and faces share counted.
-_LEAST_SIGMAS = 3.0
+#: Minimum amplitude / standard deviation of a reported effect, shared band and face errors included.
+_MIN_AMPLITUDE_SIGMA = 3.0
 
-_BLOCK_PX = 16
+#: Side of the blocks of pixels that are held out in turn, px: wide against the blur of the optics. Set by judgement.
+_HELDOUT_BLOCK_PX = 16
 
-#: An effect's amplitude well inside faces is less than this part of that elsewhere, by so many standard deviations:
-#: then it comes of edges, as of steps between faces that a picture's own errors leave. Asked where the inside holds
-#: at least the last part of the square of the effect's change. True effects have 0.9 to 1.0 of it inside; gradients of
-#: a ceiling whose last row of pixels a simulator had wrong had 0.2 to 0.5.
-_LEAST_INSIDE, _APART_SIGMAS, _ENOUGH_INSIDE = 0.6, 3.0, 0.2
+#: Amplitude inside faces over that near edges, below which an effect is an edge artefact. True effects have 0.9 to 1.0;
+#: gradients of a ceiling whose last row of pixels a simulator had wrong had 0.2 to 0.5.
+_MAX_EDGE_ARTEFACT_RATIO = 0.6
 
-#: A band is held out only where the other bands hold at least this part of the square of the effect's change.
-_ENOUGH_ELSEWHERE = 0.2
+#: Minimum difference of the two amplitudes for an edge artefact, standard deviations by noise.
+_MIN_EDGE_ARTEFACT_SIGMA = 3.0
+
+#: Minimum share of the square of the effect's change inside faces, for the test of edges to be made.
+_MIN_INTERIOR_PART = 0.2
+
+#: Minimum share of the square of the effect's change in the other bands, for a band to be held out: an
+#: effect of one band has nothing to be fitted to in the others.
+_MIN_OTHER_BANDS_PART = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class SelectedEffect:
-    """A selected effect, and the other effects of the catalogue in its stead, all other selected ones staying.
+    """A selected effect, and the alternatives to it with all other selected effects in place."""
 
-    alternatives : best first. chi2_without : chi2 with none of them. heldout_pixels, heldout_bands : its gain where
-    it was not fitted, see ``heldout``; NaN where that cannot be tried. amplitude_sigma : standard deviation of a
-    multiple of its change, 1 as fitted, see ``parameter_variance``; NaN where the priors decide. count : number of
-    samples that chi2 sums. dispersion : by how much more than noise chi2 differences scatter, see ``evidence``.
-    of_edges : whether it is much larger at edges than inside faces, see ``comes_of_edges``.
-    """
-
+    #: The effect, fitted.
     candidate: Candidate
+    #: Other effects of the catalogue fitted in the same role, best first.
     alternatives: tuple[Candidate, ...]
+    #: Chi2 with neither the effect nor an alternative.
     chi2_without: float
+    #: Gain in pixels held out over that where fitted, see `heldout_pixels`; NaN where the priors decide.
     heldout_pixels: float
+    #: Gain in bands held out over that where fitted, see `heldout_bands`; NaN also for an effect in one band.
     heldout_bands: float
+    #: Standard deviation of a multiple of its change, 1 as fitted, see `parameter_variance`; NaN where the priors
+    #: decide.
     amplitude_sigma: float
+    #: Number of samples that chi2 sums.
     count: int
+    #: Factor by which differences of chi2 scatter more than by noise, see `evidence.dispersion`.
     dispersion: float
-    of_edges: bool = False
+    #: Whether its amplitude is much larger at edges than inside faces, see `is_edge_artefact`.
+    edge_artefact: bool = False
 
     @property
     def certainty(self) -> float:
@@ -86,191 +94,325 @@ class SelectedEffect:
 
     @property
     def indistinguishable(self) -> list[Candidate]:
-        """Alternatives that this capture, or the accuracy of the effects' shapes, cannot tell from it.
+        """Alternatives that this capture does not distinguish from the effect.
 
-        By chi2 as it is or with each number's price: of more numbers some fit noise.
+        Chi2 counts as it is, or with each number's price, since some of the numbers fit noise. Errors of the effects'
+        shapes widen the allowed difference.
         """
-        allowed = max(INDISTINGUISHABLE * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2))
-        own = self.candidate
-        return [c for c in self.alternatives if min(c.chi2 - own.chi2, penalised(c) - penalised(own)) < allowed]
+        allowed = max(INDISTINGUISHABLE_CHI2 * self.dispersion, SHAPE_ERROR * (self.chi2_without - self.candidate.chi2))
+        effect = self.candidate
+        return [c for c in self.alternatives if min(c.chi2 - effect.chi2, penalised(c) - penalised(effect)) < allowed]
 
 
 def with_alternatives(
-    linearised: LinearisedFit, chosen: Sequence[Candidate], signatures: Sequence[Signature]
+    linearised: LinearisedFit, selected: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> list[SelectedEffect]:
-    """Every chosen effect with the other effects of the catalogue fitted in its stead."""
-    found = []
-    together = residual_with(linearised, chosen)
-    for index, candidate in enumerate(chosen):
-        others = [c for i, c in enumerate(chosen) if i != index]
-        taken = {c.hypothesis.effect.id for c in chosen}
-        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        prior = candidate.by_priors
-        if prior:
-            # it explains a pull on the priors: that others fit errors of the picture better says nothing about that
+    """Selected effects, each with the other effects of the catalogue fitted in its role.
+
+    An effect that the priors judge explains a pull on the priors. Alternatives that explain errors of the picture say
+    nothing about that, so only effects judged by the priors compete with it.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Effects fitted together.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    list of SelectedEffect
+        In the order of the effects.
+    """
+    assessed = []
+    together = residual_with(linearised, selected)
+    for index, candidate in enumerate(selected):
+        others = [c for i, c in enumerate(selected) if i != index]
+        selected_ids = {c.hypothesis.effect.id for c in selected}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
+        by_priors = candidate.by_priors
+        if by_priors:
             rest = [s for s in rest if s.by_priors]
         residual, problem = residual_with(linearised, others), linearised.problem(others)
-        reached = square(problem.model.project(together)) + problem.noise_averaging_gain(candidate.applied)
-        best = best_singles(problem, rest, residual, _MOST_FITTED, reached)
-        fitted = replace(candidate, chi2=reached)
+        chi2 = square(problem.model.project(together)) + problem.noise_averaging_gain(candidate.applied)
+        best = best_singles(problem, rest, residual, _MAX_ALTERNATIVES_FITTED, chi2)
+        fitted = replace(candidate, chi2=chi2)
         shape = residual - together
-        found.append(
+        assessed.append(
             SelectedEffect(
                 fitted,
                 tuple(best),
                 square(problem.model.project(residual)),
-                np.nan if prior else heldout_pixels(linearised.model, residual, shape),
-                np.nan if prior else heldout_bands(linearised.model, residual, shape),
-                np.nan if prior else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
+                np.nan if by_priors else heldout_pixels(linearised.model, residual, shape),
+                np.nan if by_priors else heldout_bands(linearised.model, residual, shape),
+                np.nan
+                if by_priors
+                else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
                 linearised.model.count,
                 dispersion(linearised.model, shape, residual),
-                not prior and comes_of_edges(linearised.model, residual, shape),
+                not by_priors and is_edge_artefact(linearised.model, residual, shape),
             )
         )
-    return found
+    return assessed
 
 
 def with_better_alternatives(
-    linearised: LinearisedFit, chosen: Sequence[Candidate], signatures: Sequence[Signature]
+    linearised: LinearisedFit, selected: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
-    """Replace a chosen effect by an alternative as long as one fits better.
+    """Replace a selected effect by an alternative as long as one fits better.
 
-    The first of several effects is chosen while the others are still missing, so it may resemble their sum.
+    The first of several effects is selected while the others are still missing, so it may resemble their sum.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Effects fitted together.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    current : list of Candidate
+        The effects after at most as many exchanges as there are effects, fitted together.
+    assessed : list of SelectedEffect
+        The same with their alternatives.
     """
-    current, known = list(chosen), with_alternatives(linearised, chosen, signatures)
+    current, assessed = list(selected), with_alternatives(linearised, selected, signatures)
     for _ in range(len(current)):
         better = [
             (gain, index)
-            for index, one in enumerate(known)
-            if one.alternatives
-            and (gain := penalised(one.candidate) - penalised(one.alternatives[0])) > INDISTINGUISHABLE
+            for index, effect in enumerate(assessed)
+            if effect.alternatives
+            and (gain := penalised(effect.candidate) - penalised(effect.alternatives[0])) > INDISTINGUISHABLE_CHI2
         ]
         if not better:
             break
         index = max(better)[1]
-        current = refitted_together(linearised, [*current[:index], known[index].alternatives[0], *current[index + 1 :]])
-        known = with_alternatives(linearised, current, signatures)
-    return current, known
+        current = refitted_together(
+            linearised, [*current[:index], assessed[index].alternatives[0], *current[index + 1 :]]
+        )
+        assessed = with_alternatives(linearised, current, signatures)
+    return current, assessed
 
 
 def confirmed_where_held_out(
     linearised: LinearisedFit,
-    chosen: Sequence[Candidate],
-    known: Sequence[SelectedEffect],
+    selected: Sequence[Candidate],
+    assessed: Sequence[SelectedEffect],
     signatures: Sequence[Signature],
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
-    """Drop effects that gain too little in pixels or bands held out from their fit, whose amplitude inside faces is
-    another, or whose amplitude errors that bands and faces share may have made: they resemble another cause."""
-    kept = [
+    """Drop effects that other samples do not confirm: they resemble another cause.
+
+    An effect is dropped for any of three reasons. It gains too little in pixels or bands held out from its fit; it is
+    an edge artefact; or errors shared by bands and faces may have made its amplitude.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Effects fitted together.
+    assessed
+        The same effects, with the results of the tests.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    confirmed : list of Candidate
+        The effects that pass, fitted together again where one was dropped.
+    assessed : list of SelectedEffect
+        The same with their alternatives.
+    """
+    confirmed = [
         candidate
-        for candidate, one in zip(chosen, known, strict=True)
-        if not (one.heldout_pixels < _PREDICTS or one.heldout_bands < _PREDICTS)
-        and not one.of_edges
-        and not one.amplitude_sigma > 1 / _LEAST_SIGMAS
+        for candidate, effect in zip(selected, assessed, strict=True)
+        if not (effect.heldout_pixels < _MIN_HELDOUT_GAIN_RATIO or effect.heldout_bands < _MIN_HELDOUT_GAIN_RATIO)
+        and not effect.edge_artefact
+        and not effect.amplitude_sigma > 1 / _MIN_AMPLITUDE_SIGMA
     ]
-    if len(kept) == len(chosen):
-        return list(chosen), list(known)
-    kept = refitted_together(linearised, kept) if kept else []
-    return kept, with_alternatives(linearised, kept, signatures)
+    if len(confirmed) == len(selected):
+        return list(selected), list(assessed)
+    confirmed = refitted_together(linearised, confirmed) if confirmed else []
+    return confirmed, with_alternatives(linearised, confirmed, signatures)
 
 
-def _amplitude_sigma(model: LinearModel, shape: NDArray, left: NDArray) -> float:
-    """Standard deviation of a multiple, 1 as fitted, of a change that leaves ``left``; both (n + 11,) and projected."""
+def _amplitude_sigma(model: LinearModel, shape: NDArray, remainder: NDArray) -> float:
+    """Standard deviation of a change's multiple, 1 as fitted; (n + 11,) change and remainder."""
     size = max(float(shape @ shape), 1e-30)
-    return float(np.sqrt(parameter_variance(model, shape[:, None], np.array([[1 / size]]), left)[0]))
+    return float(np.sqrt(parameter_variance(model, shape[:, None], np.array([[1 / size]]), remainder)[0]))
 
 
-def groups(known: Sequence[SelectedEffect]) -> tuple[tuple[str, ...], ...]:
-    """The identifiers of each chosen effect and its indistinguishable alternatives, where there are any."""
-    found = []
-    for one in known:
-        if one.indistinguishable:
-            found.append(tuple(c.hypothesis.effect.id for c in (one.candidate, *one.indistinguishable)))
-    return tuple(found)
+def groups(assessed: Sequence[SelectedEffect]) -> tuple[tuple[str, ...], ...]:
+    """Groups of effects that the capture does not distinguish.
+
+    Parameters
+    ----------
+    assessed
+        Selected effects with their alternatives.
+
+    Returns
+    -------
+    tuple of tuple
+        Identifiers of each effect and its indistinguishable alternatives, where there are any.
+    """
+    identifiers = []
+    for effect in assessed:
+        if effect.indistinguishable:
+            identifiers.append(tuple(c.hypothesis.effect.id for c in (effect.candidate, *effect.indistinguishable)))
+    return tuple(identifiers)
 
 
 def heldout_pixels(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
-    """Gain in blocks of pixels held out from the amplitude's fit, over that in the others; 1 is perfect.
+    """Gain in blocks of pixels held out from the amplitude's fit, over that in the others.
 
-    residual, predicted : (n + 11,) projected, over sigma.
+    Blocks of 16 x 16 pixels form a chessboard; either colour is held out in turn. The rows of the priors count with
+    both.
+
+    Parameters
+    ----------
+    model
+        Linear model of the capture.
+    residual
+        (n + 11,) projected residual without the effect.
+    predicted
+        (n + 11,) projected change by the effect.
+
+    Returns
+    -------
+    float
+        1 for an amplitude that is the same everywhere, near 0 for one that other blocks do not show.
     """
     rows, columns = np.indices(model.used.shape[1:])
-    board = ((rows // _BLOCK_PX + columns // _BLOCK_PX) % 2).astype(bool)
-    one = np.broadcast_to(board, model.used.shape)[model.used]
+    board = ((rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2).astype(bool)
+    white = np.broadcast_to(board, model.used.shape)[model.used]
     priors = np.ones(Nuisances.count, bool)
-    own = other = 0.0
-    for part in (one, ~one):
+    fitted_gain = heldout_gain = 0.0
+    for part in (white, ~white):
         inside, outside = np.append(part, priors), np.append(~part, ~priors)
         amplitude = _amplitude(residual[inside], predicted[inside])
-        own += _gain(residual[inside], predicted[inside], amplitude)
-        other += _gain(residual[outside], predicted[outside], amplitude)
-    return other / max(own, 1e-30)
+        fitted_gain += _gain(residual[inside], predicted[inside], amplitude)
+        heldout_gain += _gain(residual[outside], predicted[outside], amplitude)
+    return heldout_gain / max(fitted_gain, 1e-30)
 
 
 def heldout_bands(model: LinearModel, residual: NDArray, predicted: NDArray) -> float:
-    """Gain in each band with the amplitude that the other bands ask for, over that with the one of all bands.
+    """Gain in each band with the other bands' amplitude, over that with the amplitude of all.
 
-    NaN for an effect that acts in one band alone. Parameters as in ``heldout_pixels``.
+    Parameters
+    ----------
+    model
+        Linear model of the capture.
+    residual
+        (n + 11,) projected residual without the effect.
+    predicted
+        (n + 11,) projected change by the effect.
+
+    Returns
+    -------
+    float
+        1 for an amplitude that is the same in all bands; NaN for an effect that acts in one band alone.
     """
     band = np.broadcast_to(np.arange(len(model.used))[:, None, None], model.used.shape)[model.used]
     pixels, shape = residual[: model.count], predicted[: model.count]
     everywhere = _amplitude(pixels, shape)
-    own = other = 0.0
-    for held in range(len(model.used)):
-        inside = band != held
-        if np.sum(shape[inside] ** 2) < _ENOUGH_ELSEWHERE * np.sum(shape**2):
+    fitted_gain = heldout_gain = 0.0
+    for index in range(len(model.used)):
+        inside = band != index
+        if np.sum(shape[inside] ** 2) < _MIN_OTHER_BANDS_PART * np.sum(shape**2):
             continue
         amplitude = _amplitude(pixels[inside], shape[inside])
-        own += _gain(pixels[~inside], shape[~inside], everywhere)
-        other += _gain(pixels[~inside], shape[~inside], amplitude)
-    return other / own if own > 0 else float("nan")
+        fitted_gain += _gain(pixels[~inside], shape[~inside], everywhere)
+        heldout_gain += _gain(pixels[~inside], shape[~inside], amplitude)
+    return heldout_gain / fitted_gain if fitted_gain > 0 else float("nan")
 
 
-def comes_of_edges(model: LinearModel, residual: NDArray, predicted: NDArray) -> bool:
-    """Whether pixels near edges ask for a much larger amplitude than those well inside faces. Parameters as in
-    ``heldout_pixels``."""
+def is_edge_artefact(model: LinearModel, residual: NDArray, predicted: NDArray) -> bool:
+    """Whether samples near edges ask for a much larger amplitude than those well inside faces.
+
+    Rendering errors leave steps between faces, which a gradient may imitate. The amplitude inside faces must be below
+    0.6 of that near edges, by 3 standard deviations. Not tested where the interior holds less than 20 % of the square
+    of the effect's change.
+
+    Parameters
+    ----------
+    model
+        Linear model of the capture.
+    residual
+        (n + 11,) projected residual without the effect.
+    predicted
+        (n + 11,) projected change by the effect.
+
+    Returns
+    -------
+    bool
+        False where it is not tested.
+    """
     pixels, shape = residual[: model.count], predicted[: model.count]
     parts = (model.interior, ~model.interior)
     inside, edges = (float(shape[part] @ shape[part]) for part in parts)
-    if edges <= 0 or inside < _ENOUGH_INSIDE * (inside + edges):
+    if edges <= 0 or inside < _MIN_INTERIOR_PART * (inside + edges):
         return False
     within, near = (_amplitude(pixels[part], shape[part]) for part in parts)
     sigma = float(np.sqrt(1 / inside + 1 / edges))
-    return within < _LEAST_INSIDE * near and near - within > _APART_SIGMAS * sigma
+    return within < _MAX_EDGE_ARTEFACT_RATIO * near and near - within > _MIN_EDGE_ARTEFACT_SIGMA * sigma
 
 
 def _amplitude(residual: NDArray, predicted: NDArray) -> float:
+    """Least-squares multiple of a prediction in a residual."""
     return float(predicted @ residual) / max(float(predicted @ predicted), 1e-30)
 
 
 def _gain(residual: NDArray, predicted: NDArray, amplitude: float) -> float:
+    """Chi2 that a multiple of a prediction takes off a residual."""
     return float(2 * amplitude * (predicted @ residual) - amplitude**2 * (predicted @ predicted))
 
 
 @dataclass(frozen=True, eq=False)
 class Cause(OwnMappings):
-    """One effect, tried alone. values, sigma : its parameters and the standard deviations of those fitted.
+    """One effect tried alone, to be compared with the residual."""
 
-    signature : (band, y, x) the change that it makes, over sigma, without what camera and lamp can imitate; NaN where
-    a pixel is not used. cosine : between signature and residual, -1 to 1; noise keeps it below 1.
-    cosine_with_first : between its signature and the first cause's. behind_sigma : square root of the chi2 that it
-    leaves more than the first cause; 0 where it leaves less.
-    """
-
+    #: Identifier of the effect.
     effect: str
+    #: By parameter, its values.
     values: Mapping[str, str | float]
+    #: By parameter, standard deviations of the fitted ones.
     sigma: Mapping[str, float]
+    #: (band, y, x) the change that it makes, over sigma, without what camera and lamp can imitate; NaN where a sample
+    #: is not used.
     signature: NDArray[np.float32]
+    #: Cosine between signature and residual, -1 to 1; noise keeps it below 1.
     cosine: float
+    #: Cosine between its signature and the first cause's.
     cosine_with_first: float
+    #: Square root of the chi2 that it leaves more than the first cause; 0 where it leaves less.
     behind_sigma: float
 
 
-def likeliest_causes(model: LinearModel, tried: Sequence[Candidate], first: Sequence[str]) -> tuple[Cause, ...]:
-    """The first three causes of those tried alone, best first. first : identifiers that stand before all others."""
-    named = [next((c for c in tried if c.hypothesis.effect.id == name), None) for name in first]
-    before = [c for c in named if c is not None]
-    shown = [*before, *(c for c in tried if c.hypothesis.effect.id not in first)][:_SHOWN]
+def likeliest_causes(model: LinearModel, singles: Sequence[Candidate], first: Sequence[str]) -> tuple[Cause, ...]:
+    """The first causes of those tried alone, best first.
+
+    Parameters
+    ----------
+    model
+        Linear model in which they were tried.
+    singles
+        Effects fitted alone, best first.
+    first
+        Identifiers that come before all others.
+
+    Returns
+    -------
+    tuple of Cause
+        Three at most.
+    """
+    leading = [next((c for c in singles if c.hypothesis.effect.id == name), None) for name in first]
+    available = [c for c in leading if c is not None]
+    causes = [*available, *(c for c in singles if c.hypothesis.effect.id not in first)][:_MAX_CAUSES_SHOWN]
     return tuple(
         Cause(
             c.hypothesis.effect.id,
@@ -278,14 +420,15 @@ def likeliest_causes(model: LinearModel, tried: Sequence[Candidate], first: Sequ
             dict(c.sigma),
             model.image(c.predicted).astype(np.float32),
             _cosine(c.predicted, model.residual),
-            _cosine(c.predicted, shown[0].predicted),
-            float(np.sqrt(max(c.chi2 - shown[0].chi2, 0.0))),
+            _cosine(c.predicted, causes[0].predicted),
+            float(np.sqrt(max(c.chi2 - causes[0].chi2, 0.0))),
         )
-        for c in shown
+        for c in causes
     )
 
 
 def _cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    """Cosine between two vectors in double precision; NaN where one is 0."""
     a, b = a.astype(float), b.astype(float)
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(a @ b) / size if size > 0 else float("nan")

@@ -1,4 +1,4 @@
-"""Which physical effect does the model lack? From a validation to ranked effects and the path of the falling error."""
+"""Diagnosis of a validation: ranked effects, the path of the falling error, the explanation."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import OwnMappings
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..compare import Comparison, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
-    LEAST_EXPLAINED,
+    MIN_EXPLAINED_PART,
     SHAPE_ERROR,
     Limit,
     explained_part,
@@ -25,7 +26,7 @@ from .evidence import (
     square,
 )
 from .explain import Explanation, explain, hidden
-from .foreign_side import ForeignSide, foreign_side
+from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
@@ -36,201 +37,274 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .search import Candidate
-from .several_captures import FurtherFit, same_camera, settled
+from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import beats, excess_of, reported
+from .unexplained import excess_of, explanation_to_report, family_beats_effects
 
-__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
+__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
 
-#: What is selected where something remains that no effect of the catalogue explains.
+#: Identifier selected where something remains that no effect of the catalogue explains.
 UNKNOWN = "unknown"
 
-#: Where one effect leaves more chi2 per sample than this above noise, one family is tried in its stead.
-_WORTH_A_FAMILY = 0.03
+#: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
+#: excess of a remainder (`evidence`).
+_MIN_CHI2_FOR_FAMILY = 0.03
 
-#: Probability that nothing is missing where no effect was accepted.
+#: Probability that nothing is missing, where no effect was accepted. Set by judgement.
 NOTHING_MISSING = 0.95
+
+#: Probability of an unknown cause where that is the whole answer. Set by judgement.
+_UNKNOWN_ALONE = 0.9
+
+#: Probability of an unknown cause where something remains next to effects. Set by judgement.
+_UNKNOWN_REMAINS = 0.3
+
+#: Probability of an unknown cause where nothing remains. Set by judgement.
+_UNKNOWN_EXPLAINED = 0.02
 
 
 @dataclass(frozen=True)
 class Ranked(OwnMappings):
-    """One effect tried alone. values : its parameters. sigma : standard deviations of those fitted."""
+    """One effect tried alone."""
 
+    #: Identifier of the effect.
     effect: str
+    #: By parameter, its values.
     values: Mapping[str, str | float]
+    #: By parameter, standard deviations of the fitted ones.
     sigma: Mapping[str, float]
+    #: Chi2 per sample with the effect.
     chi2_per_dof: float
+    #: Probability that it is a cause.
     probability: float
 
 
 @dataclass(frozen=True, eq=False)
 class Step(OwnMappings):
-    """The model with the first effects selected. effects : these. sigma : standard deviations of their numbers.
+    """The model with the first of the selected effects."""
 
-    smooth_excess : see ``linear_model``. prior_pull : standard deviations by which the fitted camera and lamp miss what
-    is known of them. comparison : measured against this model, camera and lamp fitted.
-    """
-
+    #: The first effects, in the order of selection.
     effects: tuple[AppliedEffect, ...]
+    #: For each, standard deviations of its numbers by parameter.
     sigma: tuple[Mapping[str, float], ...]
+    #: Excess of interior block means over noise, chi2 per sample, see `linear_model.smooth_excess`.
     smooth_excess: float
+    #: Standard deviations by which fitted camera and lamp miss survey and stated power.
     prior_pull: float
+    #: Photograph against this model, camera and lamp fitted.
     comparison: Comparison
 
 
 @dataclass(frozen=True)
-class FurtherCaptureFound:
-    """Another capture of the box: chi2 per sample of the model as given and with the effects found, and whether
-    anything remains that they do not explain. same_camera : whether it states the same sensor, lens and filters."""
+class FurtherCaptureResult:
+    """Result for a further capture of the box."""
 
+    #: Name of its folder.
     capture: str
+    #: Whether it states the same sensor, lens and filters.
     same_camera: bool
+    #: Chi2 per sample of the model as given.
     chi2_per_dof: float
+    #: Chi2 per sample with the selected effects.
     final_chi2_per_dof: float
+    #: Whether nothing remains that the effects do not explain.
     adequate: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What a model lacks.
+    """Effects that a model lacks, and what they leave."""
 
-    adequate : whether the model as given is. ranking : every effect tried alone, best first. selected :
-    effects in the order added, "unknown" last where something remains. chi2_per_dof, final_chi2_per_dof : of
-    the model as given and with the selected effects, nuisances fitted, the base picture's own error counted.
-    indistinguishable : groups this capture cannot separate. heldout_pixels, heldout_bands : gain where held out
-    from the fit over that where fitted, the least of all selected effects; NaN where it cannot be tried.
-    separations : the captures that would separate those groups. model : the given one with the selected effects.
-    residual : (band, y, x) measured less the model as given, over sigma, without what camera and lamp can imitate; NaN
-    where not used. causes : the likeliest ones tried alone, to be seen beside it.
-    explanation : what a family of fields says about what no effect explains; None where nothing remains.
-    render : what another renderer's picture lacks by itself; None for our own. further : the other captures asked.
-    certainty : amplitude over its standard deviation, the least of all effects found, where they are so small that the
-    picture's own errors had to be counted; NaN otherwise. limits : where nothing was found, the smallest size at which
-    each effect would have been.
-    """
-
+    #: Whether the model as given is adequate.
     adequate: bool
+    #: Chi2 per sample of the model as given, nuisances fitted, errors of the rendering counted.
     chi2_per_dof: float
+    #: The same with the selected effects.
     final_chi2_per_dof: float
+    #: Every effect tried alone, by probability.
     ranking: tuple[Ranked, ...]
+    #: Identifiers of the selected effects in the order added; "unknown" last where something remains.
     selected: tuple[str, ...]
+    #: Groups of effects that this capture does not distinguish.
     indistinguishable: tuple[tuple[str, ...], ...]
+    #: The model as given, then with one effect more each.
     path: tuple[Step, ...]
+    #: Gain in pixels held out over that where fitted, the smallest of all selected effects; NaN where untested.
     heldout_pixels: float
+    #: Gain in bands held out over that where fitted, the smallest of all; NaN where untested.
     heldout_bands: float
+    #: Captures that would distinguish those groups.
     separations: tuple[Separation, ...]
+    #: The model with the selected effects.
     model: Model
+    #: (band, y, x) measured minus the model as given, over sigma, without what camera and lamp can imitate; NaN where
+    #: not used.
     residual: NDArray[np.float32]
+    #: The likeliest causes tried alone, to be compared with `residual`.
     causes: tuple[Cause, ...]
+    #: The family of fields that explains what no effect does; None where nothing remains.
     explanation: Explanation | None = None
-    render: ForeignSide | None = None
-    further: tuple[FurtherCaptureFound, ...] = ()
+    #: Light that an external rendering lacks by itself; None for our own.
+    render: ExternalRender | None = None
+    #: Results for the further captures.
+    further: tuple[FurtherCaptureResult, ...] = ()
+    #: Amplitude over its standard deviation, the smallest of all selected effects, where rendering errors were counted;
+    #: NaN otherwise.
     certainty: float = float("nan")
+    #: Detection limit of each effect; empty where something is selected.
     limits: tuple[Limit, ...] = ()
 
 
-def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
-    """Find which effects of the catalogue explain a validation's residual.
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """Selected effects of a capture, their fit, and the explanation of what they leave."""
 
-    further : of other captures of the same box. They decide between the effects found and those that could stand in
-    their stead, and are compared with the model found.
-    Raises InputError where nothing could be compiled and so nothing can be predicted.
+    #: The picture with the effects, linearised.
+    linearised: LinearisedFit
+    #: The effects, fitted together.
+    effects: list[Candidate]
+    #: The same with their alternatives.
+    assessed: list[SelectedEffect]
+    #: (n + 11,) projected residual with the effects, over sigma.
+    residual: NDArray[np.float64]
+    #: Identifiers of the effects; "unknown" last where something remains.
+    selected: tuple[str, ...] = ()
+    #: Explanation of what remains; None where nothing does.
+    explanation: Explanation | None = None
+
+
+def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
+    """Find the effects of the catalogue that explain a validation's residual.
+
+    Parameters
+    ----------
+    validation
+        Validation of a capture by the model.
+    progress
+        Reports the completed share.
+    further
+        Validations of further captures of the same box. They decide between the selected effects and their
+        alternatives, and are compared with the resulting model.
+
+    Returns
+    -------
+    Diagnosis
+        Effects, ranking, remainder and explanation.
+
+    Raises
+    ------
+    InputError
+        Without a compiled variant of the engine, which predicts effects.
     """
-    validation, render = foreign_side(validation)
+    validation, render = external_render(validation)
     prepared, model = validation.prepared, validation.model
     first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    by_size, found = _searched(validation, first, progress)
-    linearised, chosen, known = found.linearised, found.chosen, found.known
-    others = [_further_fit(validation, one, chosen) for one in further]
-    if chosen and others:
-        as_judged = [replace(one, linearised=found.judging(one.linearised)) for one in others]
-        known = settled(prepared, found.judging(linearised), known, as_judged)
-        chosen = [one.candidate for one in known]
-    if not chosen:
+    by_size, search = _search(validation, first, progress)
+    linearised, effects, assessed = search.linearised, search.selected, search.assessed
+    further_fits = [_further_fit(validation, other, effects) for other in further]
+    if effects and further_fits:
+        as_judged = [replace(fit, linearised=search.judging(fit.linearised)) for fit in further_fits]
+        assessed = refitted_to_all(prepared, search.judging(linearised), assessed, as_judged)
+        effects = [effect.candidate for effect in assessed]
+    if not effects:
         linearised = first
-    residual = residual_with(linearised, chosen)
-    left = something_remains(linearised.model, residual, residual_with_rendered(linearised, chosen))
+    answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     progress.stage("explaining what remains")
-    capture = prepared.calibration.capture
-    excess = excess_of(linearised, residual, capture)
-    remains, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
-    explanation = reported((remains, *hidden(excess)), linearised.model, residual, by_effects, left)
-    left = explanation is not None
-    selected = tuple(c.hypothesis.effect.id for c in chosen)
-    if left:
-        enough = explained_part(linearised.model, residual) > LEAST_EXPLAINED
-        selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
-    rest = square(residual) / linearised.model.count - 1
-    if chosen and (left or len(chosen) > 1 or rest > _WORTH_A_FAMILY):
-        whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or beats(whole, start, chosen, linearised.model, residual, explanation):
-            explanation, selected, left = whole, (UNKNOWN,), True
-    if selected == (UNKNOWN,):
-        linearised, chosen, known, residual = first, [], [], start.residual
-    added = tuple(c.applied for c in chosen)
-    steps = [Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)]
-    for count in range(1, len(chosen) + 1):
-        steps.append(
-            _step(
-                validation,
-                linearised,
-                refitted_together(linearised, chosen[:count]) if count < len(chosen) else chosen,
-            )
-        )
+    answer = _explained(first, answer, prepared.calibration.capture, progress)
+    path = _path(validation, start, answer)
     progress.part(1.0)
+    effect_ids = [c.hypothesis.effect.id for c in answer.effects]
     return Diagnosis(
-        adequate=not selected,
+        adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
-        final_chi2_per_dof=float(residual @ residual) / linearised.model.count,
-        ranking=_ranking(by_size.singles, found, known, start, left, selected),
-        selected=selected,
-        indistinguishable=groups(known),
-        path=tuple(steps),
-        heldout_pixels=_least([p.heldout_pixels for p in known]),
-        heldout_bands=_least([p.heldout_bands for p in known]),
-        separations=separations(prepared, linearised, known),
-        model=replace(model, effects=(*model.effects, *added)),
+        final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
+        ranking=_ranking(
+            by_size.singles, search, answer.assessed, start, answer.explanation is not None, answer.selected
+        ),
+        selected=answer.selected,
+        indistinguishable=groups(answer.assessed),
+        path=path,
+        heldout_pixels=_least([effect.heldout_pixels for effect in answer.assessed]),
+        heldout_bands=_least([effect.heldout_bands for effect in answer.assessed]),
+        separations=separations(prepared, answer.linearised, answer.assessed),
+        model=replace(model, effects=(*model.effects, *(c.applied for c in answer.effects))),
         residual=start.image(start.residual).astype(np.float32),
-        causes=likeliest_causes(found.first, found.singles, [c.hypothesis.effect.id for c in chosen])
-        if selected
-        else (),
-        explanation=explanation,
+        causes=likeliest_causes(search.first, search.singles, effect_ids) if answer.selected else (),
+        explanation=answer.explanation,
         render=render,
-        certainty=_least([] if found.first.errors is None else [one.certainty for one in known]),
-        limits=() if selected else found.limits,
-        further=tuple(_found_in(one, fit_, chosen) for one, fit_ in zip(further, others, strict=True)),
+        certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
+        limits=() if answer.selected else search.limits,
+        further=tuple(
+            _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
+        ),
     )
 
 
-def _searched(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
-    """The effects selected by size, and those found in the end. The signatures, much of the memory, end here."""
+def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress: Progress) -> _Answer:
+    """An answer with the explanation of what its effects leave, or of the excess as a whole.
+
+    Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
+    given. first : the picture without effects.
+    """
+    start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
+    remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
+    excess = excess_of(answer.linearised, residual, capture)
+    best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
+    explanation = explanation_to_report((best, *hidden(excess)), model, residual, by_effects, remains)
+    selected = tuple(c.hypothesis.effect.id for c in effects)
+    if explanation is not None:
+        enough = explained_part(model, residual) > MIN_EXPLAINED_PART
+        selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
+    chi2_above_noise = square(residual) / model.count - 1
+    if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
+        alone = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
+        if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
+            explanation, selected = alone, (UNKNOWN,)
+    if selected == (UNKNOWN,):
+        return _Answer(first, [], [], start.residual, selected, explanation)
+    return replace(answer, selected=selected, explanation=explanation)
+
+
+def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
+    """The model as given, then with one effect more each, fitted without the later ones."""
+    linearised, effects = answer.linearised, answer.effects
+    steps = [Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)]
+    for count in range(1, len(effects) + 1):
+        first_effects = refitted_together(linearised, effects[:count]) if count < len(effects) else effects
+        steps.append(_step(validation, linearised, first_effects))
+    return tuple(steps)
+
+
+def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
+    """Effects selected by size, and in the end; frees the signatures, much of the memory."""
     start = first.model
     progress.stage("trying every effect")
-    signatures = signatures_of(first, first.given, validation.model.render, share(progress, 0.0, 0.6))
+    signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
     progress.stage("choosing among effects")
-    found = by_size = selection(validation, first, signatures, progress)
-    if not found.chosen and not something_remains(start, start.residual, start.residual):
-        # nothing large: what is small, but sharp or coloured, may still be told from the picture's own errors
-        found = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return by_size, found
+    by_size = search = selection(validation, first, signatures, progress)
+    if not by_size.selected and not something_remains(start, start.residual, start.residual):
+        # nothing large: small effects that are sharp or coloured still differ from rendering errors
+        search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
+    return by_size, search
 
 
-def _further_fit(validation: Validation, other: Validation, chosen: Sequence[Candidate]) -> FurtherFit:
-    """Another capture's picture, rendered and linearised with the effects found in the first one."""
+def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:
+    """Another capture's picture, rendered and linearised with the first one's effects."""
     plain = linearised_fit(other.prepared, other.rendered, other.model.effects)
-    there = refitted(other, plain, chosen) if chosen else plain
+    linearised = refitted(other, plain, effects) if effects else plain
     captures = (v.prepared.calibration.capture for v in (validation, other))
-    return FurtherFit(other.prepared, there, same_camera(*captures))
+    return FurtherFit(other.prepared, linearised, same_camera(*captures))
 
 
-def _found_in(other: Validation, found: FurtherFit, chosen: Sequence[Candidate]) -> FurtherCaptureFound:
-    linearised = found.linearised
-    before, residual = linearised.model.residual, residual_with(linearised, chosen)
-    rendered = residual_with_rendered(linearised, chosen)
-    return FurtherCaptureFound(
+def _further_result(other: Validation, fit: FurtherFit, effects: Sequence[Candidate]) -> FurtherCaptureResult:
+    """Comparison of a further capture with the model as given and with the selected effects."""
+    linearised = fit.linearised
+    before, residual = linearised.model.residual, residual_with(linearised, effects)
+    rendered = residual_with_rendered(linearised, effects)
+    return FurtherCaptureResult(
         capture=other.prepared.calibration.capture.folder.name,
-        same_camera=found.camera_shared,
+        same_camera=fit.camera_shared,
         chi2_per_dof=square(before) / linearised.model.count,
         final_chi2_per_dof=square(residual) / linearised.model.count,
         adequate=not something_remains(linearised.model, residual, rendered),
@@ -238,19 +312,20 @@ def _found_in(other: Validation, found: FurtherFit, chosen: Sequence[Candidate])
 
 
 def _least(gains: Sequence[float]) -> float:
+    """The smallest finite gain; NaN for none."""
     return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
 
 
-def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate]) -> Step:
+def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[Candidate]) -> Step:
     """The model with these effects, compared; the lamp's scale is fitted with them in place."""
-    prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, chosen)
-    applied = tuple(c.applied for c in chosen)
-    signal = linearised.predictor.signal((*linearised.given, *applied))
+    prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, effects)
+    applied = tuple(c.applied for c in effects)
+    signal = linearised.predictor.signal((*linearised.model_effects, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
     return Step(
         effects=applied,
-        sigma=tuple(dict(c.sigma) for c in chosen),
+        sigma=tuple(dict(c.sigma) for c in effects),
         smooth_excess=smooth_excess(linearised.model, residual),
         prior_pull=prior_pull(residual),
         comparison=compared(prepared, rendered, scale * signal),
@@ -259,49 +334,53 @@ def _step(validation: Validation, linearised: LinearisedFit, chosen: Sequence[Ca
 
 def _ranking(
     by_size: Sequence[Candidate],
-    found: Selection,
-    known: Sequence[SelectedEffect],
+    search: Selection,
+    assessed: Sequence[SelectedEffect],
     start: LinearModel,
-    left: bool,
+    remains: bool,
     selected: tuple[str, ...],
 ) -> tuple[Ranked, ...]:
-    """The selected effects by the chi2 that leaving them out costs, then their alternatives, then all others.
+    """Effects by probability: the selected ones, then their alternatives, then all others.
 
-    A selected effect and its alternatives share the probability among them. Where no effect was selected, that
-    nothing is missing has NOTHING_MISSING of it.
+    A selected effect and its alternatives share its probability. Where no effect was selected, NOTHING_MISSING of it is
+    that nothing is missing. Chi2 without errors counted is that of the model as given minus the gain of the effect, in
+    whatever covariance the gain was computed.
     """
-    singles = found.singles
-    # chi2 of the model as given less the gain, in whatever covariance the gain was found
-    counted = start.chi2 - found.first.chi2
-    unknown = 0.9 if selected == (UNKNOWN,) else 0.3 if left else 0.02
+    singles = search.singles
+    offset = start.chi2 - search.first.chi2
+    explained = _UNKNOWN_REMAINS if remains else _UNKNOWN_EXPLAINED
+    unknown = _UNKNOWN_ALONE if selected == (UNKNOWN,) else explained
     entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
-    entries |= {c.hypothesis.effect.id: _ranked(c, counted, start.count, 0.0) for c in singles}
+    entries |= {c.hypothesis.effect.id: _ranked(c, offset, start.count, 0.0) for c in singles}
     if set(selected) - {UNKNOWN}:
-        for effect in sorted(known, key=lambda e: e.chi2_without):
-            everyone = [effect.candidate, *effect.alternatives]
-            shares = _shares(everyone, effect.chi2_without, effect.dispersion)
-            for candidate, share in zip(everyone, shares, strict=True):
-                entry = _ranked(candidate, counted, effect.count, (1 - unknown) * share)
-                other = entries.get(entry.effect)
-                if candidate is effect.candidate or other is None or entry.probability > other.probability:
+        for effect in sorted(assessed, key=lambda e: e.chi2_without):
+            rivals = [effect.candidate, *effect.alternatives]
+            shares = _shares(rivals, effect.chi2_without, effect.dispersion)
+            for candidate, share in zip(rivals, shares, strict=True):
+                entry = _ranked(candidate, offset, effect.count, (1 - unknown) * share)
+                listed = entries.get(entry.effect)
+                if candidate is effect.candidate or listed is None or entry.probability > listed.probability:
                     entries[entry.effect] = entry
     else:
-        rest = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
-        for candidate, share in zip(singles, _shares(singles, found.first.chi2, 1.0), strict=True):
-            entries[candidate.hypothesis.effect.id] = _ranked(candidate, counted, start.count, rest * share)
-    lowest = min((counted + c.chi2 for c in singles), default=start.chi2)
+        others_share = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
+        for candidate, share in zip(singles, _shares(singles, search.first.chi2, 1.0), strict=True):
+            entries[candidate.hypothesis.effect.id] = _ranked(candidate, offset, start.count, others_share * share)
+    lowest = min((offset + c.chi2 for c in singles), default=start.chi2)
     entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
     return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
 
 
-def _ranked(candidate: Candidate, counted: float, count: int, probability: float) -> Ranked:
+def _ranked(candidate: Candidate, offset: float, count: int, probability: float) -> Ranked:
+    """An entry of the ranking; its chi2 plus an offset counts."""
     values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
-    return Ranked(candidate.hypothesis.effect.id, values, sigma, (counted + candidate.chi2) / count, probability)
+    return Ranked(candidate.hypothesis.effect.id, values, sigma, (offset + candidate.chi2) / count, probability)
 
 
 def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
-    """Probabilities from the differences of chi2, each number at its price; the error of the effects' shapes may make a
-    part of them."""
+    """Probabilities from differences of chi2, each number at its price.
+
+    The errors of the effects' shapes may make a part of the differences, which widens them.
+    """
     chi2 = np.array([penalised(c) for c in candidates])
     weights = np.exp(-0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
     return [float(w) for w in weights / weights.sum()]

@@ -1,7 +1,7 @@
-"""The cheapest further capture that would tell two effects apart, from what each predicts for it.
+"""The cheapest further capture that distinguishes two effects, by their predictions for it.
 
-This capture and the further one are fitted together. Two effects are told apart by the chi2 between their predictions,
-minimised over camera, lamp and the numbers of one of them.
+This capture and the further one are fitted together. Two effects are distinguished by the chi2 between their
+predictions, minimised over camera, lamp and the numbers of one of them.
 """
 
 from __future__ import annotations
@@ -23,110 +23,134 @@ from .search import Candidate, steps_of
 
 __all__ = ["FurtherCapture", "Separation", "distance", "further_captures", "separations"]
 
-#: Difference in chi2 that counts as told apart: five standard deviations.
-_ENOUGH = 25.0
+#: Difference in chi2 from which two effects count as distinguished: five standard deviations.
+_DISTINGUISHED_CHI2 = 25.0
 
-#: Time that a frame takes beside its exposure: filter, focus, file.
+#: Time that a frame takes in addition to its exposure, s: filter, focus, file. An estimate.
 _HANDLING_S = 5.0
 
-#: The brightest pixel of a frame of the lamp, as a part of full scale.
+#: Brightest pixel of a frame exposed for the lamp, as a share of full scale: leaves room for noise.
 _LAMP_LEVEL = 0.8
 
-#: Factor on the number of frames of the capture that repeats this one.
-_AGAIN = 4
+#: Factor on the number of frames of the capture that repeats this one: halves the noise.
+_REPEAT_FACTOR = 4
 
 
 @dataclass(frozen=True, eq=False)
 class FurtherCapture:
-    """words : what to photograph. seconds : what it takes. exposure : (band,) factor on the exposure times.
+    """A capture that could be taken next."""
 
-    aperture : factor on the aperture's diameter. capped : light is kept out, the lamp stays on. minutes : (band,)
-    when. frames : factor on the number of frames. used : (band, y, x).
-    """
-
-    words: str
+    #: Description for the photographer.
+    description: str
+    #: Time that it takes, s.
     seconds: float
+    #: (band,) factor on the exposure times.
     exposure: NDArray[np.float64]
+    #: (band,) time of the frames since the first one, min.
     minutes: NDArray[np.float64]
+    #: (band, y, x) whether a sample is used.
     used: NDArray[np.bool_]
+    #: Factor on the aperture's diameter.
     aperture: float = 1.0
+    #: Whether light is kept out while the lamp stays on.
     capped: bool = False
+    #: Factor on the number of frames.
     frames: int = 1
 
 
 @dataclass(frozen=True)
 class Separation:
-    """What tells ``alternative`` from ``effect``. now : chi2 between them in this capture. chi2 : with the further one.
+    """The capture that distinguishes an alternative from a selected effect."""
 
-    words, seconds : of the cheapest capture that is expected to be enough, or of the best one tried; enough :
-    which of the two.
-    """
-
+    #: Identifier of the selected effect.
     effect: str
+    #: Identifier of the alternative.
     alternative: str
+    #: Chi2 between the two in this capture alone.
     now: float
+    #: Description of the cheapest capture that is expected to be enough, or else of the best one.
     words: str
+    #: Time that it takes, s.
     seconds: float
+    #: Chi2 between the two in this capture and the further one.
     chi2: float
+    #: Whether this is expected to distinguish them.
     enough: bool
 
 
 def further_captures(prepared: Prepared, linearised: LinearisedFit) -> list[FurtherCapture]:
-    """What a laboratory could photograph next with the same camera, filters and box."""
+    """Captures that a laboratory could take next with the same camera, filters and box.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    linearised
+        Its linearised fit.
+
+    Returns
+    -------
+    list of FurtherCapture
+        Six, not ordered by time.
+    """
     sensing, used = linearised.predictor.sensing, linearised.model.used
     frames = np.array([len(b.frames) for b in prepared.calibration.capture.manifest.band])
-    one, time = np.ones(len(frames)), sensing.exposure_scene
+    unchanged, time = np.ones(len(frames)), sensing.exposure_scene
 
     def seconds(exposure: NDArray, bands: NDArray, count: int = 1) -> float:
         return float(np.sum((count * frames * (time * exposure + _HANDLING_S))[bands]))
 
-    every, later = np.arange(len(frames)), sensing.minutes.max() + 1.0
-    is_first = sensing.minutes == sensing.minutes.min()
-    first = used & is_first[:, None, None]
+    all_bands, later = np.arange(len(frames)), sensing.minutes.max() + 1.0
+    in_first_band = sensing.minutes == sensing.minutes.min()
+    first = used & in_first_band[:, None, None]
     peak = np.max(linearised.scale * linearised.base, axis=(1, 2))
     short = np.minimum(_LAMP_LEVEL * sensing.full_scale / np.maximum(peak, 1e-9), 1.0)
-    whole = np.broadcast_to(np.isfinite(linearised.base).all(axis=0), used.shape)
+    finite = np.broadcast_to(np.isfinite(linearised.base).all(axis=0), used.shape)
     return [
         FurtherCapture(
             "the first band once more, after the last one",
-            seconds(one, every[is_first]),
-            one,
+            seconds(unchanged, all_bands[in_first_band]),
+            unchanged,
             np.full(len(frames), later),
             first,
         ),
         FurtherCapture(
             "frames with the lens capped and the lamp on, at the same exposures",
-            seconds(one, every),
-            one,
+            seconds(unchanged, all_bands),
+            unchanged,
             sensing.minutes,
             used,
             capped=True,
         ),
         FurtherCapture(
             "all bands with exposures so short that the lamp itself is not clipped",
-            seconds(short, every),
+            seconds(short, all_bands),
             short,
             sensing.minutes + later,
-            whole,
+            finite,
         ),
         FurtherCapture(
-            "all bands at half the exposure", seconds(0.5 * one, every), 0.5 * one, sensing.minutes + later, used
+            "all bands at half the exposure",
+            seconds(0.5 * unchanged, all_bands),
+            0.5 * unchanged,
+            sensing.minutes + later,
+            used,
         ),
         FurtherCapture(
             "all bands at half the aperture's diameter and four times the exposure",
-            seconds(4 * one, every),
-            4 * one,
+            seconds(4 * unchanged, all_bands),
+            4 * unchanged,
             sensing.minutes + later,
             used,
             aperture=0.5,
         ),
         FurtherCapture(
-            f"all bands again, {_AGAIN} times as many frames",
-            seconds(one, every, _AGAIN),
-            one,
+            f"all bands again, {_REPEAT_FACTOR} times as many frames",
+            seconds(unchanged, all_bands, _REPEAT_FACTOR),
+            unchanged,
             sensing.minutes,
             used,
-            frames=_AGAIN,
+            frames=_REPEAT_FACTOR,
         ),
     ]
 
@@ -139,7 +163,7 @@ def _signal(
     predictor, sensing = linearised.predictor, linearised.predictor.sensing
     light = predictor.before_optics(altered)
     factor = capture.exposure * capture.aperture**2
-    there = replace(
+    changed_sensing = replace(
         sensing,
         curves=replace(sensing.curves, factor=sensing.curves.factor * factor),
         exposure_scene=sensing.exposure_scene * capture.exposure,
@@ -147,7 +171,7 @@ def _signal(
     )
     arriving = np.zeros((1, 1, 1)) if capture.capped else factor[:, None, None]
     scene = light.scaled(arriving)
-    return expected_signal(scene, there, altered, predictor.camera)
+    return expected_signal(scene, changed_sensing, altered, predictor.camera)
 
 
 def _whitened(
@@ -155,29 +179,29 @@ def _whitened(
     linearised: LinearisedFit,
     capture: FurtherCapture | None,
     others: Sequence[AppliedEffect],
-    one: Candidate,
+    candidate: Candidate,
     alternative: Candidate,
 ) -> tuple[NDArray, NDArray]:
-    """Difference (n,) of two effects' predictions over sigma, and its derivatives (n, k) by what is minimised over."""
-    given = (*linearised.given, *others)
+    """Difference (n,) of two effects' predictions over sigma, and its derivatives (n, k)."""
+    model_effects = (*linearised.model_effects, *others)
 
     def signal(effect: AppliedEffect) -> NDArray[np.float64]:
         if capture is None:
-            return linearised.scale * linearised.predictor.signal((*given, effect))
-        return _signal(linearised, (*given, effect), capture)
+            return linearised.scale * linearised.predictor.signal((*model_effects, effect))
+        return _signal(linearised, (*model_effects, effect), capture)
 
-    here = signal(alternative.applied)
-    moved = [(signal(step.after.applied) - here) / step.size for step in steps_of(alternative)]
+    alternative_signal = signal(alternative.applied)
+    moved = [(signal(step.after.applied) - alternative_signal) / step.size for step in steps_of(alternative)]
     used = linearised.model.used if capture is None else capture.used
     factor = np.ones(len(used)) if capture is None else capture.exposure * capture.aperture**2
     light = 0.0 if capture is not None and capture.capped else factor[:, None, None]
     frames = 1 if capture is None else capture.frames
-    lit = np.maximum(here, 0.0)
-    variance = prepared.calibration.predicted_variance(lit) / frames + model_variance(lit)
+    positive_signal = np.maximum(alternative_signal, 0.0)
+    variance = prepared.calibration.predicted_variance(positive_signal) / frames + model_variance(positive_signal)
     sigma = np.sqrt(variance[used])
     nuisances = [light * picture for picture in (*linearised.scale * linearised.derivative, linearised.base)]
     columns = [picture[used] / sigma for picture in (*nuisances, *moved)]
-    return (signal(one.applied) - here)[used] / sigma, np.array(columns).T
+    return (signal(candidate.applied) - alternative_signal)[used] / sigma, np.array(columns).T
 
 
 def distance(
@@ -185,22 +209,42 @@ def distance(
     linearised: LinearisedFit,
     capture: FurtherCapture | None,
     others: Sequence[AppliedEffect],
-    one: Candidate,
+    candidate: Candidate,
     alternative: Candidate,
 ) -> float:
-    """Chi2 between the predictions of two effects in this capture and a further one (None: this one alone), minimised
-    over camera, lamp and the alternative's numbers. others : effects in the model with either."""
-    parts = [_whitened(prepared, linearised, c, others, one, alternative) for c in dict.fromkeys([None, capture])]
+    """Chi2 between the predictions of two effects, minimised over nuisances and free numbers.
+
+    Parameters
+    ----------
+    prepared
+        This capture.
+    linearised
+        Its linearised fit.
+    capture
+        Further capture, fitted together with this one; None for this one alone.
+    others
+        Effects in the model with either.
+    candidate
+        One effect, its numbers fixed.
+    alternative
+        The other effect, whose numbers are free to first order.
+
+    Returns
+    -------
+    float
+        Chi2.
+    """
+    parts = [_whitened(prepared, linearised, c, others, candidate, alternative) for c in dict.fromkeys([None, capture])]
     priors = linearised.model.priors
 
-    def surveyed(effect: AppliedEffect) -> NDArray[np.float64]:
-        moved = displacement(linearised.predictor.camera, (*linearised.given, *others), (effect,))
+    def prior_pull(effect: AppliedEffect) -> NDArray[np.float64]:
+        moved = displacement(linearised.predictor.camera, (*linearised.model_effects, *others), (effect,))
         return -priors @ np.append(moved, 0.0)
 
-    here = surveyed(alternative.applied)
-    moved = [(surveyed(step.after.applied) - here) / step.size for step in steps_of(alternative)]
+    alternative_pull = prior_pull(alternative.applied)
+    moved = [(prior_pull(step.after.applied) - alternative_pull) / step.size for step in steps_of(alternative)]
     rows = [priors, *(column[:, None] for column in moved)]
-    difference = np.concatenate([*(d for d, _ in parts), surveyed(one.applied) - here])
+    difference = np.concatenate([*(d for d, _ in parts), prior_pull(candidate.applied) - alternative_pull])
     design = np.concatenate([*(x for _, x in parts), np.hstack(rows)])
     size = np.linalg.norm(design, axis=0)
     design = design[:, size > 0] / size[size > 0]
@@ -210,30 +254,47 @@ def distance(
 
 
 def separations(
-    prepared: Prepared, linearised: LinearisedFit, known: Sequence[SelectedEffect]
+    prepared: Prepared, linearised: LinearisedFit, assessed: Sequence[SelectedEffect]
 ) -> tuple[Separation, ...]:
-    """For each selected effect and each indistinguishable alternative, the capture that would tell them apart."""
+    """The capture that would distinguish each selected effect from each of its alternatives.
+
+    Captures are tried from the shortest on until one is expected to be enough.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    linearised
+        Its linearised fit.
+    assessed
+        Selected effects with their alternatives.
+
+    Returns
+    -------
+    tuple of Separation
+        One per pair that the capture does not distinguish.
+    """
     captures = sorted(further_captures(prepared, linearised), key=lambda c: c.seconds)
-    found: list[Separation] = []
-    for one in known:
-        others = [p.candidate.applied for p in known if p is not one]
-        for alternative in one.indistinguishable:
-            tried = []
+    results: list[Separation] = []
+    for effect in assessed:
+        others = [p.candidate.applied for p in assessed if p is not effect]
+        for alternative in effect.indistinguishable:
+            distances = []
             for capture in captures:
-                reached = distance(prepared, linearised, capture, others, one.candidate, alternative)
-                tried.append((reached, capture))
-                if reached > _ENOUGH:
+                chi2 = distance(prepared, linearised, capture, others, effect.candidate, alternative)
+                distances.append((chi2, capture))
+                if chi2 > _DISTINGUISHED_CHI2:
                     break
-            best, capture = max(tried, key=lambda item: item[0])
-            found.append(
+            best, capture = max(distances, key=lambda item: item[0])
+            results.append(
                 Separation(
-                    effect=one.candidate.hypothesis.effect.id,
+                    effect=effect.candidate.hypothesis.effect.id,
                     alternative=alternative.hypothesis.effect.id,
-                    now=distance(prepared, linearised, None, others, one.candidate, alternative),
-                    words=capture.words,
+                    now=distance(prepared, linearised, None, others, effect.candidate, alternative),
+                    words=capture.description,
                     seconds=capture.seconds,
                     chi2=best,
-                    enough=best > _ENOUGH,
+                    enough=best > _DISTINGUISHED_CHI2,
                 )
             )
-    return tuple(found)
+    return tuple(results)

@@ -1,4 +1,4 @@
-"""Every way in which one effect of the catalogue could act: choices made, numbers free."""
+"""Hypotheses: an effect of the catalogue with its choices made and its numbers free."""
 
 from __future__ import annotations
 
@@ -16,18 +16,30 @@ __all__ = ["Hypothesis", "hypotheses"]
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis(OwnMappings):
-    """An effect with its choices made. free : the numbers whose null value does nothing. fixed : all other values.
+    """One way for an effect to act: names and starting values chosen, the other numbers free."""
 
-    held : those of them that a fit does not move on from where they start.
-    """
-
+    #: Effect of the catalogue, its parameters' bounds adapted to the scene.
     effect: Effect
+    #: Numbers with a null value, at which the effect changes nothing; a fit starts there.
     free: tuple[Parameter, ...]
+    #: By parameter, the values of all others: names, and numbers without a null value at their start.
     fixed: Mapping[str, str | float]
-    held: tuple[str, ...] = ()
+    #: Names of fixed numbers that a full fit keeps as they are; it refines the other fixed numbers.
+    unfitted: tuple[str, ...] = ()
 
     def at(self, numbers: Mapping[str, float]) -> AppliedEffect:
-        """The effect with these numbers, the others at their start or null."""
+        """The effect with given numbers.
+
+        Parameters
+        ----------
+        numbers
+            By parameter, in its unit. Numbers left out are at their null value, or as in `fixed`.
+
+        Returns
+        -------
+        AppliedEffect
+            The effect with a value for each of its parameters.
+        """
         null = {p.name: p.from_coordinate(p.null_coordinate) for p in self.free}
         return AppliedEffect(self.effect, {**self.fixed, **null, **numbers})
 
@@ -38,24 +50,41 @@ def hypotheses(
     settings: RenderSettings,
     effects: Iterable[Effect] | None = None,
 ) -> list[Hypothesis]:
-    """All hypotheses that make sense for a capture of these bands, this scene and a model rendered so.
+    """Hypotheses that are possible for a capture.
 
-    effects : by default those of the catalogue. An effect of the settings that has no free number makes sense only
-    where it changes them: light that bounces on cannot be missing where no bounce was left out.
+    Each effect yields the product of its choices (paints, surfaces, axes, bands present) and of the starting values of
+    its numbers without a null value. An effect on the settings without a free number is left out where it does not
+    change them: no interreflection can be missing from a model without a limit on reflections.
+
+    Parameters
+    ----------
+    bands
+        Identifiers of the capture's bands.
+    scene
+        Scene of the model, as surveyed.
+    settings
+        Render settings of the model, its own effects included.
+    effects
+        Effects to consider; None for the whole catalogue.
+
+    Returns
+    -------
+    list of Hypothesis
+        In the order of the effects.
     """
     present = names_in(scene, bands)
-    found = []
-    for known in catalogue().values() if effects is None else effects:
-        effect = known.within(scene)
-        named = [p for p in effect.parameters if p.choices]
+    possible = []
+    for candidate_effect in catalogue().values() if effects is None else effects:
+        effect = candidate_effect.within(scene)
+        choices = [p for p in effect.parameters if p.choices]
         started = [p for p in effect.numbers if p.null is None]
         free = tuple(p for p in effect.numbers if p.null is not None)
-        options: list[Sequence[str | float]] = [present[p.kind] if p.kind else p.choices for p in named]
+        options: list[Sequence[str | float]] = [present[p.kind] if p.kind else p.choices for p in choices]
         options += [p.starting_values for p in started]
         for values in itertools.product(*options):
-            fixed: dict[str, str | float] = dict(zip([p.name for p in (*named, *started)], values, strict=True))
-            one = Hypothesis(effect, free, fixed)
-            idle = effect.stage == "settings" and not free and one.at({}).apply(settings) == settings
-            if not idle:
-                found.append(one)
-    return found
+            fixed: dict[str, str | float] = dict(zip([p.name for p in (*choices, *started)], values, strict=True))
+            hypothesis = Hypothesis(effect, free, fixed)
+            changes_nothing = effect.stage == "settings" and not free and hypothesis.at({}).apply(settings) == settings
+            if not changes_nothing:
+                possible.append(hypothesis)
+    return possible

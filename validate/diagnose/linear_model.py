@@ -1,8 +1,9 @@
-"""The linear model of a residual in units of its noise, with camera and lamp projected out.
+"""Linear model of a residual over sigma, with camera and lamp projected out.
 
-To first order the measured signals are r = D t + s a + noise, with D the derivatives with respect to the
-eleven nuisances t, whose priors stand as further rows, and s an effect's signature. Minimising over t is a
-projection, so an effect's gain in chi2 is that of the projected signature alone.
+To first order the measured signals are r = D t + s a + noise. D holds the derivatives by the eleven nuisances t,
+their priors as further rows; s is an effect's signature and a its amplitude. Minimising over t is a projection, so
+an effect's gain in chi2 is that of the projected signature alone. A vector (n + 11,) holds the n used samples over
+sigma, then the eleven rows of the priors.
 """
 
 from __future__ import annotations
@@ -28,84 +29,147 @@ __all__ = [
     "smooth_part",
 ]
 
-#: Standard deviations of the base picture's own errors: relative, and of the position of its edges, px.
-#: Measured against an independent simulator: surface means within 0.15 %, edges within 0.005 px.
+#: Relative standard deviation of a rendering's own error. Surface means of an independent simulator's pictures agree
+#: within 0.15 %.
 _RELATIVE_ERROR = 0.0015
+#: Standard deviation of the position of a rendering's edges, px: edges of an independent simulator agree within this.
 _EDGE_ERROR_PX = 0.005
 
-#: Relative standard deviations of errors that all pixels of a band, or of a flat face, share. Bands of an independent
-#: simulator's captures scatter by 0.06 to 0.08 %, differently in each capture; faces are compared with the same one.
-_BAND_ERROR, _FACE_ERROR = 0.0007, 0.001
+#: Relative standard deviation of an error that all samples of a band share. Bands of an independent simulator's
+#: captures scatter by 0.06 to 0.08 %, differently in each capture.
+_BAND_ERROR = 0.0007
 
-#: An error of the dark level by rounding below this is left out, DN: noise of half a count makes it 0.002.
-_LEAST_DARK_ERROR_DN = 0.001
+#: Relative standard deviation of an error that all samples of a flat face share, compared with the same simulator.
+_FACE_ERROR = 0.001
 
-#: So many standard deviations of a shared error are no sign of an effect.
-_SHARED_MOST = 2.0
+#: Error of the dark level by rounding below which it is left out, DN: noise of half a count makes it 0.002.
+_MIN_DARK_ERROR_DN = 0.001
 
-#: Distance from faces' edges from which a pixel counts as interior, px: contact shadows depend on gaps below 1 mm.
-_FROM_EDGE_PX = 2
+#: Shared errors are taken off a residual up to this many of their standard deviations: a size that chance gives.
+_MAX_SHARED_ERROR_SIGMA = 2.0
 
+#: Distance from a face's edges at which a pixel counts as interior, px: contact shadows depend on gaps below 1 mm.
+_INTERIOR_DISTANCE_PX = 2
 
-#: Relative singular-value cutoff of the changes that several numbers make.
+#: Relative singular-value cutoff of the changes that several numbers make: below it they repeat one another.
 _RELATIVE_CUTOFF = 1e-5
 
-#: Patches of the image across and down; residuals may be correlated within each.
+#: Patches of the image across and down, within which residuals may be correlated.
 _PATCHES = 8
 
 
 def model_variance(signal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(band, y, x) DN^2: variance of the base picture's own error, by level and by local contrast."""
+    """Variance of a rendering's own error, by level and by local contrast.
+
+    (0.0015 signal)^2 + (0.005 px x contrast)^2, where contrast is the range of the signal over 3 x 3 pixels.
+
+    Parameters
+    ----------
+    signal
+        (band, y, x) predicted signal, DN.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) variance, DN^2.
+    """
     contrast = maximum_filter(signal, (0, 3, 3)) - minimum_filter(signal, (0, 3, 3))
     return (_RELATIVE_ERROR * signal) ** 2 + (_EDGE_ERROR_PX * contrast) ** 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearModel:
-    """used : (band, y, x). interior : (n,) whether a used pixel lies well inside one flat face. patch : (n,) number
-    of the patch of the image that it lies in. sigma : (n,) DN. priors : (11, 11) see ``nuisance_priors``.
-    by_lamp : (n,) DN, derivative by the lamp's scale.
-    basis : (n + 11, k) orthonormal, of the nuisances: camera, lamp, and what ``marginalised_over`` adds.
-    shared_errors : (n + 11, m) over sigma, one standard deviation each of errors that a band or a face shares.
-    dark_errors : so many of them, the first, are of bands' dark levels.
-    errors : of the picture itself, with which vectors are whitened beside sigma; None where they are not counted.
+    """Residual of one capture over sigma, with what is needed to project and to whiten changes."""
 
-    residual : (n + 11,) measured less base, over sigma, then the priors' own rows; already projected.
-    """
-
+    #: (band, y, x) whether a sample is used; n of them are.
     used: NDArray[np.bool_]
+    #: (n,) whether a used sample lies well inside one flat face.
     interior: NDArray[np.bool_]
+    #: (n,) number of the patch of the image that a sample lies in, from 0.
     patch: NDArray[np.int64]
+    #: (n,) standard deviation of measured minus predicted, DN.
     sigma: NDArray[np.float64]
+    #: (11, 11) rows of the priors of camera and lamp, see `nuisance_priors`.
     priors: NDArray[np.float64]
+    #: (n,) derivative of the signal by the lamp's scale, DN.
     by_lamp: NDArray[np.float64]
+    #: (n + 11, k) orthonormal basis of the nuisances: camera, lamp, and what `marginalised_over` adds.
     basis: NDArray[np.float64]
+    #: (n + 11, m) over sigma, one standard deviation each of errors that a band or a face shares.
     shared_errors: NDArray[np.float32]
+    #: (n + 11,) measured minus base over sigma, then the rows of the priors; already projected.
     residual: NDArray[np.float64]
+    #: Number of leading columns of `shared_errors` that are errors of bands' dark levels.
     dark_errors: int = 0
+    #: Rendering errors by which vectors are whitened in addition to sigma; None where they are not counted.
     errors: PictureErrors | None = None
 
     @property
     def count(self) -> int:
-        """Number of used samples."""
+        """Number n of used samples."""
         return len(self.sigma)
 
     def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What of a whitened vector (n + 11,) no nuisance can imitate."""
+        """The part of a whitened vector that no nuisance can imitate.
+
+        Parameters
+        ----------
+        vector
+            (n + 11,) over sigma.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) orthogonal to `basis`.
+        """
         return vector - self.basis @ (self.basis.T @ vector)
 
     def whiten(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A change (band, y, x) in DN over sigma, projected; priors do not speak of it."""
+        """A change of the picture over sigma, projected.
+
+        Parameters
+        ----------
+        change
+            (band, y, x) DN.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) projected; the rows of the priors were 0 before the projection.
+        """
         return self.whiten_used(change[self.used])
 
     def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
-        """The same of a change (n,) at the used pixels only."""
+        """A change of the used samples over sigma, projected.
+
+        Parameters
+        ----------
+        change
+            (n,) DN.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) as of `whiten`.
+        """
         pixels = change / self.sigma
         return self.project(_without_priors(pixels if self.errors is None else self.errors.whitened(pixels)))
 
     def counting(self, errors: PictureErrors) -> LinearModel:
-        """With the picture's own errors in the covariance: all vectors are whitened by them, too. What bands and faces
-        share is among them, so that nothing is left in ``shared_errors``."""
+        """The model with rendering errors in the covariance, which then whiten all vectors.
+
+        Errors that bands and faces share are among them, so `shared_errors` is empty afterwards.
+
+        Parameters
+        ----------
+        errors
+            Rendering errors at the used samples.
+
+        Returns
+        -------
+        LinearModel
+            With basis and residual whitened by the errors.
+        """
 
         def whitened(vector: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.append(errors.whitened(vector[: self.count]), vector[self.count :])
@@ -116,7 +180,18 @@ class LinearModel:
         return replace(model, residual=model.project(whitened(self.residual)))
 
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
-        """With further nuisances: the changes, (n + 11,) each, projected, that other effects' numbers make."""
+        """The model with further nuisances: the changes that other effects' numbers make.
+
+        Parameters
+        ----------
+        columns
+            (n + 11,) projected changes, one per number; changes of size 0 are left out.
+
+        Returns
+        -------
+        LinearModel
+            With a larger basis, its residual projected again.
+        """
         sizes = [float(np.linalg.norm(column)) for column in columns]
         moving = [column / size for column, size in zip(columns, sizes, strict=True) if size > 0]
         if not moving:
@@ -127,36 +202,87 @@ class LinearModel:
         return replace(free, residual=free.project(self.residual))
 
     def gain_of_dark_errors(self, change: NDArray) -> float:
-        """The chi2 that a change (n + 11,), projected, gains on average by errors of the bands' dark levels."""
+        """Mean chi2 that a change gains by fitting errors of the bands' dark levels.
+
+        Parameters
+        ----------
+        change
+            (n + 11,) projected, over sigma.
+
+        Returns
+        -------
+        float
+            Chi2.
+        """
         along = self.shared_errors[:, : self.dark_errors].T @ change
         return float(along @ along) / max(float(change @ change), 1e-300)
 
     def without_shared_errors(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A residual (n + 11,), projected, less what errors shared by a band or a face explain of it, each at most
-        two standard deviations large."""
+        """A residual minus the part that errors shared by a band or a face explain.
+
+        Each error is fitted with its prior of unit variance, and clipped to two standard deviations.
+
+        Parameters
+        ----------
+        residual
+            (n + 11,) projected, over sigma.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) over sigma.
+        """
         shared = self.projected_shared_errors()
         size = np.linalg.solve(np.eye(shared.shape[1]) + shared.T @ shared, shared.T @ residual)
-        return residual - shared @ np.clip(size, -_SHARED_MOST, _SHARED_MOST)
+        return residual - shared @ np.clip(size, -_MAX_SHARED_ERROR_SIGMA, _MAX_SHARED_ERROR_SIGMA)
 
     def projected_shared_errors(self) -> NDArray[np.float64]:
-        """(n + 11, m) ``shared_errors``, projected; in place, for there are dozens of them."""
+        """Projected `shared_errors`; computed in place, since there are dozens of columns.
+
+        Returns
+        -------
+        NDArray
+            (n + 11, m) over sigma.
+        """
         shared = self.shared_errors.astype(float)
         for column in shared.T:
             column -= self.basis @ (self.basis.T @ column)
         return shared
 
     def camera_change(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A change (10,) of the camera's parameters, projected.
+        """A change of the camera's parameters, projected.
 
-        The camera's fit can do the same to the picture, so only the rows of the priors differ, and no error of the
-        picture enters.
+        The camera's fit can make the same change of the picture. So only the rows of the priors differ, and no
+        rendering error enters.
+
+        Parameters
+        ----------
+        change
+            (10,) in the parameters' units.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) projected.
         """
         return self._of_priors(Nuisances(change, 0.0).vector)
 
     def lamp_change(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A change (band, y, x) in DN by the lamp's power, projected: only the row of its prior differs, too.
+        """A change of the picture by the lamp's power, projected.
 
-        ``by_lamp`` may be of a picture with effects that the change's base lacks: their difference is no change.
+        Only the row of the lamp's prior differs. A projection on `by_lamp` turns the change into one of the lamp's
+        scale. This may belong to a picture with effects that the base of the change lacks; their difference does
+        not count as a change.
+
+        Parameters
+        ----------
+        change
+            (band, y, x) DN.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) projected.
         """
         ours, theirs = self.by_lamp / self.sigma, change[self.used] / self.sigma
         vector = np.zeros(Nuisances.count)
@@ -164,7 +290,7 @@ class LinearModel:
         return self._of_priors(vector)
 
     def _of_priors(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The change (n + 11,) by nuisances (11,), projected, their part in the picture taken off."""
+        """Change (n + 11,), projected, by nuisances (11,) whose part in the picture is taken off."""
         return self.project(np.append(np.zeros(self.count), -self.priors @ vector))
 
     @property
@@ -173,17 +299,43 @@ class LinearModel:
         return float(self.residual @ self.residual)
 
     def image(self, vector: NDArray[np.floating]) -> NDArray[np.float64]:
-        """The pixel part of a whitened vector as (band, y, x), NaN where unused."""
+        """The samples of a whitened vector as pictures.
+
+        Parameters
+        ----------
+        vector
+            (n + 11,) or longer than n; rows after the first n are left out.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) over sigma, NaN where unused.
+        """
         picture = np.full(self.used.shape, np.nan)
         picture[self.used] = vector[: self.count]
         return picture
 
 
 def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: int = 8) -> float:
-    """Mean square of interior blocks' means less what the scatter within blocks makes of it, in chi2 per sample.
+    """Mean square of interior blocks' means, minus its expectation from the scatter inside them.
 
-    Noise averages out in a block, an error of the model does not: 0.1 standard deviations everywhere are lost in
-    chi2 and significant here. Its expectation is 0 for noise, also for noise larger than stated.
+    Noise averages out in a block, an error of the model does not: 0.1 standard deviations everywhere are not
+    significant in chi2, but are here. The expectation is 0 for noise, also for noise larger than stated. Blocks with
+    less than a quarter of their samples interior are left out.
+
+    Parameters
+    ----------
+    model
+        Model of the capture, for its used and interior samples.
+    residual
+        (n + 11,) over sigma.
+    block_px
+        Side of a block, px.
+
+    Returns
+    -------
+    float
+        Chi2 per sample; 0 where no block is filled.
     """
     blocks = _blocks(model.image(np.where(model.interior, residual[: model.count], np.nan)), block_px)
     counts = np.isfinite(blocks).sum(axis=1)
@@ -195,7 +347,22 @@ def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: i
 
 
 def smooth_part(model: LinearModel, change: NDArray[np.float64], block_px: int = 8) -> float:
-    """The part of a change's square that block means keep: near 1 for changes of surfaces, near 0 at edges."""
+    """Share of a change's sum of squares that block means keep.
+
+    Parameters
+    ----------
+    model
+        Model of the capture, for its used samples.
+    change
+        (n + 11,) over sigma.
+    block_px
+        Side of a block, px.
+
+    Returns
+    -------
+    float
+        Near 1 for changes of surfaces, near 0 for changes at edges.
+    """
     blocks = _blocks(model.image(change), block_px)
     counts = np.isfinite(blocks).sum(axis=1)
     means = np.nansum(blocks, axis=1) / np.maximum(counts, 1)
@@ -203,7 +370,7 @@ def smooth_part(model: LinearModel, change: NDArray[np.float64], block_px: int =
 
 
 def _blocks(picture: NDArray[np.float64], block_px: int) -> NDArray[np.float64]:
-    """(block, pixel) of a picture (band, y, x), what does not fill a block left out."""
+    """(block, pixel) of a picture (band, y, x); incomplete blocks at its end are left out."""
     bands, height, width = picture.shape
     rows, columns = height // block_px, width // block_px
     cut = picture[:, : rows * block_px, : columns * block_px]
@@ -211,7 +378,23 @@ def _blocks(picture: NDArray[np.float64], block_px: int) -> NDArray[np.float64]:
 
 
 def nuisance_priors(calibrated: Camera, lamp_sigma: float | None) -> NDArray[np.float64]:
-    """(11, 11) rows that bind camera and lamp scale to what is known of them; zero where nothing is."""
+    """Rows that bind camera and lamp scale to the survey and to the lamp's stated power.
+
+    The camera's rows are the inverse Cholesky factor of its covariance, the lamp's row is 1 / sigma. Rows times a
+    deviation (11,) give independent standard deviations.
+
+    Parameters
+    ----------
+    calibrated
+        Camera with the covariance of its ten parameters; None leaves its rows 0.
+    lamp_sigma
+        Relative standard deviation of the lamp's stated power; None leaves its row 0.
+
+    Returns
+    -------
+    NDArray
+        (11, 11) rows.
+    """
     of_camera, of_lamp = Nuisances.of_camera, Nuisances.of_lamp
     rows = np.zeros((Nuisances.count, Nuisances.count))
     if calibrated.covariance is not None:
@@ -222,22 +405,23 @@ def nuisance_priors(calibrated: Camera, lamp_sigma: float | None) -> NDArray[np.
 
 
 def _without_priors(pixels: NDArray) -> NDArray[np.float64]:
-    """A whitened vector (n + 11,) of which the priors say nothing."""
+    """A whitened vector (n + 11,) with zeros in the rows of the priors."""
     return np.append(pixels, np.zeros(Nuisances.count))
 
 
 @dataclass(frozen=True, eq=False)
 class BandErrors:
-    """Errors that all pixels of a band share, one standard deviation. relative : (band,) of the signal, by tables of
-    spectra. dark_dn : of the dark level."""
+    """Errors that all samples of a band share, one standard deviation each."""
 
+    #: (band,) relative to the signal, by the tabulation of spectra.
     relative: NDArray[np.float64]
+    #: Of the dark level by rounding, DN.
     dark_dn: float
 
     @property
     def dark_counts(self) -> bool:
         """Whether the error of the dark level is large enough to be counted."""
-        return self.dark_dn > _LEAST_DARK_ERROR_DN
+        return self.dark_dn > _MIN_DARK_ERROR_DN
 
 
 def build_linear_model(
@@ -253,11 +437,37 @@ def build_linear_model(
     lamp_sigma: float | None,
     band_errors: BandErrors,
 ) -> LinearModel:
-    """base : (band, y, x) DN at the lamp's stated power, as the fitted camera sees it.
+    """Linear model of a capture about the fitted camera and lamp.
 
-    coverage : (y, x, f) of flat faces. derivative : (11, band, y, x) of the best signal known by camera and lamp.
+    Parameters
+    ----------
+    measured
+        (band, y, x) signal above dark, DN.
+    base
+        (band, y, x) signal predicted at the lamp's stated power through the fitted camera, DN.
+    variance
+        (band, y, x) variance of measured minus base, DN^2.
+    used
+        (band, y, x) whether a sample is used.
+    coverage
+        (y, x, face) share of a pixel that each flat face covers, 0 to 1.
+    derivative
+        (11, band, y, x) derivatives of the best prediction by camera and lamp, DN.
+    fit
+        The fitted camera and lamp scale.
+    calibrated
+        Camera of the survey, with its covariance.
+    lamp_sigma
+        Relative standard deviation of the lamp's stated power, or None.
+    band_errors
+        Errors that bands share.
+
+    Returns
+    -------
+    LinearModel
+        With its residual projected.
     """
-    inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _FROM_EDGE_PX, border_value=1)
+    inside = binary_erosion(coverage.max(axis=-1) == 1, np.ones((3, 3)), _INTERIOR_DISTANCE_PX, border_value=1)
     sigma = np.sqrt(variance[used])
     design = np.array([_without_priors(d[used] / sigma) for d in derivative]).T
     count = len(sigma)
@@ -289,9 +499,12 @@ def build_linear_model(
 def _shared_errors(
     signal: NDArray, coverage: NDArray, used: NDArray, sigma: NDArray, errors: BandErrors
 ) -> NDArray[np.float32]:
-    each = np.eye(len(signal))[:, :, None, None]
-    bands = [size * one * signal for size, one in zip(np.hypot(_BAND_ERROR, errors.relative), each, strict=True)]
-    darks = [errors.dark_dn * one * np.ones_like(signal) for one in each] if errors.dark_counts else []
+    """(n + 11, m) over sigma: dark levels where they count, then bands, then visible flat faces."""
+    unit_bands = np.eye(len(signal))[:, :, None, None]
+    bands = [
+        size * band * signal for size, band in zip(np.hypot(_BAND_ERROR, errors.relative), unit_bands, strict=True)
+    ]
+    darks = [errors.dark_dn * band * np.ones_like(signal) for band in unit_bands] if errors.dark_counts else []
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*darks, *bands, *faces)]
     return np.array(rows).T

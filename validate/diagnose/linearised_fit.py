@@ -1,4 +1,4 @@
-"""The fit of camera and lamp to a rendered picture, linearised: what effects are fitted and judged on."""
+"""The fit of camera and lamp to a rendered picture, linearised: basis of the effects' fits."""
 
 from __future__ import annotations
 
@@ -28,27 +28,28 @@ from .search import (
 
 __all__ = ["LinearisedFit", "linearised_fit", "refitted_together", "residual_with", "residual_with_rendered"]
 
-#: Relative step of the lamp's scale for the derivative by it.
+#: Relative step of the lamp's scale for the derivative by it: the signal is linear but for offsets of counts.
 _LAMP_STEP = 0.01
 
-#: Stages with whose effects the picture is rendered again: their shapes have no error of their own.
+#: Stages whose effects enter the rendering itself when it is repeated: their shapes then have no error.
 _RENDERED = stages_between("scene", "settings")
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedFit:
-    """A rendered picture, and the linear model of its residual about the fitted camera and lamp.
+    """A rendered picture, and the linear model of its residual about the fitted camera and lamp."""
 
-    given : the model's own effects. base : (band, y, x) DN predicted under them, from which changes by further
-    effects are counted. predictor : of the picture as the fitted camera sees it.
-    derivative : (10, band, y, x) of the signals with respect to the camera's parameters.
-    """
-
+    #: The picture with its fitted camera and lamp.
     rendered: Predicted
+    #: Predictor of the picture as the fitted camera sees it.
     predictor: Predictor
+    #: Linear model of measured minus `base`.
     model: LinearModel
-    given: tuple[AppliedEffect, ...]
+    #: The model's own effects.
+    model_effects: tuple[AppliedEffect, ...]
+    #: (band, y, x) signal predicted with the model's effects, DN; changes by further effects count from it.
     base: NDArray[np.float64]
+    #: (10, band, y, x) derivatives of the signals by the camera's parameters.
     derivative: NDArray[np.float32]
 
     @property
@@ -57,107 +58,192 @@ class LinearisedFit:
         return self.rendered.fit.lamp_scale
 
     def counting_errors(self, more: Sequence[NDArray[np.float64]]) -> LinearisedFit:
-        """The same fit, the picture's own errors counted in the covariance. more : (n,) DN each at the used pixels, one
-        standard deviation of errors beside those of bands, faces and their parts."""
+        """The same fit with rendering errors counted in the covariance.
+
+        Parameters
+        ----------
+        more
+            (n,) DN each at the used samples: one standard deviation of errors in addition to those of bands, faces and
+            their parts.
+
+        Returns
+        -------
+        LinearisedFit
+            With vectors whitened by the errors.
+        """
         model = self.model
         others = [*model.shared_errors[: model.count].T, *(error / model.sigma for error in more)]
         signal, coverage = self.scale * self.rendered.signal, self.rendered.image.coverage
         return replace(self, model=model.counting(picture_errors(signal, coverage, model.used, model.sigma, others)))
 
-    def problem(self, chosen: Sequence[Candidate]) -> Problem:
-        """What a further effect is fitted to, with these in place and their numbers marginalised over."""
-        applied = [c.applied for c in chosen]
+    def problem(self, selected: Sequence[Candidate]) -> Problem:
+        """The problem of a further effect, with selected effects in place.
+
+        Parameters
+        ----------
+        selected
+            Candidates in the model, with their numbers.
+
+        Returns
+        -------
+        Problem
+            Its linear model projects out steps of the selected effects' numbers, too.
+        """
+        applied = [c.applied for c in selected]
         changes = []
-        for index, one in enumerate(chosen):
+        for index, candidate in enumerate(selected):
             rest = self._problem(self.model, [*applied[:index], *applied[index + 1 :]])
-            here = rest.change(one.applied)
-            changes += [rest.change(step.after.applied) - here for step in steps_of(one)]
+            change = rest.change(candidate.applied)
+            changes += [rest.change(step.after.applied) - change for step in steps_of(candidate)]
         return self._problem(self.model.marginalised_over(changes), applied)
 
     def _problem(self, model: LinearModel, others: Sequence[AppliedEffect]) -> Problem:
-        return build_problem(self.predictor, model, (*self.given, *others), self.scale, self.rendered.variance)
+        return build_problem(self.predictor, model, (*self.model_effects, *others), self.scale, self.rendered.variance)
 
 
 def linearised_fit(
     prepared: Prepared,
     rendered: Rendered,
-    given: Sequence[AppliedEffect],
+    model_effects: Sequence[AppliedEffect],
     added: Sequence[AppliedEffect] = (),
 ) -> LinearisedFit:
-    """Linearise about the fitted camera and lamp. added : effects that the picture holds beside ``given``.
+    """Linearise a rendered picture about its fitted camera and lamp.
 
-    Raises InputError where nothing could be compiled and so nothing can be predicted.
+    The variance is that of the signal with the best effects known (`prepared.lit`): a model without interreflection
+    predicts too dark a picture, and too little noise.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    rendered
+        The picture, with camera and lamp fitted to the photograph.
+    model_effects
+        Effects of the model, from which changes are counted.
+    added
+        Effects that the picture holds in addition.
+
+    Returns
+    -------
+    LinearisedFit
+        At the fitted lamp power.
+
+    Raises
+    ------
+    InputError
+        Without a compiled variant of the engine, which predicts effects.
     """
     if not isinstance(rendered, Predicted):
         raise variant.not_compiled("diagnosis")
-    fit_ = rendered.fit
-    predictor = rendered.predictor.seen_by(fit_.camera)
-    base = predictor.signal(given)
-    # the variance at the signal with the best effects known: a model without interreflection predicts too dark a
-    # picture, and too little noise
-    lit = prepared.lit(fit_.lamp_scale * rendered.signal)
-    noise = fit_.lamp_scale**2 * rendered.variance
-    variance = prepared.calibration.predicted_variance(lit) + noise + model_variance(lit)
+    nuisances = rendered.fit
+    predictor = rendered.predictor.seen_by(nuisances.camera)
+    base = predictor.signal(model_effects)
+    noise_signal = prepared.lit(nuisances.lamp_scale * rendered.signal)
+    noise = nuisances.lamp_scale**2 * rendered.variance
+    variance = prepared.calibration.predicted_variance(noise_signal) + noise + model_variance(noise_signal)
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
-    derivative = camera_jacobian(predictor.warp, fit_.camera)
+    derivative = camera_jacobian(predictor.warp, nuisances.camera)
     model = build_linear_model(
         measured=prepared.measured,
         base=base,
         variance=variance,
         used=rendered.used,
         coverage=rendered.image.coverage,
-        fit=fit_,
-        calibrated=prepared.expected_camera(given),
-        derivative=np.concatenate([fit_.lamp_scale * derivative, _by_lamp_scale(predictor, (*given, *added))[None]]),
+        fit=nuisances,
+        calibrated=prepared.expected_camera(model_effects),
+        derivative=np.concatenate(
+            [nuisances.lamp_scale * derivative, _by_lamp_scale(predictor, (*model_effects, *added))[None]]
+        ),
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(
             tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
         ),
     )
     single = derivative.astype(np.float32)
-    return LinearisedFit(rendered, predictor, model, tuple(given), base, single)
+    return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single)
 
 
 def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-    """Derivative (band, y, x) DN of the signals by the lamp's scale: offsets of counts do not grow with it."""
+    """(band, y, x) DN derivative by the lamp's scale, with which offsets of counts do not grow."""
     ahead = predictor.at_lamp((1 + _LAMP_STEP) * predictor.lamp_scale)
     return ((1 + _LAMP_STEP) * ahead.signal(effects) - predictor.signal(effects)) / _LAMP_STEP
 
 
-def residual_with(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
-    """(n + 11,) projected residual with these effects in place."""
-    if not chosen:
+def residual_with(linearised: LinearisedFit, selected: Sequence[Candidate]) -> NDArray[np.float64]:
+    """Residual with selected effects in place.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Candidates with their numbers; none leaves the model's own residual.
+
+    Returns
+    -------
+    NDArray
+        (n + 11,) projected, over sigma.
+    """
+    if not selected:
         return linearised.model.residual
-    added = [c.applied for c in chosen]
-    signal = linearised.predictor.signal((*linearised.given, *added))
+    added = [c.applied for c in selected]
+    signal = linearised.predictor.signal((*linearised.model_effects, *added))
     model, camera = linearised.model, linearised.predictor.camera
     change = model.whiten(linearised.scale * (signal - linearised.base))
-    return model.residual - change - model.camera_change(displacement(camera, linearised.given, added))
+    return model.residual - change - model.camera_change(displacement(camera, linearised.model_effects, added))
 
 
-def residual_with_rendered(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> NDArray[np.float64]:
-    """(n + 11,) projected residual with those of these effects in place with which the picture is rendered again."""
-    return residual_with(linearised, [c for c in chosen if c.hypothesis.effect.stage in _RENDERED])
+def residual_with_rendered(linearised: LinearisedFit, selected: Sequence[Candidate]) -> NDArray[np.float64]:
+    """Residual with those selected effects with which the picture is rendered again.
+
+    Their shapes have no error, unlike those of predicted effects.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Candidates with their numbers; those that act after the render settings are left out.
+
+    Returns
+    -------
+    NDArray
+        (n + 11,) projected, over sigma.
+    """
+    return residual_with(linearised, [c for c in selected if c.hypothesis.effect.stage in _RENDERED])
 
 
-def refitted_together(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Fit all chosen effects' numbers together. Each one's ``predicted`` is then what it changes that the others'
-    numbers cannot; ``chi2`` is that of all together."""
+def refitted_together(linearised: LinearisedFit, selected: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates with all their numbers fitted together.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        One candidate or several.
+
+    Returns
+    -------
+    list of Candidate
+        Each one's `predicted` is what it changes that the others' numbers cannot imitate; `chi2` is that of all
+        together.
+    """
     problem = linearised.problem(())
-    if len(chosen) == 1:
-        return [fit(problem, chosen[0], linearised.model.residual)]
+    if len(selected) == 1:
+        return [fit(problem, selected[0], linearised.model.residual)]
 
     def evaluate(candidates: Sequence[Candidate]) -> Fitted:
         averaged = problem.noise_averaging_gain(*(c.applied for c in candidates))
         return Fitted(tuple(candidates), residual_with(linearised, candidates), averaged)
 
-    start = evaluate([with_all_numbers(c) for c in chosen])
+    start = evaluate([with_all_numbers(c) for c in selected])
     best, derivatives = gauss_newton(evaluate, linearised.model, start)
-    owner = np.repeat(np.arange(len(chosen)), [len(c.numbers) if c.hypothesis.free else 0 for c in best.candidates])
-    found = []
+    owner = np.repeat(np.arange(len(selected)), [len(c.numbers) if c.hypothesis.free else 0 for c in best.candidates])
+    refitted = []
     for index, candidate in enumerate(best.candidates):
         others = [c for i, c in enumerate(best.candidates) if i != index]
-        theirs, change = derivatives[:, owner != index], residual_with(linearised, others) - best.left
-        own = change - theirs @ np.linalg.lstsq(theirs, change)[0]
-        found.append(replace(candidate, chi2=best.chi2, predicted=own.astype(np.float32)))
-    return found
+        other_derivatives, change = derivatives[:, owner != index], residual_with(linearised, others) - best.residual
+        unshared_change = change - other_derivatives @ np.linalg.lstsq(other_derivatives, change)[0]
+        refitted.append(replace(candidate, chi2=best.chi2, predicted=unshared_change.astype(np.float32)))
+    return refitted

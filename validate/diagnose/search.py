@@ -1,4 +1,7 @@
-"""How well a hypothesis explains the residual: screening to first order, then a fit of its numbers."""
+"""Screening of hypotheses to first order, and the problem that a full fit solves.
+
+Vectors (n + 11,) hold the n used samples over sigma, then the rows of the priors; see `linear_model`.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,13 @@ from .linear_model import LinearModel
 
 __all__ = [
     "Candidate",
+    "FitModel",
     "FitProblem",
     "NumberStep",
     "Problem",
     "Signature",
     "build_problem",
+    "columns_of",
     "judged_by_priors",
     "least_squares",
     "screen",
@@ -35,21 +40,26 @@ __all__ = [
 ]
 
 
-#: Changes below this part of the largest signal used are rounding.
+#: Largest change of the picture that counts as rounding, relative to the largest signal used.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate(OwnMappings):
-    """A hypothesis with numbers. numbers : fitted. sigma : their standard deviations. chi2 : minimised over the
-    nuisances. predicted : (n + 11,) projected change it makes, over sigma, in single precision once it is judged: there
-    is one for every effect. by_priors : see ``judged_by_priors``."""
+    """A hypothesis with numbers, and how well it fits."""
 
+    #: The hypothesis.
     hypothesis: Hypothesis
+    #: By parameter, the fitted numbers, in their units.
     numbers: Mapping[str, float]
+    #: By parameter, their standard deviations.
     sigma: Mapping[str, float]
+    #: Chi2 of the capture, minimised over the nuisances.
     chi2: float
+    #: (n + 11,) projected change that the effect makes, over sigma; in single precision once it is judged, since there
+    #: is one for every effect.
     predicted: NDArray[np.floating]
+    #: Whether only priors speak against it, see `judged_by_priors`.
     by_priors: bool = False
 
     @property
@@ -58,33 +68,57 @@ class Candidate(OwnMappings):
         return self.hypothesis.at(self.numbers)
 
     def at_aperture(self, factor: float) -> Candidate:
-        """The candidate with the aperture's diameter times a factor."""
-        there = self.applied.at_aperture(factor).values
-        return replace(self, numbers={name: float(there[name]) for name in self.numbers})
+        """The candidate at another aperture, to which a blur's width is proportional.
+
+        Parameters
+        ----------
+        factor
+            On the aperture's diameter.
+
+        Returns
+        -------
+        Candidate
+            With its numbers changed.
+        """
+        values = self.applied.at_aperture(factor).values
+        return replace(self, numbers={name: float(values[name]) for name in self.numbers})
 
 
 @dataclass(frozen=True, eq=False)
 class NumberStep:
-    """A small step of one number. size : in the coordinate of its scale. after : the candidate with its numbers changed
-    so; its chi2, sigma and predicted change are those before."""
+    """A small step of one number."""
 
+    #: The number's parameter.
     parameter: Parameter
+    #: Step in the coordinate of the parameter's scale; negative at its upper bound.
     size: float
+    #: The candidate with its number changed; chi2, sigma and predicted change are those before the step.
     after: Candidate
 
 
 def steps_of(candidate: Candidate) -> list[NumberStep]:
-    """A step of each of a candidate's numbers, inside its bounds."""
-    found = []
+    """A step of each of a candidate's numbers, inside its bounds.
+
+    Parameters
+    ----------
+    candidate
+        Candidate with numbers.
+
+    Returns
+    -------
+    list of NumberStep
+        The parameter's own step, or a tenth of the distance from null where that is larger.
+    """
+    steps = []
     for p in candidate.hypothesis.effect.numbers:
         if p.name in candidate.numbers:
-            here, (_, high) = p.to_coordinate(candidate.numbers[p.name]), p.coordinate_bounds
-            from_null = 0.0 if p.null is None else abs(here - p.null_coordinate)
+            coordinate, (_, high) = p.to_coordinate(candidate.numbers[p.name]), p.coordinate_bounds
+            from_null = 0.0 if p.null is None else abs(coordinate - p.null_coordinate)
             size = max(abs(p.coordinate_step), 0.1 * from_null)
-            size = size if here + size <= high else -size
-            numbers = {**candidate.numbers, p.name: p.from_coordinate(here + size)}
-            found.append(NumberStep(p, size, replace(candidate, numbers=numbers)))
-    return found
+            size = size if coordinate + size <= high else -size
+            numbers = {**candidate.numbers, p.name: p.from_coordinate(coordinate + size)}
+            steps.append(NumberStep(p, size, replace(candidate, numbers=numbers)))
+    return steps
 
 
 def _in_picture(applied: AppliedEffect, camera: Camera) -> bool:
@@ -95,13 +129,25 @@ def _in_picture(applied: AppliedEffect, camera: Camera) -> bool:
 def judged_by_priors(applied: AppliedEffect, camera: Camera) -> bool:
     """Whether the fit of camera and lamp can do all that an effect does to the picture.
 
-    Then only what is known of them speaks against it: the survey, the lamp's stated power.
+    Then only the priors speak against it: the survey, and the lamp's stated power.
+
+    Parameters
+    ----------
+    applied
+        Effect with its numbers.
+    camera
+        Camera of the picture.
+
+    Returns
+    -------
+    bool
+        True for effects on the lamp's power, and for those that the ten camera parameters imitate.
     """
     return applied.effect.imitates_lamp_power or not _in_picture(applied, camera)
 
 
 class FitModel(Protocol):
-    """What a fit asks of the linear model of one capture, or of several."""
+    """Interface of the linear model of one capture, or of several, as a fit needs it."""
 
     @property
     def count(self) -> int: ...
@@ -114,7 +160,7 @@ class FitModel(Protocol):
 
 
 class FitProblem(Protocol):
-    """What an effect is fitted to, in one capture (``Problem``) or in several."""
+    """Interface of a problem in one capture (`Problem`) or in several (`JointProblem`)."""
 
     @property
     def model(self) -> FitModel: ...
@@ -127,21 +173,34 @@ class FitProblem(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a further effect is fitted to. others : effects in the model already. scale : factor on the lamp's power.
+    """One capture with the effects already in its model, to which a further effect is fitted."""
 
-    base : (band, y, x) DN predicted with the others. noise : (band, y, x) DN before optics, a draw of the base
-    picture's Monte Carlo error.
-    """
-
+    #: Predictor of the picture as the fitted camera sees it.
     predictor: Predictor
+    #: Linear model in which changes are whitened and projected.
     model: LinearModel
+    #: Effects already in the model, its given ones included.
     others: tuple[AppliedEffect, ...]
+    #: Fitted factor on the lamp's power.
     scale: float
+    #: (band, y, x) signal predicted with the others, DN.
     base: NDArray[np.float64]
+    #: (band, y, x) DN before optics, a draw of the rendering's Monte Carlo error.
     noise: NDArray[np.float64]
 
     def change(self, applied: AppliedEffect) -> NDArray[np.float64]:
-        """(n + 11,) projected whitened change that an effect makes on top of the others."""
+        """Projected change that an effect makes on top of the others.
+
+        Parameters
+        ----------
+        applied
+            Effect with its numbers; an InputError is raised where it cannot act.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) over sigma.
+        """
         if not _in_picture(applied, self.predictor.camera):
             return self.camera_change(applied)
         picture = self.scale * (self.predictor.signal((*self.others, applied)) - self.base)
@@ -150,21 +209,42 @@ class Problem:
         return self.model.whiten(picture) + self.camera_change(applied)
 
     def camera_change(self, applied: AppliedEffect) -> NDArray[np.float64]:
-        """The part of ``change`` that the effect makes by changing the camera's ten parameters; 0 if it cannot."""
+        """The part of `change` that an effect makes by changing the camera's ten parameters.
+
+        Parameters
+        ----------
+        applied
+            Effect with its numbers.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) over sigma; 0 for an effect that does not act on the camera.
+        """
         if applied.stage != "camera":
             return np.zeros_like(self.model.residual)
         return self.model.camera_change(displacement(self.predictor.camera, self.others, (applied,)))
 
     def noise_averaging_gain(self, *applied: AppliedEffect) -> float:
-        """Chi2 that effects gain by averaging the base picture's noise, as a blur does of any picture.
+        """Chi2 that effects gain by averaging the rendering's noise, as a blur does in any picture.
 
-        Where they make all signals brighter the lamp's fit makes them, and their noise, as much darker.
+        Where they make all signals brighter, the lamp's fit makes signals and noise as much darker again.
+
+        Parameters
+        ----------
+        *applied
+            Effects that act together.
+
+        Returns
+        -------
+        float
+            Chi2; 0 where none acts from the optics to the counts.
         """
         if not any(effect.stage in stages_between("optics", "counts") for effect in applied):
             return 0.0
-        (signal, noise), (there, noise_there) = self._without, self._with(*applied)
-        brighter = (signal @ there) / (signal @ signal)
-        return float(noise @ noise - noise_there @ noise_there / brighter**2)
+        (signal, noise), (altered, altered_noise) = self._without, self._with(*applied)
+        brighter = (signal @ altered) / (signal @ signal)
+        return float(noise @ noise - altered_noise @ altered_noise / brighter**2)
 
     @cached_property
     def _without(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -173,32 +253,54 @@ class Problem:
     def _with(self, *applied: AppliedEffect) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n,) over sigma each: signals and their noise with further effects."""
         both = self.predictor.signal_and_noise((*self.others, *applied), self.noise)
-        signal, noise = (self.scale * one[self.model.used] / self.model.sigma for one in both)
+        signal, noise = (self.scale * part[self.model.used] / self.model.sigma for part in both)
         return signal, noise
 
 
 def build_problem(
     predictor: Predictor, model: LinearModel, others: Sequence[AppliedEffect], scale: float, variance: NDArray
 ) -> Problem:
-    """What a further effect is fitted to. variance : (band, y, x) DN^2 of the base picture's Monte Carlo error."""
+    """The problem of a further effect, with a draw of the rendering's noise.
+
+    Parameters
+    ----------
+    predictor
+        Predictor of the picture; its seed repeats the draw.
+    model
+        Linear model of the capture.
+    others
+        Effects already in the model.
+    scale
+        Fitted factor on the lamp's power.
+    variance
+        (band, y, x) variance by the rendering's Monte Carlo error, DN^2.
+
+    Returns
+    -------
+    Problem
+        With the signal predicted under the others.
+    """
     draw = np.random.default_rng(predictor.settings.seed).standard_normal(variance.shape)
     return Problem(predictor, model, tuple(others), scale, predictor.signal(others), np.sqrt(variance) * draw)
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What small steps of a hypothesis' free numbers change, (parameter, n) DN of the used pixels; by_priors : see
-    ``judged_by_priors``. Then changes is None: what is left of them beside camera and lamp is so little that it is
-    computed anew with the effects in the model (see ``Problem.change``)."""
+    """Changes of the picture by small steps of a hypothesis' free numbers."""
 
+    #: The hypothesis.
     hypothesis: Hypothesis
+    #: (parameter,) steps from null, in the coordinates of the parameters' scales.
     steps: tuple[float, ...]
+    #: (parameter, n) DN at the used samples. None where the priors judge the hypothesis: what camera and lamp leave of
+    #: it is so little that it is computed again with the effects in the model (`Problem.change`).
     changes: NDArray[np.float32] | None
+    #: Whether only priors speak against it, see `judged_by_priors`.
     by_priors: bool = False
 
     @property
     def stepped(self) -> list[AppliedEffect]:
-        """The effect a step from null in one number after the other; the effect itself where none is free."""
+        """The effect a step from null in one number after the other; as it is where none is free."""
         return [
             self.hypothesis.at({p.name: p.from_coordinate(p.null_coordinate + step)})
             for p, step in zip(self.hypothesis.free, self.steps, strict=False)
@@ -206,8 +308,7 @@ class Signature:
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """(parameter, 2) lowest and highest multiples of the steps from null that keep the free numbers inside their
-        bounds."""
+        """(parameter, 2) multiples of the steps between which the free numbers keep their bounds."""
         return np.array(
             [
                 sorted((end - p.null_coordinate) / step for end in p.coordinate_bounds)
@@ -216,7 +317,18 @@ class Signature:
         )
 
     def numbers(self, amplitude: NDArray[np.float64]) -> dict[str, float]:
-        """The free numbers at multiples of their steps from null, inside their bounds."""
+        """The free numbers at multiples of their steps from null, clipped to their bounds.
+
+        Parameters
+        ----------
+        amplitude
+            (parameter,) multiples of the steps.
+
+        Returns
+        -------
+        dict
+            Numbers by parameter, in their units.
+        """
         return {
             p.name: p.from_coordinate(p.null_coordinate + a * step)
             for p, a, step in zip(self.hypothesis.free, amplitude, self.steps, strict=False)
@@ -224,57 +336,123 @@ class Signature:
 
 
 def signature(
-    predictor: Predictor, given: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
+    predictor: Predictor, model_effects: Sequence[AppliedEffect], used: NDArray[np.bool_], hypothesis: Hypothesis
 ) -> Signature | None:
-    """Difference pictures at small steps from null, on top of ``given``; None where the effect cannot act here, as a
-    gradient across a flat face cannot."""
-    known = Signature(hypothesis, tuple(p.coordinate_step for p in hypothesis.free) or (1.0,), None)
-    by_priors = all(judged_by_priors(effect, predictor.camera) for effect in known.stepped)
+    """Differences of pictures at small steps from null, on top of the model's effects.
+
+    Parameters
+    ----------
+    predictor
+        Predictor of the picture, usually one of few rays.
+    model_effects
+        Effects of the model.
+    used
+        (band, y, x) whether a sample is used.
+    hypothesis
+        Hypothesis whose free numbers are stepped.
+
+    Returns
+    -------
+    Signature or None
+        None where the effect cannot act here, or changes no more than rounding does.
+    """
+    without_changes = Signature(hypothesis, tuple(p.coordinate_step for p in hypothesis.free) or (1.0,), None)
+    by_priors = all(judged_by_priors(effect, predictor.camera) for effect in without_changes.stepped)
     if by_priors:
-        return replace(known, by_priors=True)
-    base = predictor.signal(given)
+        return replace(without_changes, by_priors=True)
+    base = predictor.signal(model_effects)
     try:
-        changes = [(predictor.signal((*given, effect)) - base)[used] for effect in known.stepped]
+        changes = [(predictor.signal((*model_effects, effect)) - base)[used] for effect in without_changes.stepped]
     except InputError:
         return None
     if np.max(np.abs(changes)) <= _ROUNDING * np.max(np.abs(base[used])):
         return None
-    return replace(known, changes=np.array(changes, np.float32))
+    return replace(without_changes, changes=np.array(changes, np.float32))
 
 
-def columns_of(problem: FitProblem, known: Signature) -> NDArray[np.float64]:
-    """(n + 11, parameter) projected whitened changes by the steps of a signature; one column where none is free."""
-    if known.changes is None:
-        return np.array([problem.change(effect) for effect in known.stepped]).T
-    pairs = zip(known.changes, known.stepped, strict=True)
+def columns_of(problem: FitProblem, unscaled: Signature) -> NDArray[np.float64]:
+    """Projected changes by the steps of a signature.
+
+    Parameters
+    ----------
+    problem
+        One capture, or several.
+    unscaled
+        Signature, its changes at the lamp's stated power.
+
+    Returns
+    -------
+    NDArray
+        (n + 11, parameter) over sigma; one column where no number is free.
+    """
+    if unscaled.changes is None:
+        return np.array([problem.change(effect) for effect in unscaled.stepped]).T
+    pairs = zip(unscaled.changes, unscaled.stepped, strict=True)
     return np.array(
         [problem.model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
     ).T
 
 
-def screen(problem: FitProblem, known: Signature, residual: NDArray[np.float64]) -> Candidate:
-    """Fit a hypothesis to a projected residual (n + 11,), to first order. A single number is kept within its bounds."""
-    hypothesis = known.hypothesis
-    columns = columns_of(problem, known)
-    smoothed = np.array([problem.noise_averaging_gain(effect) for effect in known.stepped])
+def screen(problem: FitProblem, steps: Signature, residual: NDArray[np.float64]) -> Candidate:
+    """Fit a hypothesis to a projected residual, to first order.
+
+    A single number is clipped to its bounds; several are not.
+
+    Parameters
+    ----------
+    problem
+        One capture, or several.
+    steps
+        Signature of the hypothesis.
+    residual
+        (n + 11,) projected, over sigma.
+
+    Returns
+    -------
+    Candidate
+        With numbers, standard deviations by noise alone, and chi2 to first order.
+    """
+    hypothesis = steps.hypothesis
+    columns = columns_of(problem, steps)
+    smoothed = np.array([problem.noise_averaging_gain(effect) for effect in steps.stepped])
     amplitude, covariance = least_squares(columns, residual, smoothed)
     if not hypothesis.free:
         amplitude = np.ones(1)
     elif len(amplitude) == 1:
-        amplitude = np.clip(amplitude, *known.bounds[0])
-    numbers = known.numbers(amplitude)
+        amplitude = np.clip(amplitude, *steps.bounds[0])
+    numbers = steps.numbers(amplitude)
     sigma = {
         p.name: p.deviation(numbers[p.name], abs(step) * float(c**0.5))
-        for p, step, c in zip(hypothesis.free, known.steps, np.diag(covariance), strict=False)
+        for p, step, c in zip(hypothesis.free, steps.steps, np.diag(covariance), strict=False)
     }
     predicted = columns @ amplitude
-    left = residual - predicted
-    chi2 = float(left @ left + smoothed @ amplitude)
-    return Candidate(hypothesis, numbers, sigma, chi2, predicted.astype(np.float32), known.by_priors)
+    remainder = residual - predicted
+    chi2 = float(remainder @ remainder + smoothed @ amplitude)
+    return Candidate(hypothesis, numbers, sigma, chi2, predicted.astype(np.float32), steps.by_priors)
 
 
 def least_squares(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[NDArray, NDArray]:
-    """The a that minimises |residual - columns a|^2 + slope a, and the inverse of half the second derivatives."""
+    """Amplitudes a that minimise |residual - columns a|^2 + slope a.
+
+    Columns are scaled to unit size and inverted with a relative cutoff of 1e-10, so that equal columns share an
+    amplitude.
+
+    Parameters
+    ----------
+    columns
+        (n, parameter) changes by a unit of each amplitude.
+    residual
+        (n,) over sigma.
+    slope
+        (parameter,) chi2 that a unit of each amplitude costs in addition.
+
+    Returns
+    -------
+    amplitude : NDArray
+        (parameter,) amplitudes.
+    covariance : NDArray
+        (parameter, parameter) inverse of half the second derivatives.
+    """
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     unit = columns / size

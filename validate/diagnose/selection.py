@@ -1,4 +1,4 @@
-"""Search among the catalogue's effects: the best single ones and sets, backward elimination, pairs replaced by one."""
+"""Search among the catalogue's effects: best single ones and sets, elimination, replacement."""
 
 from __future__ import annotations
 
@@ -16,20 +16,24 @@ from .search import Candidate, Problem, Signature, columns_of, screen
 
 __all__ = ["NormalEquations", "backward_elimination", "best_set", "best_singles", "pairs_replaced"]
 
-#: So many of the effects that could replace two others are fitted in full.
-_MOST_FITTED = 3
+#: Number of the effects that could replace two others that are fitted in full, best to first order first.
+_MAX_REPLACEMENTS_FITTED = 3
 
-#: Fewer effects than these are not tried with two of them replaced: every single one has been compared by then.
-_REPLACED_FROM = 3
+#: Number of selected effects from which two of them may be replaced: of fewer, every single one has been compared.
+_MIN_SELECTED_FOR_REPLACEMENT = 3
 
-#: A candidate is not fitted in full whose first-order gain is below the first part of the best fitted one's, or below
-#: the second part of what any effect must gain: one as small as that is nearly linear.
-_LEAST_PROMISING, _LEAST_PROMISING_ALONE = 0.4, 0.6
+#: Minimum first-order gain of a candidate to be fitted in full, over the gain of the best fitted one: a full fit is
+#: taken to gain at most 2.5 times as much.
+_MIN_PROMISED_PART_OF_BEST = 0.4
 
-#: So many sets of each size are extended by one more effect.
-_MOST_EXTENDED = 100
+#: Minimum first-order gain of a candidate to be fitted in full, over the gain that any effect needs: an effect as
+#: small as that is nearly linear.
+_MIN_PROMISED_PART_OF_NEEDED = 0.6
 
-#: Part of the identity that is added to the products of unit columns: effects that are alike get no huge numbers.
+#: Number of sets of each size that are extended by one more effect, the best ones.
+_MAX_EXTENDED_SETS = 100
+
+#: Share of the identity added to the products of unit columns: effects that are alike get no huge numbers.
 _RIDGE = 1e-6
 
 
@@ -38,68 +42,106 @@ def best_singles(
     signatures: Sequence[Signature],
     residual: NDArray,
     refined: int,
-    known: float = np.inf,
+    rival_chi2: float = np.inf,
     least: float = 0.0,
     progress: Progress = NO_PROGRESS,
 ) -> list[Candidate]:
-    """The best hypothesis of every effect, best first; the first ``refined`` of them fitted in full.
+    """The best hypothesis of every effect, best first; the first ones fitted in full.
 
-    Those that gain much less to first order than the best known fit, or than ``least``, are not fitted. Nor are those
-    whose numbers are within their tolerances, which are no finding, but beside a known fit they are its rivals. known :
-    chi2 of a fit that is known already.
+    Not fitted are candidates that gain much less to first order than the best fit so far, or than `least`. Nor are
+    candidates whose numbers are within their tolerances, which are no finding; as rivals of a fit they are fitted.
+
+    Parameters
+    ----------
+    problem
+        The capture with the effects already in its model.
+    signatures
+        Signatures of the hypotheses.
+    residual
+        (n + 11,) residual with the effects already in the model.
+    refined
+        Number of effects to fit in full at most.
+    rival_chi2
+        Chi2 of a fit with which these effects compete; infinite for none.
+    least
+        Chi2 that any effect must gain.
+    progress
+        Reports the completed share.
+
+    Returns
+    -------
+    list of Candidate
+        One per effect, by chi2 with the price of its numbers.
     """
-    best: dict[str, Candidate] = {}
+    best_by_effect: dict[str, Candidate] = {}
     residual = problem.model.project(residual)
-    for index, one in enumerate(signatures, 1):
-        candidate = screen(problem, one, residual)
+    for index, signature in enumerate(signatures, 1):
+        candidate = screen(problem, signature, residual)
         progress.part(0.5 * index / len(signatures))
-        rival = best.setdefault(candidate.hypothesis.effect.id, candidate)
+        rival = best_by_effect.setdefault(candidate.hypothesis.effect.id, candidate)
         if penalised(candidate) < penalised(rival):
-            best[rival.hypothesis.effect.id] = candidate
-    ranked = sorted(best.values(), key=penalised)
+            best_by_effect[rival.hypothesis.effect.id] = candidate
+    ranked = sorted(best_by_effect.values(), key=penalised)
     start = square(residual)
-    done: list[float] = []
+    fitted_chi2: list[float] = []
     for index, candidate in enumerate(ranked[:refined]):
-        lowest = min(done, default=known)
-        beside_others = start - lowest if np.isfinite(lowest) else 0.0
-        needed = max(_LEAST_PROMISING * beside_others, _LEAST_PROMISING_ALONE * least)
+        lowest = min(fitted_chi2, default=rival_chi2)
+        rival_gain = start - lowest if np.isfinite(lowest) else 0.0
+        needed = max(_MIN_PROMISED_PART_OF_BEST * rival_gain, _MIN_PROMISED_PART_OF_NEEDED * least)
         if start - candidate.chi2 < needed:
             break
-        if np.isfinite(known) or beyond_tolerance(candidate):
+        if np.isfinite(rival_chi2) or beyond_tolerance(candidate):
             ranked[index] = fit(problem, candidate, residual, lowest)
-            done.append(ranked[index].chi2)
+            fitted_chi2.append(ranked[index].chi2)
         progress.part(0.5 + 0.5 * (index + 1) / refined)
     return sorted(ranked, key=penalised)
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Of all signatures together, to first order. owner : (column,) which of the signatures it belongs to.
+    """Normal equations of all signatures together, to first order, in unit columns."""
 
-    products : (column, column) of unit columns. aim : (column,) their products with the residual. size : (column,)
-    norms. low, high : (column,) bounds of the multiples of unit columns.
-    """
-
+    #: (column,) index of the signature that a column belongs to.
     owner: NDArray[np.int64]
+    #: (column, column) products of unit columns, with a small ridge.
     products: NDArray[np.float32]
+    #: (column,) products of unit columns with the residual, minus half the slope by averaged noise.
     aim: NDArray[np.float64]
+    #: (column,) norms of the columns before scaling.
     size: NDArray[np.float64]
+    #: (column,) lowest multiples of unit columns, by the numbers' bounds.
     low: NDArray[np.float64]
+    #: (column,) highest multiples.
     high: NDArray[np.float64]
 
     @classmethod
     def of(cls, problem: Problem, signatures: Sequence[Signature], residual: NDArray) -> NormalEquations:
-        """See ``screen`` for the columns."""
-        owner = np.repeat(np.arange(len(signatures)), [len(one.steps) for one in signatures])
+        """Normal equations of signatures for a residual.
+
+        Parameters
+        ----------
+        problem
+            The capture with the effects already in its model.
+        signatures
+            Signatures with free numbers, see `screen` for their columns.
+        residual
+            (n + 11,) residual over sigma.
+
+        Returns
+        -------
+        NormalEquations
+            With columns in single precision.
+        """
+        owner = np.repeat(np.arange(len(signatures)), [len(signature.steps) for signature in signatures])
         columns, size, aim = np.empty((len(residual), len(owner)), np.float32), *np.empty((2, len(owner)))
         projected = problem.model.project(residual)
-        for index, one in enumerate(signatures):
-            mine, changes = owner == index, columns_of(problem, one)
-            size[mine] = np.maximum(np.linalg.norm(changes, axis=0), 1e-30)
-            changes /= size[mine]
-            aim[mine], columns[:, mine] = projected @ changes, changes
-        slope = [problem.noise_averaging_gain(effect) for one in signatures for effect in one.stepped]
-        low, high = size * np.concatenate([one.bounds for one in signatures]).T
+        for index, signature in enumerate(signatures):
+            columns_of_one, changes = owner == index, columns_of(problem, signature)
+            size[columns_of_one] = np.maximum(np.linalg.norm(changes, axis=0), 1e-30)
+            changes /= size[columns_of_one]
+            aim[columns_of_one], columns[:, columns_of_one] = projected @ changes, changes
+        slope = [problem.noise_averaging_gain(effect) for signature in signatures for effect in signature.stepped]
+        low, high = size * np.concatenate([signature.bounds for signature in signatures]).T
         return cls(
             owner,
             columns.T @ columns + _RIDGE * np.eye(len(size), dtype=np.float32),
@@ -109,34 +151,61 @@ class NormalEquations:
             high,
         )
 
-    def solved(self, members: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
-        """The chi2 that signatures gain together, -inf where a number leaves its bounds, and the multiples of their
-        steps."""
-        own = np.flatnonzero(np.isin(self.owner, members))
-        amplitude = np.linalg.solve(self.products[np.ix_(own, own)], self.aim[own])
-        inside = np.all((self.low[own] <= amplitude) & (amplitude <= self.high[own]))
-        return float(self.aim[own] @ amplitude) if inside else -np.inf, amplitude / self.size[own]
+    def solve(self, members: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
+        """Chi2 that several signatures gain together, and the multiples of their steps.
+
+        Parameters
+        ----------
+        members
+            Indices of the signatures.
+
+        Returns
+        -------
+        gain : float
+            Chi2; -inf where a number leaves its bounds.
+        amplitude : NDArray
+            (number,) multiples of the steps, in the order of the columns.
+        """
+        columns = np.flatnonzero(np.isin(self.owner, members))
+        amplitude = np.linalg.solve(self.products[np.ix_(columns, columns)], self.aim[columns])
+        inside = np.all((self.low[columns] <= amplitude) & (amplitude <= self.high[columns]))
+        return float(self.aim[columns] @ amplitude) if inside else -np.inf, amplitude / self.size[columns]
 
 
 def best_set(problem: Problem, signatures: Sequence[Signature], residual: NDArray, most: int) -> list[Candidate]:
-    """The two to ``most`` effects that together explain most chi2 to first order, each number at its price; each one's
-    ``chi2`` is that of all together. Empty where no set keeps its numbers within their bounds.
+    """The effects that together explain most chi2 to first order, each number at its price.
 
     Of all pairs the best ones are tried with every further effect. Effects that the priors judge, or that have no free
     number, take no part.
-    """
-    able = [one for one in signatures if one.changes is not None and one.hypothesis.free]
-    if len(able) < 2:
-        return []
-    equations = NormalEquations.of(problem, able, residual)
-    effects = [one.hypothesis.effect.id for one in able]
 
-    def worth(members: Sequence[int]) -> float:
-        gain, steps = equations.solved(members)
+    Parameters
+    ----------
+    problem
+        The capture with the effects already in its model.
+    signatures
+        Signatures of the hypotheses.
+    residual
+        (n + 11,) residual over sigma.
+    most
+        Largest number of effects in the set; the smallest is two.
+
+    Returns
+    -------
+    list of Candidate
+        Each one's `chi2` is that of all together. Empty where no set keeps its numbers within their bounds.
+    """
+    usable = [signature for signature in signatures if signature.changes is not None and signature.hypothesis.free]
+    if len(usable) < 2:
+        return []
+    equations = NormalEquations.of(problem, usable, residual)
+    effects = [signature.hypothesis.effect.id for signature in usable]
+
+    def priced_gain(members: Sequence[int]) -> float:
+        gain, steps = equations.solve(members)
         return gain - price_of(len(steps))
 
     best: tuple[float, tuple[int, ...]] = (0.0, ())
-    extended: list[tuple[int, ...]] = [(index,) for index in range(len(able))]
+    extended: list[tuple[int, ...]] = [(index,) for index in range(len(usable))]
     for _ in range(most - 1):
         larger = {
             tuple(sorted((*members, more)))
@@ -144,30 +213,43 @@ def best_set(problem: Problem, signatures: Sequence[Signature], residual: NDArra
             for more, effect in enumerate(effects)
             if effect not in {effects[m] for m in members}
         }
-        found = sorted(((worth(members), members) for members in larger), reverse=True)
-        best, extended = max([best, *found]), [members for _, members in found[:_MOST_EXTENDED]]
+        ranked = sorted(((priced_gain(members), members) for members in larger), reverse=True)
+        best, extended = max([best, *ranked]), [members for _, members in ranked[:_MAX_EXTENDED_SETS]]
     if not best[1]:
         return []
-    gain, steps = equations.solved(best[1])
+    gain, steps = equations.solve(best[1])
     chi2 = square(problem.model.project(residual)) - gain
-    chosen = [able[m] for m in best[1]]
-    each = np.split(steps, np.cumsum([len(one.steps) for one in chosen])[:-1])
+    best_signatures = [usable[m] for m in best[1]]
+    amplitudes = np.split(steps, np.cumsum([len(signature.steps) for signature in best_signatures])[:-1])
     return [
-        Candidate(one.hypothesis, one.numbers(own), {}, chi2, np.zeros(0, np.float32))
-        for one, own in zip(chosen, each, strict=True)
+        Candidate(signature.hypothesis, signature.numbers(amplitude), {}, chi2, np.zeros(0, np.float32))
+        for signature, amplitude in zip(best_signatures, amplitudes, strict=True)
     ]
 
 
-def backward_elimination(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Drop effects, least needed first, whose loss costs less chi2 than an effect must gain."""
-    current = list(chosen)
+def backward_elimination(linearised: LinearisedFit, selected: Sequence[Candidate]) -> list[Candidate]:
+    """Drop effects whose loss costs less chi2 than an effect must gain, least needed first.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Effects fitted together.
+
+    Returns
+    -------
+    list of Candidate
+        The effects that remain, at least one, fitted together. One that the priors judge ends the elimination.
+    """
+    current = list(selected)
     while len(current) > 1:
         full = residual_with(linearised, current)
         costs = []
         for index, candidate in enumerate(current):
             rest = refitted_together(linearised, [c for c in current if c is not candidate])
-            left = residual_with(linearised, rest)
-            costs.append((square(left) - square(full), index, rest))
+            remainder = residual_with(linearised, rest)
+            costs.append((square(remainder) - square(full), index, rest))
         cost, index, rest = min(costs, key=lambda item: item[0])
         least = least_gain(current[index], linearised.model)
         if cost > least or current[index].by_priors:
@@ -177,23 +259,39 @@ def backward_elimination(linearised: LinearisedFit, chosen: Sequence[Candidate])
 
 
 def pairs_replaced(
-    linearised: LinearisedFit, chosen: Sequence[Candidate], signatures: Sequence[Signature]
+    linearised: LinearisedFit, selected: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> list[Candidate]:
     """Replace two of three effects by one that fits as well.
 
-    Two effects together may imitate one, and the first of them was chosen while the others were missing. Effects that
-    are judged by the priors gain too little chi2 to be compared so: with one of them nothing is replaced.
+    Two effects together may imitate one, and the first of them was selected while the others were missing. Effects that
+    the priors judge gain too little chi2 to be compared so: with one of them nothing is replaced.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    selected
+        Effects fitted together.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    list of Candidate
+        The effects, or two of them fitted together.
     """
-    if len(chosen) < _REPLACED_FROM or any(c.by_priors for c in chosen):
-        return list(chosen)
-    together = residual_with(linearised, chosen)
+    if len(selected) < _MIN_SELECTED_FOR_REPLACEMENT or any(c.by_priors for c in selected):
+        return list(selected)
+    together = residual_with(linearised, selected)
     limit = square(together) + largest_gain_of_errors(linearised.model)
-    best = list(chosen)
-    for kept in chosen:
-        rest = [s for s in signatures if s.hypothesis.effect.id != kept.hypothesis.effect.id]
-        found = best_singles(linearised.problem([kept]), rest, residual_with(linearised, [kept]), _MOST_FITTED)
-        trial = refitted_together(linearised, [kept, found[0]])
-        left = residual_with(linearised, trial)
-        if square(left) < limit:
-            best, limit = trial, square(left)
+    best = list(selected)
+    for candidate in selected:
+        rest = [s for s in signatures if s.hypothesis.effect.id != candidate.hypothesis.effect.id]
+        alternatives = best_singles(
+            linearised.problem([candidate]), rest, residual_with(linearised, [candidate]), _MAX_REPLACEMENTS_FITTED
+        )
+        trial = refitted_together(linearised, [candidate, alternatives[0]])
+        remainder = residual_with(linearised, trial)
+        if square(remainder) < limit:
+            best, limit = trial, square(remainder)
     return best

@@ -1,8 +1,8 @@
-"""Effects enter one after the other until none is significant: forward selection, backward elimination, exchange."""
+"""Stepwise selection of effects: forward selection, best set, elimination, held-out test."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
 from .evidence import (
-    INDISTINGUISHABLE,
-    LEAST_EXPLAINED_EACH,
+    INDISTINGUISHABLE_CHI2,
+    MIN_EXPLAINED_PART_EACH,
     Limit,
     explained_part,
     first_significant,
@@ -38,50 +38,80 @@ from .selection import backward_elimination, best_set, best_singles, pairs_repla
 
 __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
-#: Size found nine times in ten over that to first order: camera, rivals and the picture's own errors ask for more than
-#: noise does. Of 54 effects hidden in sound captures 40 were found at the latter, 52 at 1.5 times.
-_BEYOND_FIRST_ORDER = 1.5
+#: Size found nine times in ten over that to first order: camera, rivals and rendering errors demand more than noise
+#: does. Of 54 effects hidden in sound captures, 40 were found at the first-order size and 52 at 1.5 times that.
+_SIZE_OVER_FIRST_ORDER = 1.5
 
-#: So many effects are selected at most; so many candidates are fitted in full for the first of them, and for each
-#: further one.
-_MOST_EFFECTS = 3
-_FITTED_FIRST, _FITTED_NEXT = 6, 3
+#: Largest number of effects that are selected.
+_MAX_EFFECTS = 3
+#: Number of candidates fitted in full for the first effect.
+_CANDIDATES_FITTED_FIRST = 6
 
-#: Stages whose changes of the picture hang on random numbers.
+#: Number of candidates fitted in full for each further effect.
+_CANDIDATES_FITTED_NEXT = 3
+
+#: Stages whose changes of the picture depend on random numbers.
 _TRACED = stages_between("scene", "transport")
 
-#: The base picture is rendered again where the refit with an effect moves the box's corners by more than this (rms);
-#: otherwise it is warped. A model that lacks half of the light may have moved them by more than a pixel: then it is
-#: rendered several times, at most so often.
-_STALE_PX, _MOST_RENDERINGS = 0.01, 3
+#: Motion of the box's corners by a refit (rms), px, above which the picture is rendered again; below, it is warped.
+_MAX_WARP_PX = 0.01
 
-#: A set of effects must promise to explain this part of what those chosen leave above noise, to be fitted in full.
-_LEAST_PROMISED = 0.5
+#: Largest number of renderings of a refit. A model that lacks half of the light may have moved the corners by more than
+#: a pixel, so that one rendering is not enough.
+_MAX_RENDERINGS = 3
+
+#: Minimum share of the excess left by the selected effects that a set of effects must promise, to be fitted in full.
+_MIN_PROMISED_PART = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Effects selected in one capture.
+    """Effects selected in one capture."""
 
-    first : the linear model of the model as given, as it was judged. linearised : the picture with the effects, without
-    errors counted. singles : every effect tried alone, best first. known : what is known of those chosen.
-    limits : of every effect, where errors were counted: the smallest that would have been found.
-    """
-
+    #: Linear model of the model as given, as the effects were judged.
     first: LinearModel
+    #: Picture with the effects, without rendering errors in the covariance.
     linearised: LinearisedFit
+    #: Every effect tried alone, best first.
     singles: list[Candidate]
-    chosen: list[Candidate]
-    known: list[SelectedEffect]
+    #: Selected effects, fitted together.
+    selected: list[Candidate]
+    #: The same effects with their alternatives and tests.
+    assessed: list[SelectedEffect]
+    #: Detection limit of each effect; only where rendering errors were counted and nothing was selected.
     limits: tuple[Limit, ...]
 
     def judging(self, linearised: LinearisedFit) -> LinearisedFit:
-        """Another capture's picture, judged as the effects were."""
+        """Another capture's picture, judged as the effects were.
+
+        Parameters
+        ----------
+        linearised
+            The other capture's linearised fit.
+
+        Returns
+        -------
+        LinearisedFit
+            With rendering errors in the covariance where the effects were judged so.
+        """
         return linearised if self.first.errors is None else linearised.counting_errors(())
 
 
 def tolerated_changes(linearised: LinearisedFit, signatures: Sequence[Signature]) -> list[NDArray[np.float64]]:
-    """(n,) DN each, one standard deviation: what effects within their parameters' tolerance change."""
+    """Changes of the picture by parameters' tolerances, one standard deviation each.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, for the lamp's scale.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    list of NDArray
+        (n,) DN at the used samples, for each number with a tolerance.
+    """
     return [
         p.tolerance / step * linearised.scale * change
         for s in signatures
@@ -98,71 +128,113 @@ def selection(
     progress: Progress,
     errors: Sequence[NDArray[np.float64]] | None = None,
 ) -> Selection:
-    """Effects enter one after the other, the picture made anew with each; those that later ones made superfluous leave,
-    and every one left is tested against all others in its stead, and where it was not fitted.
+    """Select the effects that a capture's residual calls for.
 
-    errors : see ``tolerated_changes``; these and the picture's own errors are then counted in the covariance, and
-    effects judged by how certain they are. Without, they are judged by their size.
+    Effects enter one after the other, the picture rendered or warped again with each. A set of effects replaces them
+    where it explains more. Superfluous ones leave. Each of the others is tested against all other effects in its role,
+    and in samples to which it was not fitted.
+
+    Parameters
+    ----------
+    validation
+        Validation of the capture.
+    first
+        Its linearised fit.
+    signatures
+        Signatures of the hypotheses.
+    progress
+        Reports the completed share.
+    errors
+        (n,) DN each, see `tolerated_changes`. They and the rendering errors are counted in the covariance, and effects
+        judged by their certainty. None: effects are judged by their size.
+
+    Returns
+    -------
+    Selection
+        Without effects where none is significant, or where those that entered explain too little each.
     """
 
     def judging(linearised: LinearisedFit) -> LinearisedFit:
         return linearised if errors is None else linearised.counting_errors(errors)
 
-    given, settings = first.given, validation.model.render
     plain, linearised = first, judging(first)
-    tried: list[tuple[Signature, Limit]] = []
+    with_limits: list[tuple[Signature, Limit]] = []
     if errors is not None:
         limits = ((s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures)
-        tried = [(s, limit) for s, limit in limits if limit]
-        signatures = [s for s, limit in tried if limit.beside_errors]
-    start, residual = linearised.model, linearised.model.residual
-    problem = linearised.problem(())
+        with_limits = [(s, limit) for s, limit in limits if limit]
+        signatures = [s for s, limit in with_limits if limit.beside_errors]
+    start = linearised.model
     part = share(progress, 0.6, 0.75)
-    candidates = singles = best_singles(problem, signatures, residual, _FITTED_FIRST, progress=part)
-    chosen: list[Candidate] = []
+    singles = best_singles(linearised.problem(()), signatures, start.residual, _CANDIDATES_FITTED_FIRST, progress=part)
+    plain, linearised, selected, signatures = _forward_selection(
+        validation, first, linearised, judging, signatures, singles, progress
+    )
+    if errors is None and selected and _has_remainder(plain, selected):
+        plain, selected = _with_best_set(validation, first, signatures, plain, selected)
+        linearised = plain
+    if _explain_too_little(plain, selected):
+        plain, linearised, selected = first, judging(first), []
+    selected = pairs_replaced(linearised, backward_elimination(linearised, selected), signatures)
+    selected, assessed = with_better_alternatives(linearised, selected, signatures)
+    selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
+    detectable = () if selected else limits_of(first, linearised.model, with_limits)
+    return Selection(start, plain, singles, selected, assessed, detectable)
+
+
+def _forward_selection(
+    validation: Validation,
+    first: LinearisedFit,
+    linearised: LinearisedFit,
+    judging: Callable[[LinearisedFit], LinearisedFit],
+    signatures: Sequence[Signature],
+    candidates: Sequence[Candidate],
+    progress: Progress,
+) -> tuple[LinearisedFit, LinearisedFit, list[Candidate], Sequence[Signature]]:
+    """Effects entered one after the other.
+
+    Returns the picture with them, as it is and as it is judged; the effects, fitted together; and the signatures, which
+    an effect on the settings changes.
+
+    first, linearised : the picture without effects, as it is and as it is judged. judging : from one to the other.
+    candidates : every effect tried alone, best first.
+    """
+    settings, plain, model, residual = validation.model.render, first, linearised.model, linearised.model.residual
+    selected: list[Candidate] = []
     while (
-        best := first_significant(candidates, residual, problem.model, residual_with_rendered(linearised, chosen))
+        best := first_significant(candidates, residual, model, residual_with_rendered(linearised, selected))
     ) is not None:
-        reached = 0.75 + 0.2 * (len(chosen) + 1) / _MOST_EFFECTS
-        part = share(progress, reached - 0.2 / _MOST_EFFECTS, reached)
-        plain = refitted(validation, plain, [*chosen, best], part)
+        completed = 0.75 + 0.2 * (len(selected) + 1) / _MAX_EFFECTS
+        part = share(progress, completed - 0.2 / _MAX_EFFECTS, completed)
+        plain = refitted(validation, plain, [*selected, best], part)
         linearised = judging(plain)
-        chosen = refitted_together(linearised, [*chosen, best])
-        residual = residual_with(linearised, chosen)
-        progress.part(reached)
-        if len(chosen) == _MOST_EFFECTS or _hopeless(plain, chosen):
+        selected = refitted_together(linearised, [*selected, best])
+        residual = residual_with(linearised, selected)
+        progress.part(completed)
+        if len(selected) == _MAX_EFFECTS or _explain_too_little(plain, selected):
             break
+        part = share(progress, completed, completed)
         if best.hypothesis.effect.stage == "settings":
             # with more light reflected the signatures of the other effects differ
-            signatures = signatures_of(plain, (*given, best.applied), settings, share(progress, reached, reached))
-        taken = {c.hypothesis.effect.id for c in chosen}
-        rest = [s for s in signatures if s.hypothesis.effect.id not in taken]
-        problem = linearised.problem(chosen)
-        least = least_gain_of_any(problem.model, residual, residual_with_rendered(linearised, chosen))
-        candidates = best_singles(
-            problem, rest, residual, _FITTED_NEXT, least=least, progress=share(progress, reached, reached)
-        )
-    if errors is None and chosen and _remaining(plain, chosen):
-        plain, chosen = _with_best_set(validation, first, signatures, plain, chosen)
-        linearised = plain
-    if _hopeless(plain, chosen):
-        plain, linearised, chosen = first, judging(first), []
-    chosen = pairs_replaced(linearised, backward_elimination(linearised, chosen), signatures)
-    chosen, known = with_better_alternatives(linearised, chosen, signatures)
-    chosen, known = confirmed_where_held_out(linearised, chosen, known, signatures)
-    return Selection(start, plain, singles, chosen, known, () if chosen else limits_of(first, linearised.model, tried))
+            signatures = signatures_of(plain, (*first.model_effects, best.applied), settings, part)
+        selected_ids = {c.hypothesis.effect.id for c in selected}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
+        problem = linearised.problem(selected)
+        model = problem.model
+        least = least_gain_of_any(model, residual, residual_with_rendered(linearised, selected))
+        candidates = best_singles(problem, rest, residual, _CANDIDATES_FITTED_NEXT, least=least, progress=part)
+    return plain, linearised, selected, signatures
 
 
-def _remaining(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
-    """Whether something remains that these effects do not explain."""
-    rendered = residual_with_rendered(linearised, chosen)
-    return something_remains(linearised.model, residual_with(linearised, chosen), rendered)
+def _has_remainder(linearised: LinearisedFit, selected: Sequence[Candidate]) -> bool:
+    """Whether something remains that the selected effects do not explain."""
+    rendered = residual_with_rendered(linearised, selected)
+    return something_remains(linearised.model, residual_with(linearised, selected), rendered)
 
 
-def _hopeless(linearised: LinearisedFit, chosen: Sequence[Candidate]) -> bool:
+def _explain_too_little(linearised: LinearisedFit, selected: Sequence[Candidate]) -> bool:
     """Whether effects explain so little each that they only resemble the cause."""
-    explained = explained_part(linearised.model, residual_with(linearised, chosen))
-    return explained < LEAST_EXPLAINED_EACH * len(chosen) and _remaining(linearised, chosen)
+    explained = explained_part(linearised.model, residual_with(linearised, selected))
+    return explained < MIN_EXPLAINED_PART_EACH * len(selected) and _has_remainder(linearised, selected)
 
 
 def _with_best_set(
@@ -170,103 +242,155 @@ def _with_best_set(
     first: LinearisedFit,
     signatures: Sequence[Signature],
     linearised: LinearisedFit,
-    chosen: list[Candidate],
+    selected: list[Candidate],
 ) -> tuple[LinearisedFit, list[Candidate]]:
-    """The set of effects that explains most to first order, and the picture with it, where it explains more than those
-    chosen one after the other: the first of these may resemble the sum of others, and no single exchange then lead on.
-    It is fitted in full where it promises to explain half of what they leave.
+    """The set of effects that explains most, if it explains more than those selected one by one.
 
-    first, signatures : of the model as given; where more light reflects they do not hold.
+    The first of these may resemble the sum of others, and then no single exchange leads on. The set is fitted in full
+    where it promises to explain half of what they leave. With an effect on the settings the signatures do not hold.
+
+    first, signatures : of the model as given.
     """
-    if any(c.hypothesis.effect.stage == "settings" for c in chosen):
-        return linearised, chosen
-    best = best_set(first.problem(()), signatures, first.model.residual, _MOST_EFFECTS)
-    reached = chosen[0].chi2
-    if not best or best[0].chi2 > reached - _LEAST_PROMISED * (reached - first.model.count):
-        return linearised, chosen
+    if any(c.hypothesis.effect.stage == "settings" for c in selected):
+        return linearised, selected
+    best = best_set(first.problem(()), signatures, first.model.residual, _MAX_EFFECTS)
+    chi2 = selected[0].chi2
+    if not best or best[0].chi2 > chi2 - _MIN_PROMISED_PART * (chi2 - first.model.count):
+        return linearised, selected
     best = refitted_together(first, best)
-    there = refitted(validation, first, best)
-    fitted = refitted_together(there, best)
-    gain = penalised(*chosen) - penalised(*fitted)
-    return (there, fitted) if gain > INDISTINGUISHABLE else (linearised, chosen)
+    rerendered = refitted(validation, first, best)
+    fitted = refitted_together(rerendered, best)
+    gain = penalised(*selected) - penalised(*fitted)
+    return (rerendered, fitted) if gain > INDISTINGUISHABLE_CHI2 else (linearised, selected)
 
 
 def limits_of(
-    first: LinearisedFit, counting: LinearModel, tried: Sequence[tuple[Signature, Limit]]
+    first: LinearisedFit, counting: LinearModel, with_limits: Sequence[tuple[Signature, Limit]]
 ) -> tuple[Limit, ...]:
-    """The limit of each effect in the way in which it shows most easily, the smallest first.
+    """Detection limit of each effect in the way to act in which it shows most easily.
 
-    tried : every signature with the limit that follows from it. The effect is computed once more at that size: a blur
-    grows with a higher power of its width than the first. What is traced is traced twice, lest its noise counts.
-    What would be found at no size within its bounds is left out.
+    The effect is computed once more at its limit: a blur grows with a higher power of its width than the first. What is
+    traced is traced twice, so that its noise does not count as a change.
+
+    Parameters
+    ----------
+    first
+        Linearised fit of the capture, without rendering errors in the covariance.
+    counting
+        Its linear model with them.
+    with_limits
+        Every signature with its limit to first order.
+
+    Returns
+    -------
+    tuple of Limit
+        The smallest chi2 first; without effects that no size within their bounds makes detectable.
     """
     best: dict[str, tuple[Signature, Limit]] = {}
-    for known, limit in sorted(tried, key=lambda one: one[1].chi2_per_sample):
-        best.setdefault(limit.effect, (known, limit))
-    rough, found = first.predictor.rough(), []
+    for unit_signature, limit in sorted(with_limits, key=lambda pair: pair[1].chi2_per_sample):
+        best.setdefault(limit.effect, (unit_signature, limit))
+    rough, limits = first.predictor.rough(), []
     resampled = rough.resampled()
 
-    def stated(known: Signature) -> Limit | None:
-        again = None
-        if known.hypothesis.effect.stage in _TRACED:
-            again = signature(resampled, first.given, first.rendered.used, known.hypothesis)
-        return limit_of(known, first.model, counting, first.scale, again, counting.residual)
+    def detection_limit(unit_signature: Signature) -> Limit | None:
+        retraced = None
+        if unit_signature.hypothesis.effect.stage in _TRACED:
+            retraced = signature(resampled, first.model_effects, first.rendered.used, unit_signature.hypothesis)
+        return limit_of(unit_signature, first.model, counting, first.scale, retraced, counting.residual)
 
-    for known, _ in best.values():
-        (number, *others), step = known.hypothesis.free, abs(known.steps[0])
-        near, power = stated(known), 1.0
-        if near is None:
+    for unit_signature, _ in best.values():
+        (number, *others), step = unit_signature.hypothesis.free, abs(unit_signature.steps[0])
+        detected, power = detection_limit(unit_signature), 1.0
+        if detected is None:
             continue
-        there = replace(known.hypothesis, free=(replace(number, step=near.distance), *others))
-        close = signature(rough, first.given, first.rendered.used, there)
-        if close and (again := stated(close)):
-            closer = np.log(again.distance / near.distance)
-            power = max(1.0, float(1 + closer / np.log(step / near.distance)))
-            near = replace(again, distance=near.distance * float(np.exp(closer / power)))
-        more = _BEYOND_FIRST_ORDER ** (2 * power) * near.chi2_per_sample
-        near = replace(near, distance=_BEYOND_FIRST_ORDER * near.distance, chi2_per_sample=more)
+        at_distance = replace(unit_signature.hypothesis, free=(replace(number, step=detected.distance), *others))
+        near_signature = signature(rough, first.model_effects, first.rendered.used, at_distance)
+        if near_signature and (at_limit := detection_limit(near_signature)):
+            closer = np.log(at_limit.distance / detected.distance)
+            power = max(1.0, float(1 + closer / np.log(step / detected.distance)))
+            detected = replace(at_limit, distance=detected.distance * float(np.exp(closer / power)))
+        chi2_per_sample = _SIZE_OVER_FIRST_ORDER ** (2 * power) * detected.chi2_per_sample
+        detected = replace(
+            detected, distance=_SIZE_OVER_FIRST_ORDER * detected.distance, chi2_per_sample=chi2_per_sample
+        )
         low, high = number.coordinate_bounds
-        if number.null_coordinate - near.distance >= low or number.null_coordinate + near.distance <= high:
-            found.append(near)
-    return tuple(found)
+        if number.null_coordinate - detected.distance >= low or number.null_coordinate + detected.distance <= high:
+            limits.append(detected)
+    return tuple(limits)
 
 
 def signatures_of(
-    linearised: LinearisedFit, given: Sequence[AppliedEffect], settings: RenderSettings, progress: Progress
+    linearised: LinearisedFit, model_effects: Sequence[AppliedEffect], settings: RenderSettings, progress: Progress
 ) -> list[Signature]:
-    """What small steps of every effect of the catalogue change, on top of those given."""
+    """Signatures of all hypotheses of the catalogue, on top of effects in the model.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    model_effects
+        Effects in the model.
+    settings
+        Render settings of the model, without its effects.
+    progress
+        Reports the completed share.
+
+    Returns
+    -------
+    list of Signature
+        Without those that cannot act or change nothing.
+    """
     scene = linearised.predictor.scene
     bands = linearised.predictor.sensing.curves.bands
-    known = hypotheses(bands, scene, after_stage(settings, given, "settings"))
-    found, rough = [], linearised.predictor.rough()
-    for index, hypothesis in enumerate(known):
-        one = signature(rough, given, linearised.rendered.used, hypothesis)
-        if one is not None:
-            found.append(one)
-        progress.part((index + 1) / len(known))
-    return found
+    possible = hypotheses(bands, scene, after_stage(settings, model_effects, "settings"))
+    signatures, rough = [], linearised.predictor.rough()
+    for index, hypothesis in enumerate(possible):
+        steps = signature(rough, model_effects, linearised.rendered.used, hypothesis)
+        if steps is not None:
+            signatures.append(steps)
+        progress.part((index + 1) / len(possible))
+    return signatures
 
 
 def refitted(
-    validation: Validation, linearised: LinearisedFit, chosen: Sequence[Candidate], progress: Progress = NO_PROGRESS
+    validation: Validation, linearised: LinearisedFit, selected: Sequence[Candidate], progress: Progress = NO_PROGRESS
 ) -> LinearisedFit:
-    """Refit the camera with these effects in the model; render again where it moved or the light changed."""
+    """Refit the camera with selected effects in the model; render again where necessary.
+
+    The picture is warped where the refit moves the box's corners by at most 0.01 px and no effect on scene or settings
+    is among the effects. The samples used stay the same, since the signatures hold them.
+
+    Parameters
+    ----------
+    validation
+        Validation of the capture.
+    linearised
+        Its linearised fit.
+    selected
+        Candidates with their numbers.
+    progress
+        Reports the completed share.
+
+    Returns
+    -------
+    LinearisedFit
+        Of the refitted picture, with the model's own effects as base.
+    """
     prepared, rendered = validation.prepared, linearised.rendered
-    effects = (*linearised.given, *(c.applied for c in chosen))
+    effects = (*linearised.model_effects, *(c.applied for c in selected))
     settings = validation.model.render
     altered = refitted_picture(prepared, rendered, effects)
     corners = prepared.scene.corners_mm
-    resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in chosen)
+    resolve = any(c.hypothesis.effect.stage in stages_between("scene", "settings") for c in selected)
     light = None if resolve else validation.light
     camera = rendered.predictor.camera
-    for _ in range(_MOST_RENDERINGS):
-        if not resolve and camera.motion_px(altered.fit.camera, corners) <= _STALE_PX:
+    for _ in range(_MAX_RENDERINGS):
+        if not resolve and camera.motion_px(altered.fit.camera, corners) <= _MAX_WARP_PX:
             break
         light = light or solved_light(prepared, settings, effects)
         camera, resolve = altered.fit.camera, False
         pilot = altered.pilot if light is validation.light else None
-        again = rendered_from(prepared, light, camera, settings, effects, progress, pilot)
-        altered = refitted_picture(prepared, again, effects)
-    # the signatures hold the pixels that were used at first
-    added = effects[len(linearised.given) :]
-    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.given, added)
+        rerendered = rendered_from(prepared, light, camera, settings, effects, progress, pilot)
+        altered = refitted_picture(prepared, rerendered, effects)
+    added = effects[len(linearised.model_effects) :]
+    return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.model_effects, added)

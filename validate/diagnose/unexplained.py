@@ -1,4 +1,4 @@
-"""What the catalogue leaves, as the families of ``explain`` need it, and whether one of them beats the catalogue."""
+"""Remainder of the catalogue: its data for `explain`, and the judgement of explanations."""
 
 from __future__ import annotations
 
@@ -17,121 +17,208 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, price_of, square
+from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
 from .explain import NONE, Excess, Explanation, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
 
-__all__ = ["beats", "excess_of", "reported", "stands_out"]
+__all__ = ["excess_of", "explanation_to_report", "family_beats_effects", "is_significant_pattern"]
 
-#: Probability that a family stands out of noise alone, all families and their forms together.
+#: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
+#: not measured.
 _FALSE_ALARM = 0.005
 
-#: Part of its gain in the pixels of a trial fit that a family must have in those held out from it. Pixels that scatter
-#: in deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
-_LEAST_HELDOUT = 0.3
+#: Minimum gain of a family in pixels held out from a trial fit, over that in the fitted ones. Pixels that scatter in
+#: deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
+_MIN_HELDOUT_GAIN_RATIO = 0.3
 
+#: Families of patterns that are fixed on the sensor.
 _ON_SENSOR = ("sensor-offset", "sensor-gain")
 
-#: A pattern fixed on the sensor has at least this part of its size where the picture shows no edges. Errors of edges
-#: along rows or columns, as those of a ceiling, look like rows or columns and have none there.
-_LEAST_INSIDE = 0.5
+#: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
+#: columns, as those of a ceiling, look like rows or columns and have none there.
+_MIN_INTERIOR_AMPLITUDE = 0.5
 
-#: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky. Rays of a pixel for each.
-_COATS, _COAT_SAMPLES = (0.03, 0.12, 0.35), 64
+#: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky.
+_COAT_ROUGHNESS = (0.03, 0.12, 0.35)
 
-#: A sharp form is reported in place of another one of its family that explains more, if it explains this part of that.
-_NEARLY_ALL = 0.75
+#: Rays of a pixel for each coat.
+_COAT_SAMPLES = 64
+
+#: Minimum share explained by a sharp form, over that of another form of its family, to be reported in its place.
+_MIN_SHARE_OF_SHARP_FORM = 0.75
 
 
-def beats(
+def family_beats_effects(
     explanation: Explanation,
     model: LinearModel,
-    chosen: Sequence[Candidate],
+    effects: Sequence[Candidate],
     fitted: LinearModel,
-    left: NDArray[np.float64],
-    beside: Explanation | None = None,
+    residual: NDArray[np.float64],
+    remainder_explanation: Explanation | None = None,
 ) -> bool:
-    """Whether a family alone explains more of the excess of the model as given than the effects chosen.
+    """Whether one family explains more of the excess of the given model than selected effects.
 
-    fitted, left : the model in which these were fitted, and the residual (n + 11,) that they leave. The family must
-    leave less by more than the errors of the effects' shapes, and of the picture; errors that bands and faces share are
-    adjusted beside either. Levels of bands have no shape in the picture: there both pay for their free numbers, and
-    effects for being chosen from the catalogue. beside : what explains what the effects leave. A smear has a round
-    part: one effect that looks like a blur, and a smear beside it, are one cause.
+    The family must leave less by more than the errors of the effects' shapes, and of the rendering; errors that bands
+    and faces share are adjusted with either. Levels of bands have no shape in the picture. There both pay for their
+    free numbers, and effects also for being selected from the catalogue.
+
+    Parameters
+    ----------
+    explanation
+        Best explanation of the model as given.
+    model
+        Linear model of the model as given.
+    effects
+        The selected effects.
+    fitted
+        Linear model in which they were fitted.
+    residual
+        (n + 11,) residual that they leave.
+    remainder_explanation
+        Explanation of what the effects leave; None where nothing remains. A smear has a round part: one effect that
+        looks like a blur, with a smear in the remainder, are one cause.
+
+    Returns
+    -------
+    bool
+        False for no family.
     """
     if explanation.family == NONE:
         return False
-    if beside is not None and beside.smear and len(chosen) == 1 and explanation.family == beside.family:
+    if (
+        remainder_explanation is not None
+        and remainder_explanation.smear
+        and len(effects) == 1
+        and explanation.family == remainder_explanation.family
+    ):
         return True
-    by_effects, complexity = model.chi2 - square(left), explanation.gain - explanation.evidence
+    by_effects, complexity = model.chi2 - square(residual), explanation.gain - explanation.evidence
     if explanation.levels:
-        numbers = sum(len(candidate.hypothesis.free) for candidate in chosen)
-        paid = price_of(numbers) + 2 * len(chosen) * float(np.log(len(catalogue())))
-        own = _gain(explanation, model, model.residual) - complexity
-        return own > (1 + SHAPE_ERROR) * by_effects - paid + INDISTINGUISHABLE
+        numbers = sum(len(candidate.hypothesis.free) for candidate in effects)
+        effects_price = price_of(numbers) + 2 * len(effects) * float(np.log(len(catalogue())))
+        family_gain = _gain(explanation, model, model.residual) - complexity
+        return family_gain > (1 + SHAPE_ERROR) * by_effects - effects_price + INDISTINGUISHABLE_CHI2
     by_family = model.residual - model.whiten(explanation.change)
     of_effects, of_family = (
-        square(one.without_shared_errors(residual)) for one, residual in ((fitted, left), (model, by_family))
+        square(linear_model.without_shared_errors(vector))
+        for linear_model, vector in ((fitted, residual), (model, by_family))
     )
-    more = max(SHAPE_ERROR * by_effects, SMALLEST_GAIN * model.count)
-    return of_effects - of_family - complexity > more
+    margin = max(SHAPE_ERROR * by_effects, MIN_GAIN_PER_SAMPLE * model.count)
+    return of_effects - of_family - complexity > margin
 
 
-def stands_out(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float) -> bool:
-    """Whether a pattern is left in a residual (n + 11,) that is neither noise nor an error of the picture.
+def is_significant_pattern(
+    explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float
+) -> bool:
+    """Whether a residual holds a pattern that is neither noise nor an error of the rendering.
 
-    Smooth patterns in all bands, and blurs, are judged by ``something_remains``: the picture has such errors itself.
-    Noise alone lets evidence exceed a factor k with a probability of 1 / k at most; a family must exceed that for all
-    forms together, must gain as much chi2 as an effect must, and hold where it was not fitted. by_effects : chi2 that
-    effects explain already.
+    Smooth patterns in all bands, and blurs, are judged by `something_remains`, since renderings have such errors. Noise
+    alone lets evidence exceed a factor k with a probability of 1 / k at most. A family must exceed that for all forms
+    together, gain as much chi2 as an effect must, and hold where it was not fitted.
+
+    Parameters
+    ----------
+    explanation
+        Explanation of the residual.
+    model
+        Linear model of the capture.
+    residual
+        (n + 11,) residual over sigma.
+    by_effects
+        Chi2 that effects explain already.
+
+    Returns
+    -------
+    bool
+        False for no family, and for families that renderings' errors resemble.
     """
-    if explanation.family == NONE or not explanation.sharp or explanation.heldout < _LEAST_HELDOUT:
+    if explanation.family == NONE or not explanation.sharp or explanation.heldout < _MIN_HELDOUT_GAIN_RATIO:
         return False
     change = model.whiten(explanation.change)
     everywhere = explanation.family in _ON_SENSOR and explanation.centre_px is None
     if everywhere and not _holds_inside(change, model, residual):
         return False
     least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
-    seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
-    return seen and min(_gain(explanation, model, residual), explanation.gain) > least
+    evident = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
+    return evident and min(_gain(explanation, model, residual), explanation.gain) > least
 
 
 def _holds_inside(change: NDArray[np.float64], model: LinearModel, residual: NDArray[np.float64]) -> bool:
-    """Whether a change (n + 11,) has its size in a residual well inside flat faces, too."""
-    own = change[: model.count] * model.interior
-    return float(own @ residual[: model.count]) > _LEAST_INSIDE * square(own)
+    """Whether a change (n + 11,) has its size in a residual also well inside flat faces."""
+    interior_change = change[: model.count] * model.interior
+    return float(interior_change @ residual[: model.count]) > _MIN_INTERIOR_AMPLITUDE * square(interior_change)
 
 
-def reported(
-    explained: Sequence[Explanation],
+def explanation_to_report(
+    explanations: Sequence[Explanation],
     model: LinearModel,
     residual: NDArray[np.float64],
     by_effects: float,
-    left: bool,
+    remains: bool,
 ) -> Explanation | None:
-    """Which explanation of a residual (n + 11,) is reported; None where nothing is left to explain.
+    """The explanation of a residual that is reported.
 
-    explained : the best one of all, then those that errors of the picture may hide. by_effects : see ``stands_out``.
-    left : whether something is left whatever they say. Rivals of a sharp form are those of its family.
+    A significant pattern of the best family takes over its rivals from other families. It replaces the best explanation
+    where it explains three quarters of what that does.
+
+    Parameters
+    ----------
+    explanations
+        The best explanation, then those that errors of the rendering may mask.
+    model
+        Linear model of the capture.
+    residual
+        (n + 11,) residual over sigma.
+    by_effects
+        Chi2 that effects explain already.
+    remains
+        Whether something remains, whatever the explanations.
+
+    Returns
+    -------
+    Explanation or None
+        None where nothing remains to be explained.
     """
-    best = explained[0]
-    sharp = next((one for one in explained if stands_out(one, model, residual, by_effects)), None)
+    best = explanations[0]
+    sharp = next(
+        (
+            explanation
+            for explanation in explanations
+            if is_significant_pattern(explanation, model, residual, by_effects)
+        ),
+        None,
+    )
     if sharp and sharp.family == best.family:
         sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
-        left = left and sharp.share < _NEARLY_ALL * best.share
-    return best if left else sharp
+        remains = remains and sharp.share < _MIN_SHARE_OF_SHARP_FORM * best.share
+    return best if remains else sharp
 
 
 def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:
-    """Chi2 that an explanation takes off a residual (n + 11,), errors shared by bands or faces not adjusted."""
+    """Chi2 that an explanation takes off a residual (n + 11,), shared errors not adjusted."""
     change = model.whiten(explanation.change)
     return 2 * float(change @ residual) - square(change)
 
 
 def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
-    """What a residual (n + 11,), projected, over sigma, gives the families to explain."""
+    """Data of a residual for the explanation families.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    residual
+        (n + 11,) projected residual, over sigma.
+    capture
+        The capture, for exposures and repeated frames.
+
+    Returns
+    -------
+    Excess
+        Residual, signals, nuisances, frames and light transport.
+    """
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
     nuisances, left = _nuisance_columns(model, residual)
     used, image = model.used, rendered.image
@@ -164,7 +251,7 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
 
 
 def _flat_exposure(capture: Capture, band: str) -> float:
-    """Seconds; infinite without a flat, which then brings no error of the shutter."""
+    """Exposure of a band's flat, s; infinite without one, which then brings no shutter error."""
     flats = capture.flats(band)
     return flats[0].exposure_s if flats else np.inf
 
@@ -172,30 +259,29 @@ def _flat_exposure(capture: Capture, band: str) -> float:
 def _nuisance_columns(
     model: LinearModel, residual: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """(band, y, x, m) columns W of the ``Excess``, and the residual (n,) less what shared errors explain of it.
+    """Columns W (band, y, x, m) of the nuisances, and the residual (n,) without shared errors.
 
-    Camera and lamp are projected out already; errors shared by bands or faces have unit variance, which the Woodbury
-    identity takes off the information.
+    Camera and lamp are projected out already. Errors shared by bands or faces have unit variance; the Woodbury identity
+    marginalises over them.
     """
     shared = model.projected_shared_errors()
     factor = np.linalg.cholesky(np.eye(shared.shape[1]) + shared.T @ shared)
     shared = solve_triangular(factor, shared.T, lower=True, overwrite_b=True).T
-    left = residual - shared @ (shared.T @ residual)
-    known = model.basis.shape[1]
-    columns = np.zeros((*model.used.shape, known + shared.shape[1]), np.float32)
-    columns[model.used, :known] = model.basis[: model.count]
-    columns[model.used, known:] = shared[: model.count]
-    return columns, left[: model.count]
+    marginalised = residual - shared @ (shared.T @ residual)
+    rank = model.basis.shape[1]
+    columns = np.zeros((*model.used.shape, rank + shared.shape[1]), np.float32)
+    columns[model.used, :rank] = model.basis[: model.count]
+    columns[model.used, rank:] = shared[: model.count]
+    return columns, marginalised[: model.count]
 
 
 def _repeats(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(band, repeat) relative differences of frames' levels from their band's mean, NaN beyond a band's last frame,
-    and (band,) their standard deviations by noise.
+    """(band, repeat) relative levels of frames, and (band,) their standard deviations by noise.
 
-    A level is the regression of a frame on the mean of its band's frames above dark.
+    A level is the regression of a frame minus its band's mean on that mean above dark; NaN after a band's last frame.
     """
     tables = [capture.band(band) for band in capture.band_ids]
-    found = np.full((len(tables), max(len(table.frames) for table in tables)), np.nan)
+    all_levels = np.full((len(tables), max(len(table.frames) for table in tables)), np.nan)
     sigma = np.full(len(tables), np.inf)
     for index, table in enumerate(tables):
         frames = capture.frames(table).astype(float)
@@ -210,18 +296,20 @@ def _repeats(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]
             np.sum(pattern**2 * (frame - mean - level * pattern) ** 2)
             for frame, level in zip(frames, levels, strict=True)
         ]
-        found[index, : len(frames)] = levels
+        all_levels[index, : len(frames)] = levels
         sigma[index] = np.sqrt(float(np.mean(noise))) / power
-    return found, sigma
+    return all_levels, sigma
 
 
 def _filled(values: NDArray[Any], used: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(band, y, x) picture of values (n,) at the used samples, 0 elsewhere."""
     picture = np.zeros(used.shape)
     picture[used] = values
     return picture
 
 
 def _transport(linearised: LinearisedFit) -> Transport:
+    """Light transport of the picture on patches, for the families that act on surfaces."""
     predictor = linearised.predictor
     traced = predictor.transport
     exchange, patches = traced.light.exchange, traced.light.patches
@@ -253,20 +341,24 @@ def _transport(linearised: LinearisedFit) -> Transport:
         patch_direct=first,
         patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
         picture=traced.pixels(reflectance[traced.material] * arriving),
-        roughness=_COATS,
-        coats=np.array([_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COATS], np.float32),
+        roughness=_COAT_ROUGHNESS,
+        coats=np.array(
+            [_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COAT_ROUGHNESS], np.float32
+        ),
     )
 
 
 def _cosine(
-    position: NDArray[Any], normal: NDArray[Any], places: Sequence[NDArray[Any]], weight: NDArray[Any]
+    position: NDArray[Any], normal: NDArray[Any], points: Sequence[NDArray[Any]], weight: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """(n,) cosine, 0 to 1, of the angles between normals (n, 3) and the ways to some places: their mean by weights (n,
-    places), of all alike where they are 0."""
-    way = np.array(places)[:, None] - position
-    each = np.abs(np.einsum("kni,ni->kn", way, normal)) / np.maximum(np.linalg.norm(way, axis=2), 1e-9)
-    parts = weight.T + np.float32(1e-9)
-    return np.sum(parts * each, axis=0) / parts.sum(axis=0)
+    """(n,) mean cosine, 0 to 1, between normals (n, 3) and the directions to points.
+
+    weight : (n, point) of the mean; where all are 0, the points count alike.
+    """
+    direction = np.array(points)[:, None] - position
+    cosines = np.abs(np.einsum("kni,ni->kn", direction, normal)) / np.maximum(np.linalg.norm(direction, axis=2), 1e-9)
+    weights = weight.T + np.float32(1e-9)
+    return np.sum(weights * cosines, axis=0) / weights.sum(axis=0)
 
 
 def _coated(
@@ -276,7 +368,7 @@ def _coated(
     shares: NDArray[Any],
     alpha: float,
 ) -> NDArray[np.float64]:
-    """(band, y, x) radiance relative to the lamps' that a coat on all surfaces mirrors to the camera at once."""
+    """(band, y, x) radiance over the lamps' that a coat on all surfaces mirrors to the camera."""
     coat = Reflection(lambda incoming, outgoing: mi.Float(1), Coat(1.0, alpha))
     materials = np.unique(traced.material)
     each = [
@@ -287,10 +379,10 @@ def _coated(
             reflectance,
             shares,
             coat,
-            material=int(one),
-            seen_in=traced.pixels_of(one),
+            material=int(material),
+            seen_in=traced.pixels_of(material),
             samples=(_COAT_SAMPLES, 0),
         )
-        for one in materials
+        for material in materials
     ]
     return np.sum(each, axis=0)

@@ -1,4 +1,4 @@
-"""A study: captures, a model's effects in order, and what they predict, each state a value of its own."""
+"""Study: captures, a model's effects in order, and their predictions; every state is a value."""
 
 from .history import History, State
 from .prediction import Base, Prediction, predict, same_effects

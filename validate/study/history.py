@@ -1,4 +1,4 @@
-"""The states of a study, one after the other, with a place among them: undo and redo are moves of the place."""
+"""States of a study in order, with a present one among them: undo and redo move it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ __all__ = ["History", "State"]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """effects : of the model, in order. rendered_with : the effects that the picture was last rendered with; from
-    there to ``effects`` the predictor leads."""
+    """One state of a study."""
 
+    #: Effects of the model, in order.
     effects: tuple[AppliedEffect, ...]
+    #: Effects with which the picture was last rendered; the predictor leads from there to `effects`.
     rendered_with: tuple[AppliedEffect, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """states : at least one. at : the index of the present one."""
+    """States of a study in order; the first is never dropped."""
 
+    #: At least one state.
     states: tuple[State, ...]
+    #: Index of the present one.
     at: int = 0
 
     @property
@@ -42,19 +45,48 @@ class History:
         return self.at + 1 < len(self.states)
 
     def then(self, effects: Sequence[AppliedEffect]) -> History:
-        """With other effects from here on; undone states are dropped."""
+        """The history with other effects from here on; undone states are dropped.
+
+        Parameters
+        ----------
+        effects
+            Effects of the new present state.
+
+        Returns
+        -------
+        History
+            With one state more than up to the present one.
+        """
         state = State(tuple(effects), self.present.rendered_with)
         return History((*self.states[: self.at + 1], state), self.at + 1)
 
     def rendered(self) -> History:
-        """With the present state's picture rendered with its own effects."""
+        """The history with the present state's picture rendered with all its effects.
+
+        Returns
+        -------
+        History
+            With as many states.
+        """
         state = State(self.present.effects, self.present.effects)
         return replace(self, states=(*self.states[: self.at], state, *self.states[self.at + 1 :]))
 
     def undone(self) -> History:
-        """One state back; the first stays."""
+        """The history one state back; the first stays.
+
+        Returns
+        -------
+        History
+            With another present state.
+        """
         return replace(self, at=max(self.at - 1, 0))
 
     def redone(self) -> History:
-        """One undone state forward; the last stays."""
+        """The history one undone state forward; the last stays.
+
+        Returns
+        -------
+        History
+            With another present state.
+        """
         return replace(self, at=min(self.at + 1, len(self.states) - 1))

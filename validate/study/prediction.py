@@ -1,4 +1,4 @@
-"""What effects make of one rendered picture, at once: predicted, camera and lamp fitted to first order."""
+"""Prediction of effects in one rendered picture, camera and lamp fitted to first order."""
 
 from __future__ import annotations
 
@@ -29,24 +29,40 @@ from ..predict import Predictor
 
 __all__ = ["Base", "Prediction", "predict", "same_effects"]
 
-#: Rounds of the fit of camera and lamp, in each of which residuals beyond this many sigma count less (as in the
-#: complete fit of ``compare``).
-_ROUNDS, _HUBER = 3, 3.0
+#: Number of rounds of the fit of camera and lamp, each with weights from the last one's residuals.
+_ROUNDS = 3
+
+#: Residual beyond which a sample counts less, standard deviations, as in the complete fit of `compare`.
+_HUBER_SIGMA = 3.0
 
 
-def same_effects(one: Sequence[AppliedEffect], other: Sequence[AppliedEffect]) -> bool:
-    """Whether two lists hold the same effects with the same values in the same order."""
-    return [(e.id, dict(e.values)) for e in one] == [(e.id, dict(e.values)) for e in other]
+def same_effects(effects: Sequence[AppliedEffect], other: Sequence[AppliedEffect]) -> bool:
+    """Whether two lists hold the same effects with the same values in the same order.
+
+    Parameters
+    ----------
+    effects
+        One list.
+    other
+        The other list.
+
+    Returns
+    -------
+    bool
+        Standard deviations do not count.
+    """
+    return [(e.id, dict(e.values)) for e in effects] == [(e.id, dict(e.values)) for e in other]
 
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """A validation to predict from: a rendered picture with its predictor, camera and lamp fitted."""
+    """Validation to predict from: a rendered picture with its predictor, camera and lamp fitted."""
 
+    #: The validation, with a predictor.
     validation: Validation
 
     def __post_init__(self) -> None:
-        """Raises InputError where nothing could be compiled and so nothing can be predicted."""
+        """InputError without a compiled variant of the engine, which predicts."""
         if not isinstance(self.validation.rendered, Predicted):
             raise variant.not_compiled("study")
 
@@ -58,11 +74,24 @@ class Base:
         return self.validation.rendered
 
     def prepare(self) -> None:
-        """Compute now what every prediction takes."""
+        """Compute now what every prediction needs, so that the first one is as fast as later ones."""
         _ = self.refit_change, self.derivative
 
     def drafting(self, effects: Sequence[AppliedEffect]) -> Predictor:
-        """The predictor of fewer rays for these effects; what needs no new rays it predicts as the complete one."""
+        """The predictor of fewer rays for given effects.
+
+        Effects that need no new rays it predicts as the complete one does.
+
+        Parameters
+        ----------
+        effects
+            Effects to predict.
+
+        Returns
+        -------
+        Predictor
+            Of a quarter of the rays where light is traced again.
+        """
         return self._retracing if self.rendered.predictor.traces_anew(effects) else self._rough
 
     @cached_property
@@ -86,15 +115,15 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a model with these effects predicts of one capture.
+    """Prediction of one capture by a model with given effects."""
 
-    rendered : the base picture with the predicted signal, and the camera and lamp fitted to it. exact : whether the
-    picture was rendered with these effects; otherwise light transport is that of the patch predictor.
-    """
-
+    #: Validation from which it was predicted.
     base: Base
+    #: Effects of the model, in order.
     effects: tuple[AppliedEffect, ...]
+    #: The base picture with the predicted signal, and camera and lamp fitted to it.
     rendered: Predicted
+    #: Whether the picture was rendered with these effects; otherwise light transport is that of the patch predictor.
     exact: bool
 
     @property
@@ -104,34 +133,52 @@ class Prediction:
 
     @cached_property
     def sigma(self) -> NDArray[np.float64]:
-        """(band, y, x) DN, standard deviation of measured less predicted."""
+        """(band, y, x) DN, standard deviation of measured minus predicted."""
         prepared, scale = self.base.validation.prepared, self.rendered.fit.lamp_scale
         return np.sqrt(prepared.calibration.predicted_variance(self.signal) + self.rendered.variance * scale**2)
 
     @cached_property
     def chi2(self) -> ChiSquare:
-        """That of ``comparison``, without its maps and colours."""
+        """Chi2 of `comparison`, computed without its maps and colours."""
         used = self.rendered.used
         residual = (self.base.validation.prepared.measured - self.signal)[used] / self.sigma[used]
         return ChiSquare(float(residual @ residual), residual.size, residual.size - Nuisances.count)
 
     @cached_property
     def comparison(self) -> Comparison:
-        """Measured against predicted, with maps."""
+        """Photograph against prediction, with maps."""
         if self.exact:
             return self.base.validation.comparison
         return compared(self.base.validation.prepared, self.rendered, self.signal)
 
 
 def predict(base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True, draft: bool = False) -> Prediction:
-    """The picture with these effects in place of the model's own, without rendering again.
+    """The picture with given effects in place of the model's, without a new rendering.
 
-    refit : whether camera and lamp are fitted to it within what is known of them; otherwise the lamp stays as it was
-    fitted, and the camera moves as far as the effects move it. draft : whether light transport takes a quarter of the
-    rays. Raises InputError where an effect cannot act here.
+    Parameters
+    ----------
+    base
+        Validation to predict from.
+    effects
+        Effects of the model, in order.
+    refit
+        Whether camera and lamp are fitted within their priors. Otherwise the lamp stays as it was fitted, and the
+        camera moves as far as the effects move it.
+    draft
+        Whether light transport takes a quarter of the rays.
+
+    Returns
+    -------
+    Prediction
+        The base itself for the effects of its model.
+
+    Raises
+    ------
+    InputError
+        Where an effect cannot act here.
     """
-    own, effects = base.validation.model.effects, tuple(effects)
-    if same_effects(effects, own):
+    model_effects, effects = base.validation.model.effects, tuple(effects)
+    if same_effects(effects, model_effects):
         return Prediction(base, effects, base.rendered, True)
     prepared, rendered = base.validation.prepared, base.rendered
     predictor = base.drafting(effects) if draft else rendered.predictor
@@ -143,7 +190,7 @@ def predict(base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True,
         lamp = fit_lamp_scale(prepared.measured, signal, variance, rendered.used, prepared.lamp_sigma)
         fit = NuisanceFit(fit.camera.with_parameters(fit.camera.parameters + step), *lamp)
     else:
-        moved, still = (seen_through(prepared.calibrated_camera, each).parameters for each in (effects, own))
+        moved, still = (seen_through(prepared.calibrated_camera, each).parameters for each in (effects, model_effects))
         if np.any(moved != still):
             fit = replace(fit, camera=fit.camera.with_parameters(fit.camera.parameters + moved - still))
             signal = before + warp_change(rendered.predictor.warp, fit.camera)
@@ -153,15 +200,16 @@ def predict(base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True,
 
 
 def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-    """(10,) from the base's camera to that of the least chi2 to first order, the lamp's scale fitted with it.
+    """(10,) first-order step from the base's camera to that of the smallest chi2, lamp free.
 
+    Samples beyond 3 sigma are weighted down, as in the complete fit; the survey is the prior. 0 without a survey.
     before : (band, y, x) DN, predicted without any motion of the camera.
     """
     prepared, rendered = base.validation.prepared, base.rendered
-    here, scale, used = rendered.fit.camera, rendered.fit.lamp_scale, rendered.used
+    camera, scale, used = rendered.fit.camera, rendered.fit.lamp_scale, rendered.used
     expected = prepared.expected_camera(effects)
     if expected.covariance is None:
-        return np.zeros(len(here.parameters))
+        return np.zeros(len(camera.parameters))
     rows = nuisance_priors(expected, prepared.lamp_sigma)
     prior = rows.T @ rows
     deviation = rendered.fit.missed(expected).vector
@@ -172,7 +220,7 @@ def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[Appl
     residual = (prepared.measured[used] - scale * still) / sigma
     step: NDArray[np.float64] = np.zeros(Nuisances.count)
     for _ in range(_ROUNDS):
-        weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(residual - step @ columns), 1e-9))
+        weight = np.minimum(1.0, _HUBER_SIGMA / np.maximum(np.abs(residual - step @ columns), 1e-9))
         information = (columns * weight) @ columns.T + prior
         gradient = columns @ (weight * residual) + prior @ deviation
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)

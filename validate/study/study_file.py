@@ -1,4 +1,4 @@
-"""study.json: which captures and which model a study is of, and all its states."""
+"""Study file (study.json): captures, model and all states of a study."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect
-from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference
+from cboxlab.rendering.model import Model, checked_effects, scene_reference
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing
@@ -23,15 +23,19 @@ from .history import History, State
 
 __all__ = ["StudyFile", "read_study", "write_study"]
 
+#: Text for an infinite value, which JSON does not have.
 _INFINITE = "inf"
 
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """captures : folders. model : scene and settings, its effects those of the present state."""
+    """Content of a study file."""
 
+    #: Folders of the captures.
     captures: tuple[Path, ...]
+    #: Scene and settings, with the effects of the present state.
     model: Model
+    #: All states.
     history: History
 
 
@@ -61,20 +65,30 @@ class _Content(_Strict):
 
 
 def write_study(path: Path, study: StudyFile) -> None:
-    """Write study.json, complete or not at all. Captures and a scene file are named relative to its folder."""
-    model, place = study.model, path.parent.resolve()
+    """Write a study file, complete or not at all.
+
+    Captures and a scene file are named relative to its folder.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    study
+        Its content.
+    """
+    model, folder = study.model, path.parent.resolve()
     content = {
         "format": "study/1",
-        "captures": [_relative(folder, place) for folder in study.captures],
+        "captures": [_relative(capture, folder) for capture in study.captures],
         "name": model.name,
-        "scene": scene_reference(model.scene, place),
+        "scene": scene_reference(model.scene, folder),
         "render": {
             "noise": model.render.noise,
             "max_bounces": model.render.max_bounces,
             "seed": model.render.seed,
         },
         "states": [
-            {"effects": _entries(state.effects, place), "rendered_with": _entries(state.rendered_with, place)}
+            {"effects": _entries(state.effects, folder), "rendered_with": _entries(state.rendered_with, folder)}
             for state in study.history.states
         ],
         "at": study.history.at,
@@ -84,41 +98,59 @@ def write_study(path: Path, study: StudyFile) -> None:
 
 
 def read_study(path: Path) -> StudyFile:
-    """What ``write_study`` wrote. Raises InputError naming every fault."""
+    """A study from a file of `write_study`.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Returns
+    -------
+    StudyFile
+        With absolute paths.
+
+    Raises
+    ------
+    InputError
+        Naming every fault of the file.
+    """
     try:
         entry = _Content.model_validate(read_json(path, "a study in JSON"))
     except ValidationError as error:
         raise combined(faults_of_validation(path, error, _Content)) from None
     if entry.at >= len(entry.states):
         raise InputError(f"{path}: at", str(entry.at), f"below the number of states, {len(entry.states)}")
-    place = path.parent
-    scene = referred_scene(entry.scene, place)
+    parent = path.parent
+    scene = referred_scene(entry.scene, parent)
     states = tuple(
         State(
-            checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects", place),
-            checked_effects(_read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with", place),
+            checked_effects(_read(state.effects), scene, f"{path}: states[{index}].effects", parent),
+            checked_effects(_read(state.rendered_with), scene, f"{path}: states[{index}].rendered_with", parent),
         )
         for index, state in enumerate(entry.states)
     )
     settings = RenderSettings(entry.render.noise, entry.render.max_bounces, entry.render.seed)
     history = History(states, entry.at)
     model = Model(scene, history.present.effects, settings, entry.name)
-    return StudyFile(tuple((place / folder).resolve() for folder in entry.captures), model, history)
+    return StudyFile(tuple((parent / capture).resolve() for capture in entry.captures), model, history)
 
 
-def _relative(path: Path, place: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), place)).as_posix()
+def _relative(path: Path, folder: Path) -> str:
+    """A path relative to a folder, with slashes."""
+    return Path(os.path.relpath(path.resolve(), folder)).as_posix()
 
 
-def _entries(effects: Sequence[AppliedEffect], place: Path) -> list[dict[str, Any]]:
-    """JSON has no infinity: it is written as text."""
-    found = []
+def _entries(effects: Sequence[AppliedEffect], folder: Path) -> list[dict[str, Any]]:
+    """Effects as entries for JSON, infinite values as text."""
+    entries = []
     for effect in effects:
         values = {key: _INFINITE if value == math.inf else value for key, value in effect.values.items()}
         sigma = {"sigma": dict(effect.sigma)} if effect.sigma else {}
-        found.append({"id": effect.name_below(place), **values, **sigma})
-    return found
+        entries.append({"id": effect.name_below(folder), **values, **sigma})
+    return entries
 
 
 def _read(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{key: math.inf if value == _INFINITE else value for key, value in one.items()} for one in entries]
+    """Entries of JSON with infinite values as numbers."""
+    return [{key: math.inf if value == _INFINITE else value for key, value in entry.items()} for entry in entries]

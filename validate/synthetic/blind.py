@@ -1,4 +1,4 @@
-"""Blind captures: drawing a hidden effect at random, sealing the answer, opening and scoring it.
+"""Blind captures: draw of a hidden effect, sealed answer, opening and score.
 
 The seal is a cryptographic commitment: ``sealed.json`` holds the SHA-256 of a random salt and the answer. The answer,
 masked so that it is not read by accident, is in ``answer.sealed``; it includes the digest of the capture's files.
@@ -35,41 +35,65 @@ from cboxlab.utils.input_files import read_json, read_text
 
 __all__ = ["Answer", "EffectScore", "Score", "draw_effect", "open_seal", "read_diagnosis", "score", "seal"]
 
-_SEAL, _ANSWER = "sealed.json", "answer.sealed"
+#: File of the commitment, in the folder of a capture.
+_SEAL = "sealed.json"
+
+#: File of the masked answer.
+_ANSWER = "answer.sealed"
+
+#: Length of the random salt, bytes: answers are few, so that without it a hash could be guessed.
 _SALT_BYTES = 16
 
 #: Largest distance of a drawn parameter from its null value, in steps of the effect; the smallest is one step.
 STRONGEST_STEPS = 20.0
 
 
-#: No number of an effect is larger.
-_LARGEST = 1e9
+#: Largest magnitude of a number that an answer or a diagnosis may hold: no number of an effect is larger.
+_MAX_NUMBER = 1e9
 
 
 @dataclass(frozen=True)
 class Answer(OwnMappings):
-    """The hidden effects of a capture. effects : (identifier, parameters) in order. capture : digest of its files.
+    """Hidden effects of a capture."""
 
-    sha256 : the seal's hash, which whoever sealed the capture told beforehand.
-    """
-
+    #: (identifier, values by parameter) of each effect, in order.
     effects: tuple[tuple[str, Mapping[str, str | float]], ...]
+    #: SHA-256 digest of the capture's files.
     capture: str
+    #: The seal's hash, which was published when the capture was sealed.
     sha256: str = ""
 
 
 def draw_effect(
     generator: np.random.Generator, scene: Scene, bands: tuple[str, ...], allowed: Sequence[str] = ()
 ) -> AppliedEffect:
-    """A random effect of the catalogue with random parameters, in a scene seen in these bands.
+    """A random effect of the catalogue with random parameters, in a scene and its bands.
 
-    allowed : identifiers; all if empty. Effects of the settings (which a model with truncated interreflection lacks)
-    are drawn only if they are named, with their default parameters.
-
-    A number is drawn at the distance step * 10^U from its null value, in the coordinate of its scale, with U uniform
-    from 0 to log10(STRONGEST_STEPS), on either side within its bounds. A number without null value is drawn uniformly
+    A number is drawn at the distance step * 10^U from its null value, in the coordinate of its scale. U is uniform from
+    0 to log10(STRONGEST_STEPS); the side is random, within the bounds. A number without a null value is drawn uniformly
     between its bounds. Names are drawn uniformly from those in the scene and of the bands.
-    Raises InputError for an unknown identifier, an effect that a capture cannot contain, and one on what is not there.
+
+    Parameters
+    ----------
+    generator
+        Source of randomness.
+    scene
+        Scene of the capture.
+    bands
+        Identifiers of its bands.
+    allowed
+        Identifiers of effects to draw from; all if empty. Effects on the settings, which a model with truncated
+        interreflection lacks, are drawn only if named, with their default parameters.
+
+    Returns
+    -------
+    AppliedEffect
+        The effect with its parameters.
+
+    Raises
+    ------
+    InputError
+        For an unknown identifier, an effect that a capture cannot contain, and one on an object that is absent.
     """
     present = names_in(scene, bands)
     possible = {
@@ -89,6 +113,7 @@ def draw_effect(
 
 
 def _drawn(parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator) -> str | float:
+    """A random value of a parameter, see `draw_effect`."""
     if parameter.choices:
         return str(generator.choice(present[parameter.kind] if parameter.kind else parameter.choices))
     distance = parameter.step * 10 ** generator.uniform(0, np.log10(STRONGEST_STEPS))
@@ -112,14 +137,29 @@ def _capture_digest(folder: Path) -> str:
 
 
 def _masked(content: bytes) -> bytes:
-    """XOR with a fixed stream (its own inverse), against accidental reading; this is not encryption."""
+    """XOR with a fixed stream (its inverse) against accidental reading; not encryption."""
     blocks = -(-len(content) // 32)
     stream = b"".join(hashlib.sha256(f"cboxlab sealed answer {i}".encode()).digest() for i in range(blocks))
     return bytes(a ^ b for a, b in zip(content, stream, strict=False))
 
 
 def seal(folder: Path, effects: Sequence[AppliedEffect], generator: np.random.Generator) -> str:
-    """Write the sealed answer of the capture in ``folder``; returns the hash to be kept."""
+    """Write the sealed answer of a capture.
+
+    Parameters
+    ----------
+    folder
+        Folder of the complete capture.
+    effects
+        Its hidden effects.
+    generator
+        Source of the salt.
+
+    Returns
+    -------
+    str
+        Hash of salt and answer, hexadecimal, to be published.
+    """
     salt = generator.bytes(_SALT_BYTES)
     record = {
         "effects": [{"effect": e.id, "parameters": dict(e.values)} for e in effects],
@@ -138,19 +178,32 @@ def seal(folder: Path, effects: Sequence[AppliedEffect], generator: np.random.Ge
 def open_seal(folder: Path) -> Answer:
     """The sealed answer of a capture.
 
-    Raises InputError if there is none, or if the answer or the capture was changed after sealing.
+    Parameters
+    ----------
+    folder
+        Folder of the capture.
+
+    Returns
+    -------
+    Answer
+        The hidden effects.
+
+    Raises
+    ------
+    InputError
+        Without a sealed answer, or where the answer or the capture was changed after sealing.
     """
     expected = "a capture with a hidden effect and its sealed answer"
     sealed = read_json(folder / _SEAL, expected)
-    stated = sealed.get("sha256_of_salt_and_answer") if isinstance(sealed, dict) else None
+    commitment = sealed.get("sha256_of_salt_and_answer") if isinstance(sealed, dict) else None
     try:
         content = _masked(base64.b64decode(read_text(folder / _ANSWER, expected)))
     except InputError:
         raise
     except ValueError:
         raise InputError(folder / _ANSWER, "no sealed answer", expected) from None
-    if hashlib.sha256(content).hexdigest() != stated:
-        raise InputError(folder / _ANSWER, "an answer that differs from the sealed one", f"the hash {stated}")
+    if hashlib.sha256(content).hexdigest() != commitment:
+        raise InputError(folder / _ANSWER, "an answer that differs from the sealed one", f"the hash {commitment}")
     try:
         record = json.loads(content[_SALT_BYTES:])
         hidden = tuple((str(e["effect"]), _hidden_values(e)) for e in record["effects"])
@@ -159,11 +212,11 @@ def open_seal(folder: Path) -> Answer:
         raise InputError(folder / _ANSWER, "an answer in another format", expected) from None
     if capture != _capture_digest(folder):
         raise InputError(folder, "files that differ from the sealed capture", "the unchanged capture")
-    return Answer(hidden, capture, str(stated))
+    return Answer(hidden, capture, str(commitment))
 
 
 def _hidden_values(entry: Mapping[str, Any]) -> dict[str, str | float]:
-    """The parameters of one hidden effect. Raises ValueError for values that its effect cannot have."""
+    """The parameters of one hidden effect; ValueError for values that its effect cannot have."""
     values = dict(entry["parameters"])
     effect = catalogue().get(str(entry["effect"]))
     names = {p.name for p in effect.parameters if p.choices} if effect else ()
@@ -174,44 +227,71 @@ def _hidden_values(entry: Mapping[str, Any]) -> dict[str, str | float]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
+    """Whether a value is a number of a size that an effect may have."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _MAX_NUMBER
 
 
 @dataclass(frozen=True)
 class EffectScore(OwnMappings):
-    """The score of one hidden effect.
+    """Score of one hidden effect."""
 
-    rank : its rank in the diagnosis, from 1; None if it is not listed. selected : whether the diagnosis selected it.
-    errors : by parameter, the relative error of the change from null, for fitted numbers; for names 0 if right and
-    infinity if wrong.
-    """
-
+    #: Identifier of the effect.
     effect: str
+    #: Its rank in the diagnosis, from 1; None if it is not listed.
     rank: int | None
+    #: Whether the diagnosis selected it.
     selected: bool
+    #: By parameter, the relative error of the change from null, for fitted numbers. For names 0 if right, infinity if
+    #: wrong.
     errors: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Score:
-    """first : whether the first of the ranking is hidden. exact : whether exactly the hidden effects were selected."""
+    """Score of a diagnosis of a blind capture."""
 
+    #: Score of each hidden effect.
     effects: tuple[EffectScore, ...]
+    #: Whether the first effect of the ranking is hidden.
     first: bool
+    #: Whether exactly the hidden effects were selected.
     exact: bool
+    #: Identifiers of selected effects that are not hidden.
     falsely_selected: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """The score ready for JSON; errors are relative, infinite for a wrong name."""
+        """The score ready for JSON; errors are relative, infinite for a wrong name.
+
+        Returns
+        -------
+        dict
+            With the keys first, exact, effects and falsely_selected.
+        """
         rows = [
             {"effect": e.effect, "rank": e.rank, "selected": e.selected, "errors": dict(e.errors)} for e in self.effects
         ]
-        chosen = list(self.falsely_selected)
-        return {"first": self.first, "exact": self.exact, "effects": rows, "falsely_selected": chosen}
+        falsely_selected = list(self.falsely_selected)
+        return {"first": self.first, "exact": self.exact, "effects": rows, "falsely_selected": falsely_selected}
 
 
 def read_diagnosis(path: Path) -> Mapping[str, Any]:
-    """The diagnosis written by ``cbox diagnose --json``. Raises InputError for any other file."""
+    """A diagnosis written by ``cbox diagnose --json``.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Mapping
+        Its content; ranking and selected effects are checked.
+
+    Raises
+    ------
+    InputError
+        For any other file.
+    """
     expected = "the JSON of a diagnosis"
     content = read_json(path, expected)
     try:
@@ -228,32 +308,48 @@ def read_diagnosis(path: Path) -> Mapping[str, Any]:
 
 
 def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
-    """The score of a diagnosis (see ``read_diagnosis``). If nothing is hidden, the right diagnosis selects nothing."""
+    """Score of a diagnosis against the sealed answer.
+
+    Where nothing is hidden, the right diagnosis selects nothing.
+
+    Parameters
+    ----------
+    answer
+        The hidden effects.
+    diagnosis
+        Content of a diagnosis, see `read_diagnosis`.
+
+    Returns
+    -------
+    Score
+        Of each hidden effect, and of the selection.
+    """
     order = [entry["effect"] for entry in diagnosis["ranking"]]
     selected = list(diagnosis["selected"])
     hidden = [name for name, _ in answer.effects]
     rows = []
     for name, truth in answer.effects:
-        place = order.index(name) if name in order else None
-        fitted = {} if place is None else diagnosis["ranking"][place]["parameters"]
+        position = order.index(name) if name in order else None
+        fitted = {} if position is None else diagnosis["ranking"][position]["parameters"]
         effect = catalogue().get(name)
         errors = {} if effect is None else _errors(effect, truth, fitted)
-        rows.append(EffectScore(name, None if place is None else place + 1, name in selected, errors))
+        rows.append(EffectScore(name, None if position is None else position + 1, name in selected, errors))
     first = bool(order) and order[0] in hidden if hidden else not selected
     return Score(tuple(rows), first, set(selected) == set(hidden), tuple(s for s in selected if s not in hidden))
 
 
 def _errors(effect: Effect, truth: Mapping[str, str | float], fitted: Mapping[str, Any]) -> dict[str, float]:
+    """By parameter, the relative error of the change from null; NaN where it is not defined."""
     errors = {}
     for parameter in effect.parameters:
-        true, found = truth.get(parameter.name), fitted.get(parameter.name)
-        if found is None or true is None:
+        true, fitted_value = truth.get(parameter.name), fitted.get(parameter.name)
+        if fitted_value is None or true is None:
             continue
         if parameter.choices:
-            errors[parameter.name] = 0.0 if found == true else float("inf")
+            errors[parameter.name] = 0.0 if fitted_value == true else float("inf")
         else:
             null = parameter.null if parameter.null is not None and np.isfinite(parameter.null) else 0.0
             change = float(true) - null
-            known = change and _is_number(found)
-            errors[parameter.name] = (float(found) - null) / change - 1 if known else float("nan")
+            defined = change and _is_number(fitted_value)
+            errors[parameter.name] = (float(fitted_value) - null) / change - 1 if defined else float("nan")
     return errors

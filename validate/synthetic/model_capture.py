@@ -1,4 +1,4 @@
-"""A synthetic capture of a model: the forward chain with the model's effects, and the simulated laboratory.
+"""Synthetic capture of a model: forward chain with its effects, simulated laboratory.
 
 Points and lamp are measured without any effect. Effects of the stage "counts" that act on charge are applied before
 shot noise, those that act on readout after it.
@@ -59,20 +59,45 @@ __all__ = [
 ]
 
 
-#: Where a capture keeps the files of its scene.
+#: Folder of a capture that holds the files of its scene.
 _SCENE = "scene"
 
-# Standard deviations of a camera set up by hand: position (mm), rotation (deg), focal length (relative), principal
-# point (relative to the width). k1 is uniform within +-0.02.
-_PLACE_MM, _TURN_DEG, _FOCAL, _PRINCIPAL, _K1 = 5.0, 0.2, 0.005, 0.005, 0.02
+#: Standard deviation of the position of a camera set up by hand, mm.
+_POSITION_SIGMA_MM = 5.0
+
+#: Standard deviation of its rotation, degrees.
+_ROTATION_SIGMA_DEG = 0.2
+
+#: Relative standard deviation of its focal length.
+_FOCAL_LENGTH_SIGMA = 0.005
+
+#: Standard deviation of its principal point, relative to the width of the image.
+_PRINCIPAL_POINT_SIGMA = 0.005
+
+#: Largest magnitude of its radial distortion k1, drawn uniformly.
+_MAX_K1 = 0.02
 
 
 def perturbed_camera(size_px: int, seed: int) -> Camera:
-    """The published camera with random deviations in all ten parameters, repeatable by ``seed``."""
+    """The published camera with random deviations in all ten parameters.
+
+    Parameters
+    ----------
+    size_px
+        Width and height of the image, px.
+    seed
+        Repeats the deviations.
+
+    Returns
+    -------
+    Camera
+        Without a covariance.
+    """
     camera = cornell_camera(size_px)
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    sigmas = np.repeat([_PLACE_MM, _TURN_DEG, _FOCAL * camera.focal_length_px, _PRINCIPAL * size_px], [3, 3, 1, 2])
-    shift = np.append(sigmas * generator.standard_normal(9), generator.uniform(-_K1, _K1))
+    focal_px, principal_px = _FOCAL_LENGTH_SIGMA * camera.focal_length_px, _PRINCIPAL_POINT_SIGMA * size_px
+    sigmas = np.repeat([_POSITION_SIGMA_MM, _ROTATION_SIGMA_DEG, focal_px, principal_px], [3, 3, 1, 2])
+    shift = np.append(sigmas * generator.standard_normal(9), generator.uniform(-_MAX_K1, _MAX_K1))
     return camera.with_parameters(camera.parameters + shift)
 
 
@@ -80,6 +105,16 @@ def photographed_scene(model: Model) -> Scene:
     """The model's scene without effects, with a lamp of absolute radiance.
 
     The published box gets a tungsten lamp, since its published emission is relative. Other scenes keep their lamp.
+
+    Parameters
+    ----------
+    model
+        Model whose scene is read.
+
+    Returns
+    -------
+    Scene
+        As surveyed.
     """
     lamp, published = model.scene.lamp.radiance, cornell_box().lamp.radiance
     pairs = ((lamp.wavelength_nm, published.wavelength_nm), (lamp.values, published.values))
@@ -89,11 +124,15 @@ def photographed_scene(model: Model) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _ReadoutAndCharge:
-    """The effects of the stage "counts" as hooks of the simulated camera."""
+    """Effects of the stage "counts" as hooks of the simulated camera."""
 
+    #: Identifiers of the bands.
     bands: tuple[str, ...]
+    #: Effects that act on charge, before shot noise.
     charge: tuple[AppliedEffect, ...]
+    #: Effects that act on readout, after noise.
     readout: tuple[AppliedEffect, ...]
+    #: Settings of the simulated camera.
     settings: CaptureSettings
 
     def light(self, frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,7 +143,7 @@ class _ReadoutAndCharge:
         return self._applied(self.charge, frame, signal + dark) - dark
 
     def counts(self, frame: Frame, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Counts (y, x) after the effects that act on readout; in dark frames these change the level."""
+        """Counts (y, x) after the effects on readout; in dark frames these change the level."""
         if not self.readout:
             return counts
         if frame.kind != "dark":
@@ -114,12 +153,14 @@ class _ReadoutAndCharge:
         return counts + float(after_stage(empty, self.readout, "counts").dark_scene[0]) - level
 
     def _dark(self, frame: Frame) -> float:
+        """Dark level of a frame, DN."""
         current = self.settings.dark_current_e_s / self.settings.gain_e_per_dn
         return self.settings.bias_dn + current * frame.exposure_s
 
     def _applied(
         self, effects: Sequence[AppliedEffect], frame: Frame, counts: NDArray[np.float64]
     ) -> NDArray[np.float64]:
+        """(y, x) counts of a frame after effects."""
         changed = after_stage(self._frames(frame, counts, self._dark(frame)), effects, "counts")
         frames = {"band": changed.scene, "flat": changed.flat, "reference": changed.reference}
         return frames[frame.kind][self._index(frame)]
@@ -152,9 +193,10 @@ class _ReadoutAndCharge:
 
 
 def _hooks(bands: tuple[str, ...], effects: Sequence[AppliedEffect], settings: CaptureSettings) -> FrameHooks:
-    own = [effect for effect in effects if effect.stage == "counts"]
-    readout = tuple(effect for effect in own if not effect.effect.acts_on_charge)
-    charge = tuple(effect for effect in own if effect.effect.acts_on_charge)
+    """Hooks of the simulated camera by the effects of the stage "counts"."""
+    count_effects = [effect for effect in effects if effect.stage == "counts"]
+    readout = tuple(effect for effect in count_effects if not effect.effect.acts_on_charge)
+    charge = tuple(effect for effect in count_effects if effect.effect.acts_on_charge)
     camera = _ReadoutAndCharge(bands, charge, readout, settings)
     return FrameHooks(light=camera.light, counts=camera.counts)
 
@@ -170,15 +212,38 @@ def write_model_capture(
     progress: Progress = NO_PROGRESS,
     box: Callable[[Scene], Scene] = lambda scene: scene,
 ) -> float:
-    """Render the model with all its effects through ``camera`` and write the simulated capture.
+    """Render the model with all its effects and write the simulated capture.
 
-    Returns the chi-square per sample that the render's error adds, see ``excess_of_render``.
+    An incomplete folder is removed.
 
-    camera : the true camera at the survey of the points. relative_error : of the render, median over pixels; not
-    included in the noise that the capture states. box : change of the real box relative to the surveyed scene.
-    seed : results are repeatable. An incomplete folder is removed.
+    Parameters
+    ----------
+    folder
+        Folder to create.
+    model
+        Model with its effects.
+    camera
+        The true camera at the survey of the points.
+    settings
+        Settings of the simulated laboratory.
+    seed
+        Repeats render and noise.
+    relative_error
+        Of the render, median over pixels; not part of the noise that the capture states.
+    progress
+        Reports the completed share.
+    box
+        Change of the real box relative to the surveyed scene.
 
-    Raises InputError for effects that a capture cannot contain, and like ``write_photographs``.
+    Returns
+    -------
+    float
+        Chi2 per sample that the render's error adds, see `excess_of_render`.
+
+    Raises
+    ------
+    InputError
+        For effects that a capture cannot contain, and like `write_photographs`.
     """
     for effect in model.effects:
         if effect.stage not in PHOTOGRAPHED:
@@ -205,38 +270,70 @@ def write_model_capture(
 
 
 def excess_of_render(image: RenderedImage, settings: CaptureSettings) -> float:
-    """Largest excess of chi-square per sample by the render's error: its variance over that of the frames' mean.
+    """Largest excess of chi2 per sample by the render's error.
 
-    The error is the same in every frame, so that no repeat shows it. Noise of flats and darks lowers the excess.
-    image : on WAVELENGTH_NM, with several batches. The frames' noise is shot and read noise at the planned exposures.
+    The variance of the render over that of the frames' mean. The error is the same in every frame, so that no repeat
+    shows it. Noise of flats and darks lowers the excess.
+
+    Parameters
+    ----------
+    image
+        Render on WAVELENGTH_NM, with several batches.
+    settings
+        Settings of the camera: shot and read noise at the planned exposures.
+
+    Returns
+    -------
+    float
+        Mean over samples brighter than read noise and outside the lamp.
     """
     weights = np.stack([curve.at(image.wavelength_nm) for curve in settings.filters.values()], axis=1)
     mean, variance = (part[~image.sees_lamp] for part in image.project(weights))
     full = settings.level * settings.full_scale_dn * settings.gain_e_per_dn
     electrons = full * mean / np.percentile(mean, 99.5, axis=0)
-    lit = electrons > settings.read_noise_e
+    exposed = electrons > settings.read_noise_e
     noise = (electrons + settings.read_noise_e**2) / settings.repeats
-    return float(np.mean(variance[lit] / mean[lit] ** 2 * electrons[lit] ** 2 / noise[lit]))
+    return float(np.mean(variance[exposed] / mean[exposed] ** 2 * electrons[exposed] ** 2 / noise[exposed]))
 
 
 def photograph_image(
     folder: Path,
     image: RenderedImage,
     effects: Sequence[AppliedEffect],
-    seen: Scene | None,
+    image_scene: Scene | None,
     scene: Scene,
     camera: Camera,
     *,
     settings: CaptureSettings,
     seed: int,
 ) -> None:
-    """Write the simulated capture of an image on WAVELENGTH_NM, with the effects on filters, optics and counts.
+    """Write the simulated capture of an image, with the effects on filters, optics and counts.
 
-    image : with the effects of all earlier stages. seen : the scene of the image, None if not known.
-    scene, camera : as surveyed, without any effect.
-    Raises InputError like ``write_photographs``.
+    Parameters
+    ----------
+    folder
+        Folder to create.
+    image
+        Image on WAVELENGTH_NM, with the effects of all earlier stages.
+    effects
+        All effects of the model.
+    image_scene
+        Scene of the image; None if not known: then blurs do not count what lies behind its edges.
+    scene
+        Scene as surveyed, without any effect.
+    camera
+        Camera as surveyed, without any effect.
+    settings
+        Settings of the simulated laboratory.
+    seed
+        Repeats the noise.
+
+    Raises
+    ------
+    InputError
+        Like `write_photographs`.
     """
-    signals, field, hooks = photographed_light(image, effects, seen, camera, settings)
+    signals, field, hooks = photographed_light(image, effects, image_scene, camera, settings)
     write_photographs(
         folder,
         signals,
@@ -253,21 +350,43 @@ def photograph_image(
 def photographed_light(
     image: RenderedImage,
     effects: Sequence[AppliedEffect],
-    seen: Scene | None,
+    image_scene: Scene | None,
     camera: Camera,
     settings: CaptureSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], FrameHooks]:
-    """Input of ``write_photographs``: signals of the scene and of the sphere, (band, y, x) DN/s, and the hooks.
+    """Signals and hooks with which `write_photographs` simulates a capture.
 
-    Arguments as for ``photograph_image``. The signals are computed as in the prediction (``render.chain``). The camera
-    is simulated frame by frame instead: with its time, shot noise, and effects before or after it.
+    The signals are computed as in the prediction (``rendering.chain``). The camera is simulated frame by frame instead:
+    with its time, shot noise, and effects before or after it.
+
+    Parameters
+    ----------
+    image
+        Image on WAVELENGTH_NM, with the effects of all earlier stages.
+    effects
+        All effects of the model.
+    image_scene
+        Scene of the image; None if not known.
+    camera
+        Camera as surveyed, without any effect.
+    settings
+        Settings of the simulated laboratory.
+
+    Returns
+    -------
+    signals : NDArray
+        (band, y, x) signal of the scene, DN/s.
+    field : NDArray
+        (band, y, x) signal of the integrating sphere, DN/s.
+    hooks : FrameHooks
+        Effects on counts.
     """
     moved = after_stage(camera, effects, "camera")
     factors = unit_factors(settings, camera.width_px, grid=FILTER_GRID)
     curves = after_stage(over_field(factors, moved), effects, "filter")
     light = scene_light(image, curves, moved)
-    if seen is not None and variant.compiled() and any(effect.stage == "optics" for effect in effects):
-        light = with_scene_behind(light, build_warp(build_tracer(seen), moved, image, light.signal))
+    if image_scene is not None and variant.compiled() and any(effect.stage == "optics" for effect in effects):
+        light = with_scene_behind(light, build_warp(build_tracer(image_scene), moved, image, light.signal))
     signals = after_stage(light, effects, "optics").signal
     even = uniform_light(sphere_spectrum(settings.sphere_brightness).values)
     sphere = band_signals(even, curves, field_shares(curves, moved))

@@ -1,4 +1,4 @@
-"""Strength of an effect: the chi2 per sample by which it changes a capture, and effects of a given strength."""
+"""Strength of an effect (chi2 per sample that it changes), and effects of a given strength."""
 
 from __future__ import annotations
 
@@ -26,34 +26,60 @@ from .model_capture import write_model_capture
 __all__ = ["STRENGTHS", "Scale", "at_strength", "scale_of"]
 
 #: Expected change of chi2 per sample at 128 x 128 pixels, with the lamp's scale fitted. Effects that imitate a nuisance
-#: only show as a deviation of the fitted camera and lamp from their priors: 5, 10 and 17 standard deviations.
+#: only show as a deviation of the fitted camera and lamp from their priors: 5, 10 and 17 standard deviations from weak
+#: to strong.
 STRENGTHS: Mapping[str, float] = {"faint": 0.0024, "weak": 0.06, "medium": 1.0, "strong": 8.0}
 
-#: Squared deviation from the priors of a medium effect; the strength is proportional to its square.
-_PULL = 100.0
+#: Squared deviation from the priors of a medium effect that only priors judge; the strength grows with its square.
+_MEDIUM_PULL_SQ = 100.0
 
-_CLOSE = 0.02
-_MOST_TRIALS = 40
+#: Relative deviation from the strength asked for at which a search ends.
+_RELATIVE_TOLERANCE = 0.02
+
+#: Largest number of trials of a search.
+_MAX_TRIALS = 40
 
 #: Chi2 per sample of an applied effect.
 Scale = Callable[[AppliedEffect], float]
 
 
 def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int) -> Scale:
-    """A function that computes an effect's chi2 per sample in the model's capture (a temporary one without it).
+    """A function that computes an effect's chi2 per sample in the model's capture.
 
-    Raises InputError without a compiled variant.
+    The capture is a temporary one without the effect. The change is a product of two estimates with independent random
+    numbers, since the square of one would be biased by its noise.
+
+    Parameters
+    ----------
+    model
+        Model of the capture.
+    camera
+        The true camera.
+    settings
+        Settings of the simulated laboratory.
+    seed
+        Repeats the capture.
+
+    Returns
+    -------
+    Scale
+        Chi2 per sample of an effect.
+
+    Raises
+    ------
+    InputError
+        Without a compiled variant.
     """
     variant.require_compiled("strength")
     with temporary_folder() as folder:
-        place = folder / "capture"
-        write_model_capture(place, model, camera, settings, seed, relative_error=5e-3)
-        prepared = prepare(load_capture(place), Model(model.scene))
+        capture_folder = folder / "capture"
+        write_model_capture(capture_folder, model, camera, settings, seed, relative_error=5e-3)
+        prepared = prepare(load_capture(capture_folder), Model(model.scene))
         light = solved_light(prepared, model.render, model.effects)
         coarse = replace(model.render, noise=1.0)
         rendered = rendered_from(prepared, light, prepared.calibrated_camera, coarse, model.effects)
     predictor, used = rendered.predictor, rendered.used
-    again = predictor.resampled()
+    resampled = predictor.resampled()
     base = predictor.signal(model.effects)
     sigma = np.sqrt(prepared.calibration.predicted_variance(base)[used])
     level: NDArray[np.float64] = base[used] / sigma
@@ -61,8 +87,8 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
 
     priors = nuisance_priors(prepared.calibrated_camera, prepared.lamp_sigma)
 
-    def change(seen_by: Predictor, effect: AppliedEffect) -> NDArray[np.float64]:
-        moved = (seen_by.signal((*model.effects, effect)) - seen_by.signal(model.effects))[used] / sigma
+    def change(with_predictor: Predictor, effect: AppliedEffect) -> NDArray[np.float64]:
+        moved = (with_predictor.signal((*model.effects, effect)) - with_predictor.signal(model.effects))[used] / sigma
         return np.asarray(moved - level * (level @ moved))
 
     def scale(effect: AppliedEffect) -> float:
@@ -73,32 +99,45 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
             )
             brighter = float(np.divide(*lamps)) - 1
             pull = priors @ Nuisances(displacement(camera, (), (effect,)), brighter).vector
-            return (float(pull @ pull) / _PULL) ** 2
-        # product of two estimates with independent random numbers: the square of one would be biased by its noise
-        first, second = (change(each, effect) for each in (predictor, again))
+            return (float(pull @ pull) / _MEDIUM_PULL_SQ) ** 2
+        first, second = (change(each, effect) for each in (predictor, resampled))
         return float(first @ second) / len(sigma)
 
     return scale
 
 
-def at_strength(effect: AppliedEffect, wanted: float, scale: Scale) -> AppliedEffect | None:
-    """The effect with the distances of its numbers from null scaled by a common factor to the strength ``wanted``.
+def at_strength(effect: AppliedEffect, target: float, scale: Scale) -> AppliedEffect | None:
+    """The effect with its numbers scaled to a given strength.
 
-    None if the bounds do not allow this strength.
+    The distances of all numbers from null are scaled by a common factor, found by bisection on its logarithm.
+
+    Parameters
+    ----------
+    effect
+        Effect with numbers of any strength.
+    target
+        Chi2 per sample asked for.
+    scale
+        Chi2 per sample of an effect; an InputError counts as too strong.
+
+    Returns
+    -------
+    AppliedEffect or None
+        None where the bounds do not allow this strength. As it is where no number is free.
     """
     free = [p for p in effect.effect.numbers if p.null is not None]
     if not free:
         return effect
     low, high, factor = 0.0, np.inf, 1.0
-    for _ in range(_MOST_TRIALS):
+    for _ in range(_MAX_TRIALS):
         trial = AppliedEffect(effect.effect, {**effect.values, **_scaled(free, effect.values, factor)})
         try:
-            reached = scale(trial)
+            chi2_per_sample = scale(trial)
         except InputError:
-            reached = np.inf  # not possible (e.g. a lamp outside the ceiling): reduce
-        if abs(reached / wanted - 1) < _CLOSE:
+            chi2_per_sample = np.inf  # not possible (e.g. a lamp outside the ceiling): reduce
+        if abs(chi2_per_sample / target - 1) < _RELATIVE_TOLERANCE:
             return trial
-        if reached < wanted:
+        if chi2_per_sample < target:
             if all(trial.values[p.name] in (p.low, p.high) for p in free):
                 return None
             low = factor
@@ -114,7 +153,7 @@ def at_strength(effect: AppliedEffect, wanted: float, scale: Scale) -> AppliedEf
 
 
 def _scaled(free: list[Parameter], values: Mapping[str, str | float], factor: float) -> dict[str, float]:
-    """Numbers with ``factor`` times the distance from null, in the coordinates of their scales, clipped to bounds."""
+    """Numbers with ``factor`` times the distance from null, clipped to their bounds."""
     result = {}
     for p in free:
         distance = p.to_coordinate(float(values[p.name])) - p.null_coordinate

@@ -1,4 +1,4 @@
-"""Random variation of the laboratory, and of the blocks within the error of a survey, between captures."""
+"""Random variation between captures: the laboratory, and blocks within a survey's error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,18 @@ __all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
 
 
 def varied_settings(seed: int) -> CaptureSettings:
-    """Settings with random camera, sphere, exposure and survey, repeatable by ``seed``."""
+    """Settings of a laboratory with random camera, sphere, exposure and survey.
+
+    Parameters
+    ----------
+    seed
+        Repeats the draw.
+
+    Returns
+    -------
+    CaptureSettings
+        Sensor, level, repeats, number of points and sphere drawn uniformly; the sphere's brightness by its logarithm.
+    """
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
     plain = CaptureSettings()
     return replace(
@@ -36,13 +47,31 @@ def varied_settings(seed: int) -> CaptureSettings:
 class BlockOffset(NamedTuple):
     """Offset of a block from its surveyed position, and rotation about +y (right-handed)."""
 
+    #: Along x, mm.
     dx_mm: float
+    #: Along z, mm.
     dz_mm: float
+    #: Rotation, degrees.
     yaw_deg: float
 
 
 def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
-    """Random offset of each block of a scene from its surveyed position, repeatable by ``seed``."""
+    """Random offset of each block of a scene from its surveyed position.
+
+    Standard deviations are the tolerances of the catalogue's effect that moves blocks.
+
+    Parameters
+    ----------
+    scene
+        Scene as surveyed.
+    seed
+        Repeats the draw.
+
+    Returns
+    -------
+    dict
+        Offsets by block.
+    """
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
     moves_blocks = next(e for e in catalogue().values() if any(p.kind == "block" for p in e.parameters))
     scatter = np.array([p.tolerance for p in moves_blocks.numbers])
@@ -50,9 +79,22 @@ def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
 
 
 def settled(scene: Scene, seed: int) -> Scene:
-    """The scene with its blocks at random offsets from their surveyed positions, repeatable by ``seed``."""
+    """The scene with its blocks at random offsets from their surveyed positions.
+
+    Parameters
+    ----------
+    scene
+        Scene as surveyed.
+    seed
+        Repeats the draw.
+
+    Returns
+    -------
+    Scene
+        With moved blocks.
+    """
     surfaces = {surface.name: surface for surface in scene.surfaces}
     for block, offset in block_offsets(scene, seed).items():
-        found = surfaces[f"{block}-block"]
-        surfaces[found.name] = replace(found, vertices_mm=moved_on_floor(found.vertices_mm, *offset))
+        surface = surfaces[f"{block}-block"]
+        surfaces[surface.name] = replace(surface, vertices_mm=moved_on_floor(surface.vertices_mm, *offset))
     return replace(scene, surfaces=tuple(surfaces.values()))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.validation.diagnose import alternatives
 from cboxlab.validation.diagnose.alternatives import SelectedEffect, confirmed_where_held_out
-from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE, SHAPE_ERROR
+from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR
 
 
 def _candidate(name, chi2):
@@ -21,7 +21,7 @@ def _selected(behind, dispersion, gain):
 
 @pytest.mark.parametrize("dispersion", [1.0, 4.0])
 def test_chi2_differences_scatter_by_the_dispersion_which_widens_what_is_not_told_apart(dispersion):
-    limit = INDISTINGUISHABLE * dispersion
+    limit = INDISTINGUISHABLE_CHI2 * dispersion
     for behind, told in ((0.99 * limit, False), (1.01 * limit, True)):
         one = _selected(behind, dispersion, gain=100.0)
         assert (not one.indistinguishable) == told
@@ -34,10 +34,10 @@ def test_of_a_large_effect_the_errors_of_shapes_count():
     assert not _selected(1.01 * limit, 1.0, gain=1e5).indistinguishable
 
 
-@pytest.mark.parametrize("of_edges", [True, False])
-def test_what_comes_of_edges_is_dropped(monkeypatch, of_edges):
+@pytest.mark.parametrize("edge_artefact", [True, False])
+def test_what_comes_of_edges_is_dropped(monkeypatch, edge_artefact):
     monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
     own = _candidate("own", 1000.0)
-    known = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, of_edges)
+    known = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
     kept, _ = confirmed_where_held_out(None, [own], [known], [])
-    assert kept == ([] if of_edges else [own])
+    assert kept == ([] if edge_artefact else [own])

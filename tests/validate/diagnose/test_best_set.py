@@ -147,7 +147,7 @@ def selected(monkeypatch, patterns, truth, hidden=()):
     monkeypatch.setattr(stepwise, "refitted", lambda *given: linearised)
     validation = SimpleNamespace(model=SimpleNamespace(render=None))
     signatures = [one for name, one in known.items() if name not in hidden]
-    return names_of(stepwise.selection(validation, linearised, signatures, NO_PROGRESS).chosen)
+    return names_of(stepwise.selection(validation, linearised, signatures, NO_PROGRESS).selected)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -47,7 +47,7 @@ def between(one, other, used):
     predictor = Pictures()
     linearised = SimpleNamespace(
         scale=SCALE,
-        given=(),
+        model_effects=(),
         predictor=predictor,
         base=predictor.signal(()),
         derivative=predictor.derivative,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.alternatives import comes_of_edges, heldout_bands, heldout_pixels
+from cboxlab.validation.diagnose.alternatives import heldout_bands, heldout_pixels, is_edge_artefact
 from cboxlab.validation.diagnose.linear_model import LinearModel
 
 SHAPE = (4, 64, 64)
@@ -97,7 +97,7 @@ def test_steps_at_edges_alone_are_no_change_of_a_whole_face(model, inside, at_ed
     noise = 0.01 * np.random.default_rng(4).standard_normal(COUNT)
     residual = np.append(np.where(within, inside, at_edges) + noise, np.zeros(11))
     even = np.append(np.ones(COUNT), np.zeros(11))
-    assert comes_of_edges(replace(model, interior=within), residual, even) == expected
+    assert is_edge_artefact(replace(model, interior=within), residual, even) == expected
 
 
 def test_a_faint_change_that_noise_alone_makes_uneven_stays(model):
@@ -105,4 +105,4 @@ def test_a_faint_change_that_noise_alone_makes_uneven_stays(model):
     within = np.arange(COUNT) < COUNT // 2
     even = np.append(np.full(COUNT, (8 / (COUNT / 2)) ** 0.5), np.zeros(11))
     residual = even * np.append(np.where(within, 0.3, 1.2), np.zeros(11))
-    assert not comes_of_edges(replace(model, interior=within), residual, even)
+    assert not is_edge_artefact(replace(model, interior=within), residual, even)

@@ -95,7 +95,7 @@ def test_numbers_within_their_tolerance_are_fitted_as_rivals_of_a_fit_alone_and_
         return fit(problem, candidate, *others)
 
     monkeypatch.setattr(selection, "fit", spy)
-    monkeypatch.setattr(selection, "_LEAST_PROMISING", 0.0)
+    monkeypatch.setattr(selection, "_MIN_PROMISED_PART_OF_BEST", 0.0)
     ranked = best_singles(problem, [uncertain, known["two"]], residual, 2, known_chi2)
     assert done == fitted
     assert [c.hypothesis.effect.id for c in ranked] == ["one", "two"]
@@ -322,7 +322,7 @@ def test_limits_of_what_grows_with_a_square():
 def test_stated_sizes_are_one_and_a_half_times_those_to_first_order(monkeypatch):
     given = beside_errors()[1](0.0), Squares({"grey": waves(1, 1)}), "filter"
     (said,) = limits_alone(*given)[1]
-    monkeypatch.setattr(stepwise, "_BEYOND_FIRST_ORDER", 1.0)
+    monkeypatch.setattr(stepwise, "_SIZE_OVER_FIRST_ORDER", 1.0)
     assert said.distance == pytest.approx(1.5 * limits_alone(*given)[1][0].distance)
 
 
@@ -348,7 +348,7 @@ def test_a_number_without_null_is_fitted_unless_it_is_held():
     problem = linearised.problem(())
     start = Candidate(known, {"amount": 0.3}, {}, 0.0, np.zeros(COUNT + 11))
     free = fit(problem, start, residual)
-    held = fit(problem, replace(start, hypothesis=replace(known, held=("across",))), residual)
+    held = fit(problem, replace(start, hypothesis=replace(known, unfitted=("across",))), residual)
     for name, wanted in (("amount", 0.5), ("across", 1.3)):
         assert abs(free.numbers[name] - wanted) < 4 * free.sigma[name]
     assert held.applied.values["across"] == 1.0

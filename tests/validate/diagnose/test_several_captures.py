@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
-from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE
+from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2
 from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.search import Candidate
-from cboxlab.validation.diagnose.several_captures import FurtherFit, JointProblem, same_camera, settled
+from cboxlab.validation.diagnose.several_captures import FurtherFit, JointProblem, refitted_to_all, same_camera
 from helpers.places import ROOT
 
 COUNT, NUISANCES = 400, 11
@@ -127,7 +127,7 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
         for shape, residual, f_number in zip(shapes, residuals, (8.0, 16.0), strict=True)
     )
     known = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, 0.01, COUNT, 1.0)
-    (found,) = settled(first, here, [known], [FurtherFit(second, there, shared)])
+    (found,) = refitted_to_all(first, here, [known], [FurtherFit(second, there, shared)])
     whole = sum(float(r @ r) for r in residuals)
     assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(whole)
     if shared:
@@ -137,6 +137,6 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
     else:
         along, size = shapes[0] @ residuals[0], shapes[0] @ shapes[0]
         expected = whole - along**2 / size - (shapes[1] @ residuals[1]) ** 2 / (shapes[1] @ shapes[1])
-        expected += INDISTINGUISHABLE
+        expected += INDISTINGUISHABLE_CHI2
     assert found.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
     assert found.candidate.chi2 == pytest.approx(expected, rel=1e-9)

@@ -48,7 +48,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
 
     monkeypatch.setattr(stepwise, "linearised_fit", linearised_fit)
     predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
-    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), given=("own",))
+    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), model_effects=("own",))
     validation = SimpleNamespace(
         prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
     )

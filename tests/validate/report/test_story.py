@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
-from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureFound, Limit, Ranked, Separation, Step
+from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureResult, Limit, Ranked, Separation, Step
 from cboxlab.validation.report.diagnosis import further_sentences, limit_words
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
@@ -94,7 +94,7 @@ def test_what_cannot_be_told_apart_has_its_further_capture():
     [((), False, True), ((), True, False), (("veiling-glare",), False, False)],
 )
 def test_what_only_a_further_capture_shows_is_to_be_diagnosed_there(selected, adequate, advised):
-    second = FurtherCaptureFound("second", True, 1.2, 1.2, adequate)
+    second = FurtherCaptureResult("second", True, 1.2, 1.2, adequate)
     sentences = " ".join(further_sentences(replace(_diagnosis(selected), further=(second,))))
     assert ("diagnose it as the first one" in sentences) == advised
 

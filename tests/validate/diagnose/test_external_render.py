@@ -18,10 +18,10 @@ from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare import prepare, validate_capture
-from cboxlab.validation.diagnose.foreign_side import foreign_side
+from cboxlab.validation.diagnose.external_render import external_render
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
-foreign_side_module = importlib.import_module("cboxlab.validation.diagnose.foreign_side")
+external_render_module = importlib.import_module("cboxlab.validation.diagnose.external_render")
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, SEED = 32, 3
@@ -47,8 +47,8 @@ def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, exce
     calibration = SimpleNamespace(predicted_variance=lambda values: variance)
     prepared = SimpleNamespace(measured=measured, calibration=calibration, lamp_sigma=None)
     rendered = SimpleNamespace(signal=signal, variance=0 * variance, used=np.ones(shape, bool))
-    monkeypatch.setattr(foreign_side_module, "_ratios", lambda validation, rendered: ratios)
-    assert foreign_side_module._depth(SimpleNamespace(prepared=prepared), rendered) == found
+    monkeypatch.setattr(external_render_module, "_ratios", lambda validation, rendered: ratios)
+    assert external_render_module._depth(SimpleNamespace(prepared=prepared), rendered) == found
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def found(capture, tmp_path_factory):
         camera = prepared.calibrated_camera
         cube = render(RenderJob(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth)).cube()
         write_cube(path, cube)
-        found[depth] = *foreign_side(validate_capture(load_capture(capture), model, picture=path)), cube
+        found[depth] = *external_render(validate_capture(load_capture(capture), model, picture=path)), cube
     return found
 
 
