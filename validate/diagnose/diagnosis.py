@@ -38,7 +38,7 @@ from .linearised_fit import (
 from .search import Candidate
 from .several_captures import FurtherFit, same_camera, settled
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import beats, excess_of, reported
+from .unexplained import excess_of, explanation_to_report, family_beats_effects
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureFound", "Ranked", "Step", "diagnose"]
 
@@ -155,7 +155,7 @@ def diagnose(validation: Validation, progress: Progress = QUIET, further: Sequen
     capture = prepared.calibration.capture
     excess = excess_of(linearised, residual, capture)
     remains, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
-    explanation = reported((remains, *hidden(excess)), linearised.model, residual, by_effects, left)
+    explanation = explanation_to_report((remains, *hidden(excess)), linearised.model, residual, by_effects, left)
     left = explanation is not None
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:
@@ -164,7 +164,9 @@ def diagnose(validation: Validation, progress: Progress = QUIET, further: Sequen
     rest = square(residual) / linearised.model.count - 1
     if chosen and (left or len(chosen) > 1 or rest > _WORTH_A_FAMILY):
         whole = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or beats(whole, start, chosen, linearised.model, residual, explanation):
+        if selected == (UNKNOWN,) or family_beats_effects(
+            whole, start, chosen, linearised.model, residual, explanation
+        ):
             explanation, selected, left = whole, (UNKNOWN,), True
     if selected == (UNKNOWN,):
         linearised, chosen, known, residual = first, [], [], start.residual

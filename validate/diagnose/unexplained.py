@@ -23,7 +23,7 @@ from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
 
-__all__ = ["beats", "excess_of", "reported", "stands_out"]
+__all__ = ["excess_of", "explanation_to_report", "family_beats_effects", "is_significant_pattern"]
 
 #: Probability that a family stands out of noise alone, all families and their forms together.
 _FALSE_ALARM = 0.005
@@ -45,7 +45,7 @@ _COATS, _COAT_SAMPLES = (0.03, 0.12, 0.35), 64
 _NEARLY_ALL = 0.75
 
 
-def beats(
+def family_beats_effects(
     explanation: Explanation,
     model: LinearModel,
     chosen: Sequence[Candidate],
@@ -79,7 +79,9 @@ def beats(
     return of_effects - of_family - complexity > more
 
 
-def stands_out(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float) -> bool:
+def is_significant_pattern(
+    explanation: Explanation, model: LinearModel, residual: NDArray[np.float64], by_effects: float
+) -> bool:
     """Whether a pattern is left in a residual (n + 11,) that is neither noise nor an error of the picture.
 
     Smooth patterns in all bands, and blurs, are judged by ``something_remains``: the picture has such errors itself.
@@ -104,7 +106,7 @@ def _holds_inside(change: NDArray[np.float64], model: LinearModel, residual: NDA
     return float(own @ residual[: model.count]) > _LEAST_INSIDE * square(own)
 
 
-def reported(
+def explanation_to_report(
     explained: Sequence[Explanation],
     model: LinearModel,
     residual: NDArray[np.float64],
@@ -113,11 +115,12 @@ def reported(
 ) -> Explanation | None:
     """Which explanation of a residual (n + 11,) is reported; None where nothing is left to explain.
 
-    explained : the best one of all, then those that errors of the picture may hide. by_effects : see ``stands_out``.
+    explained : the best one of all, then those that errors of the picture may hide. by_effects : see
+    ``is_significant_pattern``.
     left : whether something is left whatever they say. Rivals of a sharp form are those of its family.
     """
     best = explained[0]
-    sharp = next((one for one in explained if stands_out(one, model, residual, by_effects)), None)
+    sharp = next((one for one in explained if is_significant_pattern(one, model, residual, by_effects)), None)
     if sharp and sharp.family == best.family:
         sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
         left = left and sharp.share < _NEARLY_ALL * best.share

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.diagnose.linear_model import LinearModel
-from cboxlab.validation.diagnose.unexplained import _cosine, _repeats, beats
+from cboxlab.validation.diagnose.unexplained import _cosine, _repeats, family_beats_effects
 
 #: A residual of chi2 4000, which effects leave.
 LEFT = np.array([np.sqrt(4000.0), 0.0, 0.0])
@@ -22,7 +22,7 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     paid = effects * (4.6 * numbers + 2 * np.log(len(catalogue())))
     for own, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
         explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own)
-        assert beats(explanation, model, chosen, model, LEFT) == wins
+        assert family_beats_effects(explanation, model, chosen, model, LEFT) == wins
 
 
 @pytest.mark.parametrize(
@@ -39,8 +39,8 @@ def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, w
     model = _model(left_by_family=4500.0)
     whole = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
     beside = SimpleNamespace(family="blur", smear=smear)
-    assert beats(whole, model, [None] * effects, model, LEFT, beside) == wins
-    assert not beats(whole, model, [None] * effects, model, LEFT)
+    assert family_beats_effects(whole, model, [None] * effects, model, LEFT, beside) == wins
+    assert not family_beats_effects(whole, model, [None] * effects, model, LEFT)
 
 
 @pytest.mark.parametrize(("ahead", "wins"), [(29.9, False), (30.1, True)])
@@ -49,7 +49,7 @@ def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(a
     share could make is no matter: what each leaves after them counts."""
     model = _model(left_by_family=4000.0 - 50.0 - ahead)
     whole = SimpleNamespace(family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0)
-    assert beats(whole, model, [None], model, LEFT) == wins
+    assert family_beats_effects(whole, model, [None], model, LEFT) == wins
 
 
 def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike():
@@ -70,8 +70,8 @@ def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike(
     )
     change = (80 * face[:2000]).reshape(1, 40, 50)
     whole = SimpleNamespace(family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0)
-    assert beats(whole, model, [None], model, other)
-    assert not beats(whole, model, [None], model, other / 2)
+    assert family_beats_effects(whole, model, [None], model, other)
+    assert not family_beats_effects(whole, model, [None], model, other / 2)
 
 
 def _model(left_by_family):

@@ -8,7 +8,7 @@ from cboxlab.rendering.fitted_fields import ImageMaps
 from cboxlab.validation.diagnose.explain import explain, hidden
 from cboxlab.validation.diagnose.explain.optics_forms import _blurred, uneven_blurs
 from cboxlab.validation.diagnose.linear_model import LinearModel
-from cboxlab.validation.diagnose.unexplained import reported, stands_out
+from cboxlab.validation.diagnose.unexplained import explanation_to_report, is_significant_pattern
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 
@@ -35,7 +35,7 @@ def _model(excess):
 def _seen(change, seed=3):
     excess = small_excess(change, seed=seed)
     model = _model(excess)
-    return stands_out(explain(excess), model, model.residual, 0.0)
+    return is_significant_pattern(explain(excess), model, model.residual, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_rows_stand_out_where_they_hold_between_edges(where, seen):
     excess = small_excess(np.where(where, rows, 0.0))
     inside = np.broadcast_to(abs(COLUMNS - 20) >= 12, SIGNAL.shape).ravel()
     model = replace(_model(excess), interior=inside)
-    assert stands_out(explain(excess), model, model.residual, 0.0) == seen
+    assert is_significant_pattern(explain(excess), model, model.residual, 0.0) == seen
 
 
 def _spot(row, column):
@@ -130,7 +130,7 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step,
         excess = small_excess(change)
         model = _model(excess)
         found, *_ = hidden(excess)
-        assert stands_out(found, model, model.residual, by_effects) == seen
+        assert is_significant_pattern(found, model, model.residual, by_effects) == seen
         assert change is blur or found.words.startswith(f"along {line}")
 
 
@@ -146,9 +146,9 @@ def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_no
         model = _model(excess)
         (form,), (_, uneven, _) = uneven_blurs(excess), hidden(excess)
         assert (form.evidence > 0) == seen
-        assert stands_out(uneven, model, model.residual, 0.0) == seen
+        assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
         # what an even blur gains does not count: the least gain is 0.004 of each of these samples
-        assert not stands_out(replace(uneven, gain=0.003 * excess.count), model, model.residual, 0.0)
+        assert not is_significant_pattern(replace(uneven, gain=0.003 * excess.count), model, model.residual, 0.0)
 
 
 def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_informs_of_one():
@@ -167,7 +167,7 @@ def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
         excess = replace(small_excess(-own), signal=SIGNAL + own, noise=noise)
         model = _model(excess)
         _, uneven, _ = hidden(excess)
-        assert stands_out(uneven, model, model.residual, 0.0) == seen
+        assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
 
 
 def _turned(size):
@@ -195,7 +195,7 @@ def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, words)
         excess = small_excess(change)
         model = _model(excess)
         best, *others = explain(excess), *hidden(excess)
-        found = reported((best, *others), model, model.residual, 0.0, left)
+        found = explanation_to_report((best, *others), model, model.residual, 0.0, left)
         assert (found and found.bands) == expected
     assert found.words.endswith(words)
     assert (found.family, found.runner_up) == ("displacement", best.runner_up)
