@@ -24,7 +24,7 @@ from .evidence import (
     something_remains,
     square,
 )
-from .explain import Explanation, explain, hidden
+from .explain import Explanation, explain, explain_masked_families
 from .foreign_side import ForeignSide, foreign_side
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess
@@ -155,7 +155,9 @@ def diagnose(validation: Validation, progress: Progress = QUIET, further: Sequen
     capture = prepared.calibration.capture
     excess = excess_of(linearised, residual, capture)
     remains, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
-    explanation = explanation_to_report((remains, *hidden(excess)), linearised.model, residual, by_effects, left)
+    explanation = explanation_to_report(
+        (remains, *explain_masked_families(excess)), linearised.model, residual, by_effects, left
+    )
     left = explanation is not None
     selected = tuple(c.hypothesis.effect.id for c in chosen)
     if left:

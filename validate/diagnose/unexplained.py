@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from .evidence import INDISTINGUISHABLE, SHAPE_ERROR, SMALLEST_GAIN, least_gain_of, price_of, square
-from .explain import NONE, Excess, Explanation, Transport
+from .explain import NONE, Explanation
+from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
@@ -31,8 +32,6 @@ _FALSE_ALARM = 0.005
 #: Part of its gain in the pixels of a trial fit that a family must have in those held out from it. Pixels that scatter
 #: in deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
 _LEAST_HELDOUT = 0.3
-
-_ON_SENSOR = ("sensor-offset", "sensor-gain")
 
 #: A pattern fixed on the sensor has at least this part of its size where the picture shows no edges. Errors of edges
 #: along rows or columns, as those of a ceiling, look like rows or columns and have none there.
@@ -89,14 +88,15 @@ def is_significant_pattern(
     forms together, must gain as much chi2 as an effect must, and hold where it was not fitted. by_effects : chi2 that
     effects explain already.
     """
-    if explanation.family == NONE or not explanation.sharp or explanation.heldout < _LEAST_HELDOUT:
+    family = explanation.family_record
+    if family is None or not explanation.sharp or explanation.heldout < _LEAST_HELDOUT:
         return False
     change = model.whiten(explanation.change)
-    everywhere = explanation.family in _ON_SENSOR and explanation.centre_px is None
+    everywhere = family.acts_on == "sensor" and explanation.centre_px is None
     if everywhere and not _holds_inside(change, model, residual):
         return False
     least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
-    seen = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
+    seen = explanation.evidence > 2 * np.log(explanation.num_forms / _FALSE_ALARM)
     return seen and min(_gain(explanation, model, residual), explanation.gain) > least
 
 
@@ -133,7 +133,7 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
     return 2 * float(change @ residual) - square(change)
 
 
-def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
+def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> ResidualData:
     """What a residual (n + 11,), projected, over sigma, gives the families to explain."""
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
     nuisances, left = _nuisance_columns(model, residual)
@@ -141,15 +141,15 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
     draw = np.random.default_rng(predictor.settings.seed).standard_normal(used.shape)
-    return Excess(
+    return ResidualData(
         residual=_filled(residual[: model.count], used).astype(np.float32),
-        weighed=_filled(left, used),
+        marginal_residual=_filled(left, used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,
         noise=linearised.scale * np.sqrt(rendered.variance) * draw,
         nuisances=nuisances,
-        unknown=model.basis.shape[1],
+        num_free_nuisances=model.basis.shape[1],
         moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),
         flat=predictor.sensing.flat,
         surface=np.where(image.surface < 0, -1, image.surface),
@@ -175,7 +175,7 @@ def _flat_exposure(capture: Capture, band: str) -> float:
 def _nuisance_columns(
     model: LinearModel, residual: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """(band, y, x, m) columns W of the ``Excess``, and the residual (n,) less what shared errors explain of it.
+    """(band, y, x, m) columns W of the ``ResidualData``, and the residual (n,) less what shared errors explain of it.
 
     Camera and lamp are projected out already; errors shared by bands or faces have unit variance, which the Woodbury
     identity takes off the information.
