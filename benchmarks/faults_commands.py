@@ -22,7 +22,7 @@ UNKNOWN = f"""
 import json, sys
 sys.path.insert(0, {str(Path(__file__).resolve().parents[1] / "tests")!r})
 import numpy as np
-from cboxlab.validation.explain import explain
+from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.report.explanation import explanation_record
 from helpers.small_excess import BANDS, SIGMA, SIZE, small_excess
 rows = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((BANDS, 1, 1))

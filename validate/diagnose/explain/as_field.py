@@ -72,7 +72,7 @@ def fitted_field(data: ResidualData, candidate: FittedExplanation) -> FittedFiel
 
 
 def _separated(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Spectrum (band,) and values (k,) whose product the coefficients (band, k) are; the strongest band is 1."""
+    """Factors of coefficients (band, k): a spectrum (band,), strongest band 1, and values (k,)."""
     strongest = int(np.argmax(np.abs(coefficients).sum(axis=1)))
     values = coefficients[strongest]
     power = float(values @ values)
@@ -80,7 +80,7 @@ def _separated(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def _rank_one(images: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Spectrum (band,) and image (y, x) whose product is nearest to images (band, y, x); the strongest band is 1."""
+    """Best product for images (band, y, x): a spectrum (band,), strongest band 1, and an image."""
     flat = images.reshape(len(images), -1)
     spectrum = np.linalg.eigh(flat @ flat.T)[1][:, -1]
     spectrum = spectrum / spectrum[np.argmax(np.abs(spectrum))]
@@ -100,7 +100,10 @@ def _waves(waves: tuple[WaveMap, ...], values: NDArray[np.float64]) -> tuple[Sur
 
 
 def _points(data: ResidualData, image: NDArray[np.float64], surface: str | None) -> tuple[SurfaceMap, ...]:
-    """Values of an image at the points of the scene that its pixels show, on one surface or on all but the lamp's."""
+    """Values of an image at the scene points that its pixels show, by surface.
+
+    ``surface`` limits them to one surface; None stands for all surfaces but the lamp's.
+    """
     t = data.transport
     values = image.ravel()[t.pixel]
     relevant = (np.abs(values) > _MIN_POINT_PART * np.abs(image).max()) & (t.surface < len(data.names))

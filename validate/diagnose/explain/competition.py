@@ -1,4 +1,4 @@
-"""Competition of all families: fits of all forms, scores, and the winner's place, bands and share."""
+"""Competition of all families: scores of their forms; place, bands and share of the winner."""
 
 from __future__ import annotations
 

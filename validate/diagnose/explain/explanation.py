@@ -1,4 +1,4 @@
-"""Explanation of a residual: the family that explains it, where, in which bands, and how much of it."""
+"""Explanation of a residual: family, place, bands and explained share."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Explanation:
     sharp: bool
     #: Part of the chi2 explained by effects that errors of their shapes may leave in such a pattern.
     effects_leave: float
-    #: Fitted field of which an effect is made; None where no family explains the residual.
+    #: Fitted field, from which an effect can be made; None where no family explains the residual.
     field: FittedField | None
     #: Record of the family; None where no family explains the residual.
     family_record: Family | None

@@ -24,7 +24,7 @@ __all__ = ["soft_outline", "spot_log_odds"]
 #: have 0.7 to 2.3 (one of 14: 3.5), the light of a small lamp on a wall 2 to 8.
 _MAX_OUTLINE_WIDTH = 2.6
 
-#: Largest factor of a coat's map: a film has two faces, each of which reflects at most as much as a coat.
+#: Largest factor of a coat's map: each of the two faces of a film reflects at most as much as a coat.
 _MAX_COATS = 2.0
 
 #: Largest negative value of a coat's map, over its maximum: fitted maps ring below 0.
@@ -104,7 +104,7 @@ def spot_log_odds(data: ResidualData, candidate: FittedExplanation, soft: bool) 
 
 
 def _is_possible_coat(data: ResidualData, candidate: FittedExplanation) -> bool:
-    """Whether a place mirrors as a film of plastic on it could, with or without an outline: at least nothing."""
+    """Whether a film of plastic could reflect as fitted: nowhere less than nothing."""
     mirrors = candidate.fit.coefficients[0] @ cast("ImageMaps", candidate.maps).matrix(data.shape)
     return bool(-_MAX_COAT_RINGING * mirrors.max() < mirrors.min() and mirrors.max() < _MAX_COATS)
 

@@ -1,4 +1,7 @@
-"""Families of explanations: one file each. Packages add others through the entry point group ``cboxlab.families``."""
+"""Families of explanations: one file each.
+
+Other packages add theirs through the entry point group ``cboxlab.families``.
+"""
 
 from __future__ import annotations
 

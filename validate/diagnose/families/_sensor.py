@@ -1,4 +1,4 @@
-"""Patterns fixed on the sensor: rows, columns, smooth patterns, waves and spots, as offsets or as gains."""
+"""Patterns fixed on the sensor: rows, columns, smooth patterns, waves and spots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forms of an operator on the image by its spectrum: in all bands alike, in each band, in one band."""
+"""Forms of an operator by its spectrum: in all bands alike, in each band, in one band."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _streak(data: ResidualData, angle_deg: float) -> FittedExplanation:
-    """Light spread far along one line, in all bands alike: by a wiped lens, or by the blades of a diaphragm."""
+    """Light spread far along one line, by a wiped lens or the blades of a diaphragm."""
     columns = _even_exchange(data, "streak", angle_deg)
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
     return FittedExplanation(
@@ -109,9 +109,9 @@ def smears(data: ResidualData) -> Iterator[FittedExplanation]:
 
 
 def uneven_blurs(data: ResidualData) -> Iterator[FittedExplanation]:
-    """Blur that varies over the image, in all bands alike, less gain and evidence of an even blur.
+    """Blur that varies over the image, less gain and evidence of an even blur.
 
-    Errors of the rendered edges are even over the image.
+    Both are alike in all bands. Errors of the rendered edges are even over the image.
 
     Parameters
     ----------
@@ -123,12 +123,12 @@ def uneven_blurs(data: ResidualData) -> Iterator[FittedExplanation]:
     FittedExplanation
         The uneven blur, with what it gains over an even one.
     """
-    ones = np.ones(len(data.bands))
+    flat_spectrum = np.ones(len(data.bands))
     blurs = []
     for order in (_UNEVEN_ORDER, 0):
         maps = ImageMaps("cosines", order=order)
         n, columns = blur_equations(data, maps, 1)
-        fit = fixed_spectrum(n, ones)
+        fit = fixed_spectrum(n, flat_spectrum)
         blurs.append(FittedExplanation(FAMILY, _UNEVEN, fit, columns, "neighbours", maps, sharp=True))
     uneven, even = blurs
     gain, evidence = uneven.fit.gain - even.fit.gain, uneven.fit.evidence - even.fit.evidence
@@ -146,7 +146,10 @@ def _direction(fit: FieldFit) -> str:
 
 
 def blur_equations(data: ResidualData, maps: ImageMaps, radius: int) -> tuple[NormalEquations, Columns]:
-    """Normal equations of exchanges with neighbours, less their gain by averaging the rendering's noise.
+    """Normal equations of a blur, corrected for its gain by averaging the rendering's noise.
+
+    A blur exchanges light with neighbouring pixels. The rendering's noise is known by its size: the equations of a
+    random draw of it are subtracted.
 
     Parameters
     ----------
@@ -176,7 +179,7 @@ def blur_equations(data: ResidualData, maps: ImageMaps, radius: int) -> tuple[No
 
 
 def _neighbour_exchange(data: ResidualData, basis: NDArray[Any], radius: int) -> Columns:
-    """Light exchanged with neighbours on opposite sides alike, which moves nothing; varies by maps (k, pixel)."""
+    """Light exchanged with neighbours on opposite sides alike, times maps (k, pixel)."""
 
     def columns(band: int) -> NDArray[Any]:
         each = exchanges("neighbours", data.signal[band], radius)

@@ -1,4 +1,4 @@
-"""Displacement of the image: constant or smooth over the image, in all bands, in one, or in each."""
+"""Displacement of the image, constant or smooth; in all bands, in one, or in each."""
 
 from __future__ import annotations
 

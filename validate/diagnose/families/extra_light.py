@@ -1,4 +1,4 @@
-"""Light from another source: on several surfaces, on one place of a surface, or on one place of the image."""
+"""Light from another source: on several surfaces, or on one place."""
 
 from __future__ import annotations
 

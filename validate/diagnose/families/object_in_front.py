@@ -1,4 +1,4 @@
-"""Object that the model lacks: light blocked and added along an outline, in front of the scene."""
+"""Object that the model lacks: light blocked and added within an outline."""
 
 from __future__ import annotations
 
@@ -60,17 +60,18 @@ def _fitted(
     data: ResidualData, basis: csr_matrix, bells: ImageMaps, measured: NDArray[Any], radiance: NDArray[Any]
 ) -> FittedExplanation:
     """Object from a starting radiance (band,), DN; ``measured`` is the signal (band, y, x), DN."""
-    ones = np.ones(len(data.bands))
+    num_bands = len(data.bands)
+    flat_spectrum = np.ones(num_bands)
     for _ in range(_ROUNDS):
         fitted_with, columns = radiance, _in_front(data, basis, radiance)
-        fit = fixed_spectrum(equations_in_all_bands(data, columns), ones)
+        fit = fixed_spectrum(equations_in_all_bands(data, columns), flat_spectrum)
         outline = np.clip(fit.coefficients[0] @ basis, 0.0, 1.0)
-        weight = (data.weight.reshape(len(ones), -1) * outline) ** 2
-        behind = data.signal.reshape(len(ones), -1)
-        emitted = (measured - data.signal).reshape(len(ones), -1) + outline * behind
+        weight = (data.weight.reshape(num_bands, -1) * outline) ** 2
+        behind = data.signal.reshape(num_bands, -1)
+        emitted = (measured - data.signal).reshape(num_bands, -1) + outline * behind
         per_outline = np.where(outline > _MIN_COVERED, weight / np.maximum(outline, _MIN_COVERED), 0.0)
         radiance = np.sum(per_outline * emitted, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
-    penalty = len(ones) * np.log(max(fit.gain, 2.0))
+    penalty = num_bands * np.log(max(fit.gain, 2.0))
     fit = replace(fit, evidence=fit.evidence - penalty)
     return FittedExplanation(FAMILY, "a thing in front", fit, columns, "front", bells, local=True, radiance=fitted_with)
 

@@ -1,4 +1,4 @@
-"""Another spectrum of a paint: of one surface, of one material on all its surfaces, or of all materials."""
+"""Another spectrum of a paint: on one surface, of one material, or of all materials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uneven reflectance: a smooth map on one surface, a stain, another paint of the scene that shows."""
+"""Uneven reflectance: a smooth map on one surface, a stain, another paint that shows."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _stains(spot: SurfaceSpot) -> Iterator[FittedExplanation]:
 
 
 def _other_paints(spot: SurfaceSpot, stain: FittedExplanation) -> Iterator[FittedExplanation]:
-    """Another paint of the scene in the place of a stain: splashed on it, or beneath a paint that is thin."""
+    """Another paint in the place of a stain: splashed on it, or beneath a thin paint."""
     data = spot.data
     reflectance = np.maximum(data.reflectance_of(spot.surface), 1e-6)
     for index, name in enumerate(data.materials):

@@ -1,4 +1,4 @@
-"""Reflection that depends on the angle: sheen, coats and films, paints that are matte but not Lambertian."""
+"""Reflection that depends on the angle: sheen, coats, films, and matte paints."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _sheens(
     The paint may be darker or brighter beneath a coat.
     """
     waves = tuple(maps.waves[i] for i in some)
-    visible, ones = maps.visible(some), np.ones(len(data.bands))
+    visible, flat_spectrum = maps.visible(some), np.ones(len(data.bands))
     kinds = len(data.transport.roughness)
     even = [i for i, wave in enumerate(waves) if wave.waves.sum() <= _COAT_ORDER]
     maps_of_coat = (*(waves[i] for i in even), waves[0])
@@ -64,7 +64,7 @@ def _sheens(
     def of_lamp(band: int) -> NDArray[Any]:
         return visible * np.float32(maps.dn[band])
 
-    fit = fixed_spectrum(equations_in_all_bands(data, of_lamp), ones)
+    fit = fixed_spectrum(equations_in_all_bands(data, of_lamp), flat_spectrum)
     yield FittedExplanation(FAMILY, "a sheen", fit, of_lamp, "radiance", waves, name, num_choices=num_surfaces)
     for mirrored, roughness in _coats(data):
 
@@ -72,7 +72,7 @@ def _sheens(
             beneath = scaled(visible[:1], data.signal[band])
             return np.concatenate([scaled(visible[even], mirrored[band]), beneath])
 
-        fit = fixed_spectrum(equations_in_all_bands(data, coated), ones)
+        fit = fixed_spectrum(equations_in_all_bands(data, coated), flat_spectrum)
         yield FittedExplanation(
             FAMILY,
             f"a coat, {roughness}",
@@ -87,10 +87,10 @@ def _sheens(
 
 
 def _matte_lobe(data: ResidualData, maps: SmoothSurfaceMaps, material: int, even: Sequence[int]) -> FittedExplanation:
-    """A paint whose brightness depends on the angles of view and incidence, on all its surfaces alike.
+    """A paint whose brightness depends on the angles of view and incidence.
 
-    Its reflection is not Lambertian, as that of rough paint, fibres or dust. ``even`` are the maps that are 1 on one
-    of its surfaces each.
+    Its reflection is the same on all its surfaces, and not Lambertian, as that of rough paint, fibres or dust.
+    ``even`` are the maps that are 1 on one of its surfaces each.
     """
 
     def lobe(band: int) -> NDArray[Any]:
@@ -112,12 +112,12 @@ def _matte_lobe(data: ResidualData, maps: SmoothSurfaceMaps, material: int, even
 
 def _glossy_places(spot: SurfaceSpot) -> Iterator[FittedExplanation]:
     """A place of a surface that mirrors the lamp, and coats of each roughness there."""
-    data, ones = spot.data, np.ones(len(spot.data.bands))
+    data, flat_spectrum = spot.data, np.ones(len(spot.data.bands))
 
     def of_lamp(band: int) -> csr_matrix:
         return spot.basis * float(lamp_dn(data, band))
 
-    fit = fixed_spectrum(equations_in_all_bands(data, of_lamp), ones)
+    fit = fixed_spectrum(equations_in_all_bands(data, of_lamp), flat_spectrum)
     glossy = FittedExplanation(FAMILY, "a glossy spot", fit, of_lamp, "radiance", spot.maps, spot.name, local=True)
     yield glossy
     coats = [
@@ -128,7 +128,7 @@ def _glossy_places(spot: SurfaceSpot) -> Iterator[FittedExplanation]:
         def coated(band: int, change: NDArray[np.floating] = change) -> csr_matrix:
             return scaled(spot.basis, change[band])
 
-        fit = fixed_spectrum(equations_in_all_bands(data, coated), ones)
+        fit = fixed_spectrum(equations_in_all_bands(data, coated), flat_spectrum)
         yield replace(
             glossy,
             form=f"a coated place, {roughness}",

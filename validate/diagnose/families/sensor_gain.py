@@ -47,7 +47,10 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _interference(data: ResidualData, wave: Wave, num_choices: int) -> FittedExplanation:
-    """Light reflected to and fro in one gap: waves by the wavelength, weaker where orders differ within a band."""
+    """Interference of light in one gap: waves by the wavelength.
+
+    They are weaker where orders differ within a band.
+    """
     maps = replace(wave.maps, order=_ENVELOPE_ORDER, nm=float(data.nm[wave.band]))
 
     def columns(band: int) -> NDArray[Any] | csr_matrix:
@@ -60,7 +63,7 @@ def _interference(data: ResidualData, wave: Wave, num_choices: int) -> FittedExp
 
 
 def _spot_log_odds(spot: SpotAppearance) -> float:
-    """Dust darkens, is no straight thin line, and is round in the image, not on a surface behind it."""
+    """Dust darkens, is no straight thin line, and is round in the image."""
     odds = -PENALTY_UNLIKELY if spot.brighter else 0.0
     odds -= PENALTY_IMPOSSIBLE if spot.line else 0.0
     return odds if spot.rounder_in_the_image else odds - PENALTY_ODD

@@ -1,4 +1,4 @@
-"""Counts added on the sensor: patterns, a glow at the border, errors of a converter by the count."""
+"""Counts added on the sensor: patterns, a glow at the border, errors by the count."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _by_level(data: ResidualData) -> FittedExplanation:
-    """Counts added by the count: bits of wrong weight in a converter, an amplifier with an irregular curve."""
+    """Counts added by the count: wrong weights of a converter's bits, an irregular amplifier."""
     counts = data.signal * data.flat
     most = float(counts[data.used].max())
 

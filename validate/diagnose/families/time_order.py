@@ -1,4 +1,4 @@
-"""Changes between frames by their order in time: steps and drifts of the lamp, image persistence."""
+"""Changes between frames by their time: steps and drifts of the lamp, image persistence."""
 
 from __future__ import annotations
 
@@ -56,7 +56,10 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _persistence(data: ResidualData, repeats: float) -> FittedExplanation:
-    """A part of every frame that is visible again in the next one; repeats : evidence from their differences."""
+    """Image persistence: a part of every frame is visible again in the next one.
+
+    ``repeats`` is the evidence from differences of repeats.
+    """
     bands = len(data.bands)
     frames = np.maximum(np.isfinite(data.repeats).sum(axis=1), 1)
     before = np.diag((frames - 1.0) / frames)
@@ -86,9 +89,9 @@ def repeats_excess(data: ResidualData) -> float:
     float
         Chi2 less its mean by noise; 0 where noise explains the differences.
     """
-    stated = np.isfinite(data.repeats) & np.isfinite(data.repeat_sigma)[:, None]
-    chi2 = float(np.sum(np.where(stated, data.repeats / data.repeat_sigma[:, None], 0.0) ** 2))
-    free = float(np.sum(np.maximum(stated.sum(axis=1) - 1, 0)))
+    determined = np.isfinite(data.repeats) & np.isfinite(data.repeat_sigma)[:, None]
+    chi2 = float(np.sum(np.where(determined, data.repeats / data.repeat_sigma[:, None], 0.0) ** 2))
+    free = float(np.sum(np.maximum(determined.sum(axis=1) - 1, 0)))
     return chi2 - free if free and chi2 > _MIN_REPEATS_CHI2 * free else 0.0
 
 

@@ -63,7 +63,7 @@ class FitInput:
 
     @cached_property
     def surface_spot(self) -> SurfaceSpot | None:
-        """The part of ``spot`` on its main surface; None without a spot or where no surface is visible in it."""
+        """The part of ``spot`` on its main surface; None without a spot or a surface in it."""
         return None if self.spot is None else surface_spot(self.data, self.spot)
 
 
@@ -84,7 +84,7 @@ def _no_prior(spot: SpotAppearance) -> float:
 
 @dataclass(frozen=True)
 class Family:
-    """Causes of a residual that act in the same way; a family is one file with a constant ``FAMILY``."""
+    """Causes of a residual that act in the same way; one file with a constant ``FAMILY``."""
 
     #: Identifier in diagnosis.json: small letters and hyphens.
     id: str

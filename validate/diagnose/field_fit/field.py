@@ -1,4 +1,4 @@
-"""Fits of linear fields: normal equations by band, the width of the prior from the data, evidence.
+"""Fits of linear fields: normal equations by band, width of the prior, evidence.
 
 A field is a set of images Phi_k that an operator turns into changes of the signal. Its coefficients a have a normal
 prior of width tau; the images are scaled so that one width serves all. H is the information about a after adjustment
@@ -172,7 +172,7 @@ def solve(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float,
 
 
 def cross_validate(a: NDArray[Any], b: NDArray[Any], width: float) -> NDArray[Any]:
-    """Coefficients fitted to the pixels of the trial fit alone, to be tested in the pixels held out.
+    """Coefficients of a trial fit, to be tested in the pixels that it holds out.
 
     The prior keeps the system regular for a field that is not visible in these pixels. A small ridge does so against
     rounding where the prior is too wide for that.
@@ -228,7 +228,9 @@ def _combined(a: NDArray[Any], c: NDArray[Any], s: NDArray[Any]) -> NDArray[Any]
 
 
 def each_band(n: NormalEquations) -> FieldFit:
-    """Fit of a separate map in each band, each with a prior width of its band; nuisances couple the bands.
+    """Fit of a separate map in each band; nuisances couple the bands.
+
+    Each band has its own width of the prior.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class FittedExplanation:
 
     @property
     def evidence(self) -> float:
-        """2 ln of the evidence over that of noise alone, less the gain from choosing among several forms."""
+        """2 ln of the evidence over noise alone, less the gain by choosing among several forms."""
         return self.fit.evidence - 2 * float(np.log(self.num_choices))
 
 

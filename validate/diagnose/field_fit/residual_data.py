@@ -1,4 +1,4 @@
-"""Residual of a capture with its noise, its rendering and the nuisances that are free in every fit."""
+"""Residual of a capture with its noise, rendering, nuisances and light exchange."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Transport:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualData:
-    """Residual of a capture that is more than noise, with all that the families of explanations need to fit it."""
+    """Residual of a capture, with the inputs of all families of explanations."""
 
     #: (band, y, x) measured minus rendered signal over sigma, with the best camera and lamp; 0 where unused.
     residual: NDArray[np.float32]
@@ -167,6 +167,6 @@ class ResidualData:
 
     @cached_property
     def held_out(self) -> NDArray[np.bool_]:
-        """(y, x) pixels excluded from trial fits: every other square of 2 x 2 pixels, as on a chessboard."""
+        """(y, x) pixels excluded from trial fits: squares of 2 x 2 pixels, as on a chessboard."""
         rows, columns = np.indices(self.shape)
         return ((rows // 2 + columns // 2) % 2).astype(bool)

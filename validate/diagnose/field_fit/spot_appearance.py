@@ -1,4 +1,4 @@
-"""Appearance of a localised change: sign, depth, outline, colour and place, by which families differ."""
+"""Appearance of a localised change: sign, depth, outline, colour and place."""
 
 from __future__ import annotations
 
@@ -73,8 +73,10 @@ _MIN_CHI2_OF_SIGN = 30.0
 #: Part of its chi2 by which light may darken: noise, and what the fit of the lamp takes up.
 _MAX_DARKER_PART = 0.25
 
-#: Distance from a spot within which the orientation of its surface is determined, px, and the pixels it needs.
+#: Distance from a spot within which the orientation of its surface is determined, px.
 _SLOPE_RADIUS_PX = 6
+
+#: Fewest fragments from which the orientation is determined: four times its three numbers.
 _MIN_SLOPE_PIXELS = 12
 
 
@@ -118,7 +120,7 @@ class SpotAppearance:
 
     @cached_property
     def line(self) -> bool:
-        """Whether it is a straight thin line in several bands, such as a thread or a wire in the scene."""
+        """Whether it is a straight thin line in several bands, such as a thread or a wire."""
         return _sharp_line(self.weight) and not self.in_one_band
 
     @cached_property
@@ -128,7 +130,7 @@ class SpotAppearance:
 
     @cached_property
     def light(self) -> bool:
-        """Whether it is brighter as light makes it: without an outline, or with a colour that no paint has."""
+        """Whether it is bright like light: without an outline, or in a colour that no paint has."""
         return self.brighter and (self.soft_outline or self._lit())
 
     @cached_property
@@ -160,7 +162,7 @@ class SpotAppearance:
 
     @cached_property
     def rounder_in_the_image(self) -> bool:
-        """Whether it is rounder in the image than on the surface behind it; True where that is undetermined."""
+        """Whether it is rounder in the image than on the surface behind it; True if undetermined."""
         centre, shape = _moments(self.weight)
         owner = self.data.surface[round(float(centre[1])), round(float(centre[0]))]
         t = self.data.transport
@@ -175,7 +177,7 @@ class SpotAppearance:
         return elongation(shape) <= elongation(on_surface)
 
     def _lit(self) -> bool:
-        """Whether a bright spot has the colour of its surface in other light, or is brighter than any paint."""
+        """Whether it has the colour of its surface in other light, or is brighter than any paint."""
         owner = int(self.data.surface[np.unravel_index(np.argmax(self.weight), self.weight.shape)])
         if owner < 0 or (self.relative <= 0).any():
             return False
@@ -227,7 +229,7 @@ def _off_line(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
 
 
 def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centre (2,) of a weight (y, x) as (x, y), px, and its second moments (2, 2) about the centre, px^2."""
+    """Centre (x, y) of a weight (y, x), px, and its second moments (2, 2) about it, px^2."""
     rows, columns = np.indices(weight.shape)
     positions, parts = np.array([columns, rows], float), weight / weight.sum()
     centre = np.einsum("iyx,yx->i", positions, parts)
@@ -236,10 +238,10 @@ def _moments(weight: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _sharp_line(weight: NDArray[Any]) -> bool:
-    """Whether a weight (y, x) is a straight line in the scene, as thin as pixels resolve: a thread or a wire.
+    """Whether a weight (y, x) is a straight thin line in the scene: a thread or a wire.
 
-    It follows no row or column, or ends within the image. Objects on the sensor's window are out of focus, hairs are
-    bent, and a faulty column is wrong up to a side.
+    It is as thin as pixels resolve. It follows no row or column, or ends within the image. Objects on the sensor's
+    window are out of focus, hairs are bent, and a faulty column is wrong up to a side.
     """
     _, moments = _moments(weight)
     across, along = np.linalg.eigvalsh(moments)

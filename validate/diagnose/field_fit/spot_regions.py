@@ -79,7 +79,10 @@ def _over_noise(data: ResidualData) -> NDArray[np.float64]:
 
 
 def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.bool_] | None:
-    """Region about the peak of an excess (y, x); a pixel of it has this standard deviation by noise."""
+    """Region about the peak of an excess (y, x); None where noise explains the peak.
+
+    ``deviation`` is the standard deviation of a pixel by noise.
+    """
     smooth = gaussian_filter(over, _SMOOTHING_PX)
     noise = deviation / (2 * np.sqrt(np.pi) * _SMOOTHING_PX)
     peak = float(smooth.max())

@@ -1,4 +1,4 @@
-"""Changes of the signal by smooth maps on surfaces, with all light that is reflected further."""
+"""Changes of the signal by smooth maps on surfaces, with interreflection."""
 
 from __future__ import annotations
 
@@ -138,10 +138,10 @@ class SmoothSurfaceMaps(OwnMappings):
         return self._changed("light", band, some, np.ones(len(self._nearest)))
 
     def lobe(self, band: int, material: int) -> NDArray[np.float32]:
-        """Change of the signal by relative changes of a paint's reflection at angles of view and of incidence.
+        """Change of the signal by a matte lobe: relative changes of reflection at certain angles.
 
-        Changes at an angle of incidence act on direct light, and on what is reflected further: interreflected light
-        arrives from all sides and has no angle.
+        The angles are those of view and of incidence. Changes at an angle of incidence act on direct light, and on what
+        is reflected further: interreflected light arrives from all sides and has no angle.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class SmoothSurfaceMaps(OwnMappings):
     def _changed(
         self, change: _Change, band: int, some: Sequence[int], factor: NDArray[np.float64]
     ) -> NDArray[np.float32]:
-        """(some, pixel) DN by maps times a factor (f,) at the fragments, and by what they reflect further."""
+        """(some, pixel) DN by maps times a factor (f,), and by the light that they reflect further."""
         rho = self._transport.reflectance[self._transport.material, band]
         reflected = self._coarse @ self._onward[change][band][:, some]
         images = np.empty((len(some), self._pixels), np.float32)
@@ -258,7 +258,7 @@ def smooth_surface_maps(data: ResidualData) -> SmoothSurfaceMaps:
 def _reflected_further(
     t: Transport, patches: NDArray[np.float64], incidence: NDArray[np.float64], bands: int
 ) -> dict[str, NDArray[np.float32]]:
-    """(band, p, k) radiance that maps add to the patches after all reflections, by kind of change.
+    """(band, p, k) radiance by maps on patches after all reflections, by kind of change.
 
     ``patches`` (p, k) are maps of changes of reflectance, or of light. ``incidence`` (p, q) are maps by the angle of
     incidence, of changes of the reflectance for direct light.
@@ -280,7 +280,7 @@ def _reflected_further(
 
 
 def _at_angles(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(angle, n) weights of ``_LOBE_ANGLES`` values from 0 to 90 degrees in their interpolation at cosines (n,)."""
+    """(angle, n) weights of values at ``_LOBE_ANGLES`` angles, interpolated at cosines (n,)."""
     position = np.arccos(np.clip(cosine, 0, 1)) * (_LOBE_ANGLES - 1) / (np.pi / 2)
     return np.maximum(1 - np.abs(position - np.arange(_LOBE_ANGLES)[:, None]), 0.0)
 
@@ -291,9 +291,9 @@ def _centred(values: NDArray[np.float64], selected: NDArray[np.bool_]) -> NDArra
 
 
 def _every_fourth(t: Transport, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Fragments of every other row and column, and (f,) for each fragment the nearest of them on its surface.
+    """Indices of fragments in every other row and column, and (f,) of the nearest of these.
 
-    Light that is reflected further varies slowly.
+    The nearest is on the same surface. Light that is reflected further varies slowly.
     """
     coarse = (t.pixel // width % 2 == 0) & (t.pixel % width % 2 == 0)
     some, nearest = np.flatnonzero(coarse), np.empty(len(t.pixel), np.int64)
@@ -327,7 +327,7 @@ def lamp_dn(data: ResidualData, band: int) -> float:
 
 
 def _cosines(name: str, position: NDArray[Any]) -> list[WaveMap]:
-    """Products of cosines along the directions in which a surface extends, from its positions (n, 3), mm."""
+    """Products of cosines along the extended directions of a surface, from points (n, 3), mm."""
     low, extent = position.min(axis=0), np.ptp(position, axis=0)
     wide = [axis for axis in range(3) if extent[axis] > _FLAT_EXTENT * extent.max()]
     order = _MAX_ORDER if len(wide) < 3 else _MAX_ORDER - 1

@@ -1,4 +1,4 @@
-"""A spot on one surface: bell-shaped maps on it, and the fit of a relative change of the signal there."""
+"""A spot on one surface: bell-shaped maps, and the fit of a relative change there."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class SurfaceSpot:
 
     @cached_property
     def fit(self) -> FieldFit:
-        """Fit of a relative change, with a free or a grey spectrum: the one with the larger evidence."""
+        """Fit of a relative change with a free or a grey spectrum, by the larger evidence."""
         n = equations_in_all_bands(self.data, self.relative_change)
         fits = free_spectrum(n), fixed_spectrum(n, np.ones(len(self.data.bands)))
         return max(fits, key=lambda fit: fit.evidence)

@@ -1,4 +1,4 @@
-"""Strongest waves over the image: straight ones by their frequency, rings also by the curvature of their phase."""
+"""Strongest waves over the image: straight ones and rings."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def strongest_waves(data: ResidualData, operator: NDArray[Any]) -> Iterator[Wave
 
 
 def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, float, float], int]:
-    """Power, (frequency down, frequency right, curvature) per px and px^2, and the number of trials."""
+    """Power, (frequency down, right; curvature) per px and px^2, and the number of trials."""
     step = -(-max(image.shape) // _COARSE_SIDE_PX) if rings else 1
     rows, columns = (n // step for n in image.shape)
     coarse = image[: rows * step, : columns * step].reshape(rows, step, columns, step).sum(axis=(1, 3))
