@@ -1,7 +1,7 @@
 """A small excess without any rendering: two surfaces in three bands, noise, and a cause of the test's own."""
 
 import numpy as np
-from cboxlab.validation.diagnose.explain import Excess, Transport
+from cboxlab.validation.diagnose.field_fit import ResidualData, Transport
 from scipy.sparse import csr_array
 
 SIZE, BANDS = 48, 4
@@ -57,15 +57,15 @@ def small_excess(change, repeats=None, seed=3):
         roughness=(0.1,),
         coats=COAT[None].astype(np.float32),
     )
-    return Excess(
+    return ResidualData(
         residual=residual.astype(np.float32),
-        weighed=residual,
+        marginal_residual=residual,
         used=np.ones(SIGNAL.shape, bool),
         sigma=SIGMA,
         signal=SIGNAL,
         noise=np.zeros(SIGNAL.shape),
         nuisances=lamp[..., None],
-        unknown=1,
+        num_free_nuisances=1,
         moved=-np.array([right, down], np.float32),
         flat=np.ones(SIGNAL.shape),
         surface=surface,

@@ -25,7 +25,7 @@ from .evidence import (
     something_remains,
     square,
 )
-from .explain import Explanation, explain, hidden
+from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess
@@ -251,7 +251,7 @@ def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress
     remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
     excess = excess_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
-    explanation = explanation_to_report((best, *hidden(excess)), model, residual, by_effects, remains)
+    explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     if explanation is not None:
         enough = explained_part(model, residual) > MIN_EXPLAINED_PART

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
-from .explain import NONE, Excess, Explanation, Transport
+from .explain import NONE, Explanation
+from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
@@ -32,9 +33,6 @@ _FALSE_ALARM = 0.005
 #: Minimum gain of a family in pixels held out from a trial fit, over that in the fitted ones. Pixels that scatter in
 #: deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
 _MIN_HELDOUT_GAIN_RATIO = 0.3
-
-#: Families of patterns that are fixed on the sensor.
-_ON_SENSOR = ("sensor-offset", "sensor-gain")
 
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
@@ -134,14 +132,15 @@ def is_significant_pattern(
     bool
         False for no family, and for families that renderings' errors resemble.
     """
-    if explanation.family == NONE or not explanation.sharp or explanation.heldout < _MIN_HELDOUT_GAIN_RATIO:
+    family = explanation.family_record
+    if family is None or not explanation.sharp or explanation.heldout < _MIN_HELDOUT_GAIN_RATIO:
         return False
     change = model.whiten(explanation.change)
-    everywhere = explanation.family in _ON_SENSOR and explanation.centre_px is None
+    everywhere = family.acts_on == "sensor" and explanation.centre_px is None
     if everywhere and not _holds_inside(change, model, residual):
         return False
     least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
-    evident = explanation.evidence > 2 * np.log(explanation.forms / _FALSE_ALARM)
+    evident = explanation.evidence > 2 * np.log(explanation.num_forms / _FALSE_ALARM)
     return evident and min(_gain(explanation, model, residual), explanation.gain) > least
 
 
@@ -202,7 +201,7 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
     return 2 * float(change @ residual) - square(change)
 
 
-def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> Excess:
+def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> ResidualData:
     """Data of a residual for the explanation families.
 
     Parameters
@@ -216,7 +215,7 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
 
     Returns
     -------
-    Excess
+    ResidualData
         Residual, signals, nuisances, frames and light transport.
     """
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
@@ -225,15 +224,15 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
     draw = np.random.default_rng(predictor.settings.seed).standard_normal(used.shape)
-    return Excess(
+    return ResidualData(
         residual=_filled(residual[: model.count], used).astype(np.float32),
-        weighed=_filled(left, used),
+        marginal_residual=_filled(left, used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,
         noise=linearised.scale * np.sqrt(rendered.variance) * draw,
         nuisances=nuisances,
-        unknown=model.basis.shape[1],
+        num_free_nuisances=model.basis.shape[1],
         moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),
         flat=predictor.sensing.flat,
         surface=np.where(image.surface < 0, -1, image.surface),

@@ -13,20 +13,6 @@ from .plots import map_row, residual_scale
 
 __all__ = ["explanation_record", "explanation_sections", "explanation_sentence"]
 
-_WORDS = {
-    "sensor-offset": "counts added on the sensor",
-    "sensor-gain": "a gain fixed on the sensor",
-    "displacement": "a displacement of the picture",
-    "blur": "a blur",
-    "time-order": "a change between frames in the order of time",
-    "reflectance-map": "a stain or another uneven reflectance",
-    "paint-spectrum": "a paint of another spectrum",
-    "lamp-spectrum": "a lamp of another spectrum",
-    "extra-light": "light from another source",
-    "object": "an object that the model lacks",
-    "reflection-lobe": "a reflection that depends on the angle",
-}
-
 #: Bands shown as maps at most.
 _MOST_MAPS = 4
 
@@ -52,7 +38,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "share": float(explanation.share),
         "runner_up": explanation.runner_up,
         "told_apart": bool(explanation.told_apart),
-        "form": explanation.words,
+        "form": explanation.form,
         "relative_change": {
             band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
@@ -61,7 +47,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "families": [
             {
                 "family": r.family,
-                "form": r.words,
+                "form": r.form,
                 "surface": r.surface,
                 "share": float(r.share),
                 "score": float(r.score),
@@ -73,7 +59,8 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
 
 def explanation_sentence(explanation: Explanation) -> str:
     """The finding in one or two plain sentences."""
-    if explanation.family == NONE:
+    family = explanation.family_record
+    if family is None:
         return "No family of fields explains what remains."
     where = f" on {explanation.surface}" if explanation.surface else ""
     if explanation.centre_px is not None:
@@ -81,7 +68,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     every = len(explanation.bands) == len(explanation.all_bands)
     bands = "all bands" if every else ", ".join(explanation.bands)
     text = (
-        f"What remains looks like {_WORDS[explanation.family]} ({explanation.family}: {explanation.words}){where}, "
+        f"What remains looks like {family.title} ({explanation.family}: {explanation.form}){where}, "
         f"in {bands}; this explains {100 * explanation.share:.0f} % of the excess."
     )
     if explanation.runner_up is None:
@@ -99,7 +86,7 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
     rows = [
         (
             r.family,
-            Cell(r.words, words=True),
+            Cell(r.form, words=True),
             r.surface or "–",
             number(100 * r.share, 1),
             significant(r.score, 5),
@@ -112,12 +99,12 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
         "Every family alone, its best form, with camera and lamp free. What a family lacks to the closest fit is "
         "forgiven up to 3 % of it, for the errors of shapes.",
     )
-    if explanation.family == NONE:
+    if explanation.family_record is None:
         return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
     strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))
     shown = sorted(np.argsort(strength)[::-1][:_MOST_MAPS])
     explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in shown}
-    left = {explanation.all_bands[b]: explanation.left[b] for b in shown}
+    left = {explanation.all_bands[b]: explanation.remaining[b] for b in shown}
     scale = residual_scale("change / σ")
     return [
         ReportSection(

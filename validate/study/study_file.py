@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect
-from cboxlab.rendering.model import Model, checked_effects, scene_reference
+from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing

@@ -19,9 +19,8 @@ SETTINGS_KEYS = {("validate/study/study_file.py", "max_bounces")}
 EXEMPT = (
     ROOT / "render/effects",
     ROOT / "validate/compare_renders/regress",
-    ROOT / "validate/diagnose/explain",
+    ROOT / "validate/diagnose/families",
 )
-FAMILY_NAMES = {("validate/report/explanation.py", "lamp-spectrum")}
 
 #: Identifiers of two words are no ordinary words, nor are such names of parameters.
 IDENTIFIERS = sorted(catalogue())
@@ -51,7 +50,7 @@ def test_no_module_outside_the_catalogue_names_an_effect_or_its_parameters():
         for name in named_in(path.read_text(encoding="utf-8"))
         if room == "validate" or name in IDENTIFIERS
     }
-    assert found == CAMERA_KEYS | SETTINGS_KEYS | FAMILY_NAMES
+    assert found == CAMERA_KEYS | SETTINGS_KEYS
 
 
 @pytest.mark.parametrize("line", ['x = "gloss"', 'x = ["lamp-power is bright"]', 'x = {"peak_nm": 1}'])

@@ -19,7 +19,7 @@ from cboxlab.rendering.fitted_fields.fitted_field import field_of_record
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.explain import explain
-from cboxlab.validation.diagnose.explain.surface_bases import surface_maps
+from cboxlab.validation.diagnose.field_fit.surface_maps import smooth_surface_maps
 from cboxlab.validation.report.explanation import explanation_record
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
@@ -139,13 +139,13 @@ def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
     floor, wall = np.array([[0.02, -0.01, 0.015, -0.02], [-0.015, 0.02, 0.01, 0.0]])
     excess = small_excess(SIGNAL * np.where(ROWS >= 30, floor[:, None, None], wall[:, None, None]))
     found = explain(excess)
-    assert (found.family, found.surface) == ("paint-spectrum", None) and found.words.startswith("all paints")
+    assert (found.family, found.surface) == ("paint-spectrum", None) and found.form.startswith("all paints")
     relative = found.change / SIGNAL
     asked = relative[:, ROWS >= 30].mean(axis=1) - relative[:, ROWS < 30].mean(axis=1)
     assert asked == pytest.approx(floor - wall, abs=0.003)
     field, maps = (
         field_of_record(json.loads(json.dumps(field_record(found.field))), tmp_path),
-        surface_maps(excess),
+        smooth_surface_maps(excess),
     )
     first = [int(np.argmax(maps.surface == excess.names.index(one.surface))) for one in field.surfaces]
     own = np.array([one.spectrum * field.spectrum for one in field.surfaces])

@@ -1,16 +1,14 @@
-"""What no catalogue holds: families of linear fields, fitted to a residual as competitors."""
+"""Competition of the families of explanations for a residual."""
 
-from .excess import Excess, Transport
-from .explanation import FAMILIES, NONE, Explanation, Rival, explain, hidden, noise_level
+from .competition import explain, explain_masked_families
+from .explanation import NONE, Explanation, Rival
+from .noise import noise_level
 
 __all__ = [
-    "FAMILIES",
     "NONE",
-    "Excess",
     "Explanation",
     "Rival",
-    "Transport",
     "explain",
-    "hidden",
+    "explain_masked_families",
     "noise_level",
 ]

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.utils.progress import Cancelled, ProgressReporter
-from cboxlab.validation.diagnose.explain import NONE, explain, explanation
+from cboxlab.validation.diagnose.explain import NONE, competition, explain
+from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
 from helpers.manual_commands import described
 from helpers.small_excess import (
@@ -72,7 +73,8 @@ def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
 
     stopping = ProgressReporter(lambda stage, done: None)
     stopping.cancel()
-    monkeypatch.setattr(explanation, "optics_forms", slow)
+    blur = replace(families()["blur"], generate=slow)
+    monkeypatch.setattr(competition, "families", lambda: {**families(), "blur": blur})
     with pytest.raises(Cancelled):
         explain(small_excess(CAUSES["blur"]), stopping)
     assert len(made) < 1000
@@ -91,7 +93,7 @@ def test_a_paint_that_is_matte_but_not_as_lamberts_is_a_lobe_on_all_of_its_surfa
     found = explain(_of_one_paint(500.0 * np.broadcast_to(lobe, SIGNAL.shape)))
     assert (found.family, found.field.acts) == ("reflection-lobe", "radiance")
     assert found.rivals[0].surface is None
-    assert found.rivals[0].words == "the paint grey, not Lambertian"
+    assert found.rivals[0].form == "the paint grey, not Lambertian"
     assert found.share > 0.8
     assert {one.surface for one in found.field.surfaces} == {"floor", "wall"}
 
@@ -112,13 +114,13 @@ def test_offsets_and_gains_by_the_time_of_exposure(family, change, words):
     """Rows that glow while a frame is exposed, and a slit that opens unevenly before photographs and flats."""
     rows = np.random.default_rng(5).normal(0, 1.0, (1, SIZE, 1))
     found = explain(small_excess(5 * rows * change))
-    assert found.family == family and words in found.words and found.told_apart and found.share > 0.9
+    assert found.family == family and words in found.form and found.told_apart and found.share > 0.9
 
 
 @pytest.mark.parametrize("where", [abs(COLUMNS - 36) + abs(ROWS - 36) < 7, FLOOR], ids=["film", "sheen"])
 def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
     found = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
-    assert found.family == "reflection-lobe" and "roughness 0.1" in found.words
+    assert found.family == "reflection-lobe" and "roughness 0.1" in found.form
     assert found.surface == "floor" and found.share > 0.7
     field = found.field
     assert field.surfaces[0].surface == "floor"
@@ -175,7 +177,7 @@ def test_streaks_of_a_wiped_lens_are_a_blur_along_their_line():
     moved = [shift(SIGNAL, (0, s * np.sin(angle), s * np.cos(angle)), order=1, mode="nearest") for s in steps]
     streaked = np.tensordot(parts / parts.sum(), moved, 1)
     found = explain(small_excess(0.06 * (streaked - SIGNAL)))
-    assert found.family == "blur" and "streaks at 30 degrees" in found.words and found.share > 0.8
+    assert found.family == "blur" and "streaks at 30 degrees" in found.form and found.share > 0.8
     assert found.field.acts == "streak" and found.field.angle_deg == 30
 
 
@@ -208,7 +210,7 @@ def test_what_stays_of_the_frame_before_is_a_matter_of_order():
     mean = pictures / 2
     mean[[2, 0, 3]] += pictures[[1, 2, 0]] / 2
     found = explain(replace(small_excess(0.04 * mean), signal=pictures))
-    assert (found.family, found.words) == ("time-order", "a part of each frame stays in the next")
+    assert (found.family, found.form) == ("time-order", "a part of each frame stays in the next")
     assert found.field.acts == "previous" and not found.levels
     taken = np.diag([0.02] * 4)
     taken[[2, 0, 3], [1, 2, 0]] = 0.02
@@ -231,7 +233,7 @@ def test_rings_in_one_band_are_found_about_any_centre(centre):
     change[1] = 0.02 * SIGNAL[1] * np.cos(0.012 * square + 0.4)
     found = explain(small_excess(change))
     assert found.family in ("sensor-gain", "sensor-offset")
-    assert found.words.startswith("rings") and found.bands == ("b1",)
+    assert found.form.startswith("rings") and found.bands == ("b1",)
     assert found.share > 0.7
 
 
@@ -241,7 +243,7 @@ def test_rings_in_all_bands_go_by_the_wavelength():
     nm = small_excess(0 * SIGNAL).nm[:, None, None]
     phase = 0.012 * square * nm.min() / nm
     found = explain(small_excess(0.02 * SIGNAL * np.cos(phase) * np.exp(-((phase / 20) ** 2))))
-    assert found.family == "sensor-gain" and found.words.startswith("rings by the wavelength")
+    assert found.family == "sensor-gain" and found.form.startswith("rings by the wavelength")
     assert found.share > 0.8 and len(found.bands) == BANDS
 
 
@@ -286,7 +288,7 @@ def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhe
     hair[2] = -0.04 * SIGNAL[2] * np.clip(1.5 - abs(COLUMNS - bend), 0, 1) * (abs(ROWS - 14) < 10)
     flaw = SIGNAL * (0.08 * _spot(5, 42, 1.0) - 0.08 * _spot(9, 42, 1.0))
     found = explain(small_excess(hair + flaw))
-    assert (found.family, found.words, found.bands) == ("sensor-gain", "a spot in one band", ("b2",))
+    assert (found.family, found.form, found.bands) == ("sensor-gain", "a spot in one band", ("b2",))
     assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 3
     densest = [np.sum((change / SIGMA) ** 2, axis=0).max() for change in (flaw, hair)]
     assert densest[0] > 2 * densest[1]
@@ -312,7 +314,7 @@ def test_a_dark_place_without_outline_is_no_light():
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
     """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
     found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
-    assert found.family == "time-order" and "for a while" in found.words
+    assert found.family == "time-order" and "for a while" in found.form
 
 
 def test_the_explained_change_is_the_cause():
@@ -320,7 +322,7 @@ def test_the_explained_change_is_the_cause():
     cause = SIGNAL * 0.03 * FLOOR * np.cos(COLUMNS / 15)
     found = explain(small_excess(cause + 0.0))
     assert np.corrcoef(found.change.ravel(), cause.ravel())[0, 1] > 0.95
-    assert np.nanstd(found.left) < 1.1
+    assert np.nanstd(found.remaining) < 1.1
 
 
 def test_blurs_by_a_lens_are_blurs():

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.explain import explain
-from cboxlab.validation.diagnose.explain.sensor_forms import sensor_forms
-from cboxlab.validation.diagnose.explain.spot_cells import hot_spot, spot_of_one_band
-from cboxlab.validation.diagnose.explain.spots import fits_the_place
-from cboxlab.validation.diagnose.explain.surface_forms import surface_forms
+from cboxlab.validation.diagnose.explain.prior_odds import spot_log_odds
+from cboxlab.validation.diagnose.families import families
+from cboxlab.validation.diagnose.field_fit import FitInput, hot_spot, hot_spot_of_one_band
 from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
 
 
@@ -16,31 +15,43 @@ def _spot(x, y, radius):
     return np.exp(-((COLUMNS - x) ** 2 + (ROWS - y) ** 2) / (2 * radius**2))
 
 
+def _sensor_forms(excess, spot, spot_of_one_band):
+    """All offsets and gains on the sensor."""
+    given = FitInput(excess, spot, spot_of_one_band)
+    return [form for family in families().values() if family.acts_on == "sensor" for form in family.generate(given)]
+
+
+def _scene_forms(excess):
+    """All forms in the scene."""
+    given = FitInput.of(excess)
+    return [form for family in families().values() if family.acts_on == "scene" for form in family.generate(given)]
+
+
 def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
     of_one = 70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None]
     excess = small_excess(of_one + 80.0 * _spot(36, 20, 2))
-    everywhere, alone = hot_spot(excess), spot_of_one_band(excess)
+    everywhere, alone = hot_spot(excess), hot_spot_of_one_band(excess)
     assert everywhere[20, 36] and not everywhere[10, 12]
     assert alone[10, 12] and not alone[20, 36]
 
 
 def test_where_one_band_is_off_nothing_is_fitted_to_all_bands():
     excess = small_excess(70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None])
-    spot = spot_of_one_band(excess)
+    spot = hot_spot_of_one_band(excess)
     alone, both = (
-        [form for form in sensor_forms(excess, *spots) if form.local] for spots in ((None, spot), (spot, spot))
+        [form for form in _sensor_forms(excess, *spots) if form.local] for spots in ((None, spot), (spot, spot))
     )
-    assert {form.words for form in alone} == {"a spot in one band"}
-    assert {form.words for form in both} == {"a spot", "a spot in one band"}
+    assert {form.form for form in alone} == {"a spot in one band"}
+    assert {form.form for form in both} == {"a spot", "a spot in one band"}
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(sign):
     def odds(x, y):
         excess = small_excess(np.broadcast_to(sign * 60.0 * _spot(x, y, 3), (BANDS, SIZE, SIZE)))
-        forms = sensor_forms(excess, hot_spot(excess), None)
-        glow = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
-        return fits_the_place(excess, glow, soft=True)
+        forms = _sensor_forms(excess, hot_spot(excess), None)
+        glow = next(f for f in forms if (f.family.id, f.form) == ("sensor-offset", "a spot"))
+        return spot_log_odds(excess, glow, soft=True)
 
     corner, inside = odds(0, SIZE - 1), odds(20, 20)
     assert inside < corner
@@ -50,9 +61,9 @@ def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(s
 def test_a_stain_is_seen_in_more_than_one_band():
     def odds(bands, words):
         excess = small_excess(-0.08 * SIGNAL * _spot(20, 20, 3) * bands[:, None, None])
-        forms = sensor_forms(excess, hot_spot(excess), None)
-        gain = next(f for f in forms if (f.family, f.words) == ("sensor-gain", words))
-        return fits_the_place(excess, replace(gain, family="reflectance-map"), soft=False)
+        forms = _sensor_forms(excess, hot_spot(excess), None)
+        gain = next(f for f in forms if (f.family.id, f.form) == ("sensor-gain", words))
+        return spot_log_odds(excess, replace(gain, family=families()["reflectance-map"]), soft=False)
 
     assert odds(np.eye(BANDS)[2], "a spot in one band") < odds(np.ones(BANDS), "a spot") == 0
 
@@ -60,9 +71,9 @@ def test_a_stain_is_seen_in_more_than_one_band():
 def test_light_makes_no_place_darker():
     def odds(shape):
         excess = small_excess(np.broadcast_to(60.0 * shape, (BANDS, SIZE, SIZE)))
-        forms = sensor_forms(excess, hot_spot(excess), None)
-        added = next(f for f in forms if (f.family, f.words) == ("sensor-offset", "a spot"))
-        return fits_the_place(excess, replace(added, family="reflection-lobe"), soft=True)
+        forms = _sensor_forms(excess, hot_spot(excess), None)
+        added = next(f for f in forms if (f.family.id, f.form) == ("sensor-offset", "a spot"))
+        return spot_log_odds(excess, replace(added, family=families()["reflection-lobe"]), soft=True)
 
     bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)  # lit on one side, turned from the light on the other
     assert odds(bulge) < odds(_spot(22, 18, 3)) == 0
@@ -94,7 +105,7 @@ def test_a_bump_that_is_lit_on_one_side_is_no_light():
     bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)
     found = explain(small_excess(0.06 * bulge * SIGNAL))
     assert (found.family, found.surface) == ("reflectance-map", "wall")
-    assert "bump" in found.words
+    assert "bump" in found.form
 
 
 def test_a_thin_straight_line_in_one_band_alone_is_on_that_bands_filter():
@@ -110,7 +121,7 @@ def test_a_primer_that_shows_through_paint_is_no_light():
     transport = replace(excess.transport, reflectance=np.array([red, white]))
     shown = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
     found = explain(replace(small_excess(SIGNAL * shown), transport=transport))
-    assert (found.family, found.words, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
+    assert (found.family, found.form, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
     assert found.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
 
 
@@ -118,9 +129,9 @@ def test_a_dark_rod_is_no_coat_however_strong_it_is():
     """Coats have fewer numbers than an outline and a radiance, by more the more there is to explain."""
     rod = np.clip(1.6 - np.abs(COLUMNS - 25 - 0.05 * ROWS), 0, 1) * (ROWS > 14) * (ROWS < 26)
     excess = small_excess(0.6 * rod * (60.0 - SIGNAL))
-    coats = [f for f in surface_forms(excess, hot_spot(excess)) if f.local and f.mirrored is not None]
+    coats = [f for f in _scene_forms(excess) if f.local and f.mirrored_dn is not None]
     assert coats
-    assert all(fits_the_place(excess, coat, soft=False) == -coat.fit.gain for coat in coats)
+    assert all(spot_log_odds(excess, coat, soft=False) == -coat.fit.gain for coat in coats)
 
 
 @pytest.mark.parametrize("family", ["extra-light", "object"])
@@ -157,7 +168,7 @@ def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
 def test_a_stain_has_a_spectrum_only_where_it_shows_one(spectrum):
     """One number for each band further is paid for; grey dirt does not need them."""
     excess = small_excess(-SIGNAL * _spot(33, 40, 3) * spectrum[:, None, None])
-    stain = next(f for f in surface_forms(excess, hot_spot(excess)) if f.words == "a stain")
+    stain = next(f for f in _scene_forms(excess) if f.form == "a stain")
     sizes = np.abs(stain.fit.coefficients).max(axis=1)
     assert sizes / sizes[0] == pytest.approx(spectrum / spectrum[0], rel=0.15)
     assert (np.ptp(sizes) == 0) == (np.ptp(spectrum) == 0)
@@ -178,6 +189,6 @@ def test_light_through_a_seam_that_shows_on_one_wall_alone_is_no_stain():
 )
 def test_other_light_has_another_colour_and_fresh_paint_brightens_all_bands_alike(parts, likelier):
     excess = small_excess(np.reshape(parts, (BANDS, 1, 1)) * SIGNAL * _spot(20, 20, 3))
-    forms = surface_forms(excess, hot_spot(excess))
-    odds = {form.family: fits_the_place(excess, form, soft=False) for form in forms if form.local}
+    forms = _scene_forms(excess)
+    odds = {form.family.id: spot_log_odds(excess, form, soft=False) for form in forms if form.local}
     assert odds[likelier] == 0 > min(odds["reflectance-map"], odds["extra-light"])

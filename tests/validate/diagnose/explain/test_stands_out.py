@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.fitted_fields import ImageMaps
-from cboxlab.validation.diagnose.explain import explain, hidden
-from cboxlab.validation.diagnose.explain.optics_forms import _blurred, uneven_blurs
+from cboxlab.validation.diagnose.explain import explain, explain_masked_families
+from cboxlab.validation.diagnose.families.blur import blur_equations, uneven_blurs
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.unexplained import explanation_to_report, is_significant_pattern
 from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
@@ -82,7 +82,7 @@ def test_a_grain_on_the_sensor_is_seen_and_spots_here_and_there_are_left_to_the_
     assert _seen(one)
     others = 0.7 * sum(_spot(*place) for place in ((36, 38), (12, 38), (36, 10)))
     together = small_excess(one + others)
-    assert explain(together).words == "a spot"
+    assert explain(together).form == "a spot"
     assert not _seen(one + others)
 
 
@@ -129,9 +129,9 @@ def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step,
     ):
         excess = small_excess(change)
         model = _model(excess)
-        found, *_ = hidden(excess)
+        found, *_ = explain_masked_families(excess)
         assert is_significant_pattern(found, model, model.residual, by_effects) == seen
-        assert change is blur or found.words.startswith(f"along {line}")
+        assert change is blur or found.form.startswith(f"along {line}")
 
 
 def _blurred_by(share):
@@ -144,7 +144,7 @@ def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_no
     for share, seen in ((0.3 * (COLUMNS / SIZE) ** 2, True), (0.2, False)):
         excess = small_excess(_blurred_by(share))
         model = _model(excess)
-        (form,), (_, uneven, _) = uneven_blurs(excess), hidden(excess)
+        (form,), (_, uneven, _) = uneven_blurs(excess), explain_masked_families(excess)
         assert (form.evidence > 0) == seen
         assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
         # what an even blur gains does not count: the least gain is 0.004 of each of these samples
@@ -154,8 +154,10 @@ def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_no
 def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_informs_of_one():
     own, draw = (SIGMA * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
     excess = replace(small_excess(-own), signal=np.mean(SIGNAL, axis=(1, 2), keepdims=True) + own)
-    plain, known = (_blurred(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw))
-    for with_noise, without in ((plain.a, known.a), (plain.b, known.b), (plain.own_b, known.own_b)):
+    plain, known = (
+        blur_equations(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw)
+    )
+    for with_noise, without in ((plain.a, known.a), (plain.b, known.b), (plain.trial_b, known.trial_b)):
         assert np.all(np.abs(without.sum(axis=0)) < 0.1 * np.abs(with_noise.sum(axis=0)).max())
 
 
@@ -166,7 +168,7 @@ def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
     for noise, seen in ((draw, False), (0 * draw, True)):
         excess = replace(small_excess(-own), signal=SIGNAL + own, noise=noise)
         model = _model(excess)
-        _, uneven, _ = hidden(excess)
+        _, uneven, _ = explain_masked_families(excess)
         assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
 
 
@@ -185,17 +187,17 @@ def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, words)
     """Errors of the rendered picture's edges are in all bands alike. Where something is left anyway, what explains most
     of it is reported."""
     alike, own = _turned([0.02] * BANDS), _turned(0.01 * np.array(bands))
-    own_bands = tuple(f"b{index}" for index, part in enumerate(bands) if part)
+    trial_bands = tuple(f"b{index}" for index, part in enumerate(bands) if part)
     for change, left, expected in (
         (alike, False, None),
-        (alike + own, False, own_bands),
+        (alike + own, False, trial_bands),
         (alike + own, True, ("b0", "b1", "b2", "b3")),
-        (own, True, own_bands),
+        (own, True, trial_bands),
     ):
         excess = small_excess(change)
         model = _model(excess)
-        best, *others = explain(excess), *hidden(excess)
+        best, *others = explain(excess), *explain_masked_families(excess)
         found = explanation_to_report((best, *others), model, model.residual, 0.0, left)
         assert (found and found.bands) == expected
-    assert found.words.endswith(words)
+    assert found.form.endswith(words)
     assert (found.family, found.runner_up) == ("displacement", best.runner_up)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.explain import field
-from cboxlab.validation.diagnose.explain.surface_bases import lamp_dn, surface_maps
+from cboxlab.validation.diagnose.field_fit import field, lamp_dn
+from cboxlab.validation.diagnose.field_fit.surface_maps import smooth_surface_maps
 from helpers.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3
@@ -33,10 +33,10 @@ def excess():
 
 
 def test_maps_change_the_picture_as_a_new_solution_does(excess):
-    maps, t, band = surface_maps(excess), excess.transport, 2
+    maps, t, band = smooth_surface_maps(excess), excess.transport, 2
     some = [0, 1, len(maps.waves) - 2]
     dn = lamp_dn(excess, band)
-    seen = maps.seen(some)
+    seen = maps.visible(some)
     found = {"reflectance": maps.reflectance(band, some), "light": maps.light(band, some)}
     for row, k in enumerate(some):
         on_fragments = np.where(t.surface == maps.surface[k], maps.waves[k].at(t.position), 0.0)
@@ -57,10 +57,10 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
 
 
 def test_normal_equations_are_the_same_from_blocks_of_pixels(excess, monkeypatch):
-    columns = surface_maps(excess).reflectance(1, range(5))
-    whole = field.normal(excess, columns, 1)
-    monkeypatch.setattr(field, "_TOGETHER", 501)
-    for one, other in zip(whole, field.normal(excess, columns, 1), strict=True):
+    columns = smooth_surface_maps(excess).reflectance(1, range(5))
+    whole = field.normal_equations(excess, columns, 1)
+    monkeypatch.setattr(field, "_BLOCK_PIXELS", 501)
+    for one, other in zip(whole, field.normal_equations(excess, columns, 1), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * np.abs(one).max())
 
 
@@ -75,7 +75,7 @@ def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the
     degrees, knots = np.linspace(0, 90, 7), np.eye(7)
     excess = replace(excess, transport=t)
     dn, own = lamp_dn(excess, band), t.material == 1
-    found = surface_maps(excess).lobe(band, 1)
+    found = smooth_surface_maps(excess).lobe(band, 1)
     rho, patch_rho = t.reflectance[t.material, band], t.reflectance[t.patch_material, band]
     system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
     assert len(found) == 15

@@ -1,7 +1,7 @@
 """Fields beside others, against least squares with all columns written out."""
 
 import numpy as np
-from cboxlab.validation.diagnose.explain.field import Normal, beside_common, fixed_spectrum
+from cboxlab.validation.diagnose.field_fit import NormalEquations, beside_common, fixed_spectrum
 from numpy.testing import assert_allclose
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2
@@ -21,7 +21,7 @@ def test_a_field_of_one_band_beside_one_of_all_is_that_of_least_squares():
     per_band, nuisances = residual.reshape(BANDS, PIXELS), known.reshape(BANDS, PIXELS, NUISANCES)
 
     a, b = columns.swapaxes(1, 2) @ columns, np.einsum("bpk,bp->bk", columns, per_band)
-    n = Normal(a, b, nuisances.swapaxes(1, 2) @ columns, a, b)
+    n = NormalEquations(a, b, nuisances.swapaxes(1, 2) @ columns, a, b)
     found = fixed_spectrum(beside_common(n), np.eye(BANDS)[1])
 
     common, both = (_fitted(residual, [known, *parts]) for parts in ([everywhere], [everywhere, alone]))
@@ -35,7 +35,7 @@ def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
     other number, 1.5 in both bands together, allows for. That number is 3 in the first band and 0 in the second."""
     a = np.broadcast_to(np.diag([1e6, 100.0]), (2, 2, 2))
     imitated = np.sqrt(2e6) * (1 + 1e-6) / 2
-    n = Normal(a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2)))
+    n = NormalEquations(a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2)))
     found = fixed_spectrum(beside_common(n), np.eye(2)[0])
     assert_allclose(found.coefficients, [[0, 3], [0, 0]], atol=0.1)
 
@@ -50,6 +50,6 @@ def _fitted(residual, columns):
 def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
     """Two numbers that do the same, as camera and lamp do."""
     a = np.ones((1, 2, 2))
-    n = Normal(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
+    n = NormalEquations(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
     found = fixed_spectrum(n, np.ones(1))
     assert found.gain == 0 and np.isfinite(found.heldout)

@@ -1,0 +1,258 @@
+"""Competition of all families: scores of their forms; place, bands and share of the winner."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import takewhile
+from threading import Event
+from typing import Any
+
+import numpy as np
+from cboxlab.utils.progress import NO_PROGRESS, Progress
+from numpy.typing import NDArray
+
+from ..families import families
+from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
+from .as_field import fitted_field
+from .explanation import NONE, Explanation, Rival
+from .noise import noise_level
+from .prior_odds import soft_outline, spot_log_odds
+
+__all__ = ["explain", "explain_masked_families"]
+
+#: Part of the largest gain by which a family may fall short without penalty: shapes are wrong by as much, for the
+#: exchange between patches and first derivatives are approximate.
+_SHAPE_ERROR = 0.03
+
+#: The same of a form in one place: all of them are made of the same bells and share the errors of an outline.
+_SHAPE_ERROR_OF_SPOT = 0.01
+
+#: Smallest difference of two scores by which families are distinguished: odds of 400 to 1.
+_MIN_SCORE_DIFFERENCE = 12.0
+
+#: The same, relative to the winner's gain.
+_MIN_SCORE_DIFFERENCE_PART = 0.002
+
+#: Smallest part of the excess that a family must explain.
+_MIN_SHARE = 0.2
+
+#: Smallest 2 ln evidence of an explanation over noise alone.
+_MIN_EVIDENCE = 40.0
+
+#: A band shows the cause if its chi2 is at least this part of the strongest band's.
+_MIN_BAND_PART = 0.02
+
+#: A band shows the cause if its chi2 is at least this.
+_MIN_BAND_CHI2 = 25.0
+
+#: A band shows a spectral cause if its relative change is at least this part of the largest.
+_MIN_SPECTRAL_PART = 0.1
+
+#: Smallest share of a localised cause that counts as sharp: rendering errors, such as dark corners, are in several
+#: places.
+_MIN_SHARE_OF_SPOT = 0.75
+
+#: Radius, over the larger side of the image, within which half of the weight of a localised change lies.
+_LOCAL_RADIUS = 0.13
+
+#: Part of the largest weight above which a pixel counts for the spectrum.
+_SPECTRUM_WEIGHT = 0.25
+
+#: Form of an explanation without a family.
+_NO_FORM = "no family explains it"
+
+
+def explain(data: ResidualData, progress: Progress = NO_PROGRESS) -> Explanation:
+    """Most likely explanation of a residual, from fits of all families.
+
+    Families that act on the scene are fitted in this thread, the others in a second one: each is half of the work.
+
+    Parameters
+    ----------
+    data
+        Residual to be explained.
+    progress
+        Reported to after each form in this thread; the number of forms is not known beforehand.
+
+    Returns
+    -------
+    Explanation
+        The winner; its family is ``NONE`` where no family explains enough.
+    """
+    fit_input, members = FitInput.of(data), list(families().values())
+    in_scene = [family for family in members if family.acts_on == "scene"]
+    others = [family for family in members if family.acts_on != "scene"]
+    stopped, candidates = Event(), []
+    with ThreadPoolExecutor(1) as executor:
+        second = executor.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), _forms(others, fit_input))))
+        try:
+            for candidate in _forms(in_scene, fit_input):
+                candidates.append(candidate)
+                progress.part(0.0)
+            candidates += second.result()
+        except BaseException:  # cancelled: the other thread ends at its next form
+            stopped.set()
+            raise
+    position = {family.id: index for index, family in enumerate(members)}
+    return _compare(data, sorted(candidates, key=lambda candidate: position[candidate.family.id]))
+
+
+def _forms(members: Iterable[Family], fit_input: FitInput) -> Iterator[FittedExplanation]:
+    for family in members:
+        yield from family.generate(fit_input)
+
+
+def explain_masked_families(data: ResidualData) -> tuple[Explanation, ...]:
+    """Explanations by patterns that larger rendering errors would mask, each fitted separately.
+
+    They are directional blur, spatially varying blur and per-band displacement, see ``Family.masked``.
+
+    Parameters
+    ----------
+    data
+        Residual to be explained.
+
+    Returns
+    -------
+    tuple
+        The best form of each pattern, whatever share of the excess it explains, by the patterns' rank.
+    """
+    patterns = [pattern for family in families().values() for pattern in family.masked]
+    ranked = sorted(patterns, key=lambda pattern: pattern.rank)
+    return tuple(_compare(data, [*pattern.generate(data)], min_share=0.0) for pattern in ranked)
+
+
+def _compare(data: ResidualData, candidates: Sequence[FittedExplanation], min_share: float = _MIN_SHARE) -> Explanation:
+    """Explanation by the candidate with the largest score among those that explain enough."""
+    total = max(data.chi2 - noise_level(data.residual, data.used) * data.count, 1.0)
+    scores = _scores(data, candidates)
+    best: dict[str, tuple[float, FittedExplanation]] = {}
+    for score, candidate in sorted(zip(scores, candidates, strict=True), key=lambda pair: -pair[0]):
+        best.setdefault(candidate.family.id, (score, candidate))
+    each = ((_share(data, candidate, total), score, candidate) for score, candidate in best.values())
+    # families that explain too little of the excess come behind all others
+    ranked = sorted(each, key=lambda rival: (rival[0] < min_share, -rival[1]))
+    rivals = tuple(
+        Rival(candidate.family.id, candidate.form, candidate.surface, share, score)
+        for share, score, candidate in ranked
+    )
+    _, score, winner = ranked[0]
+    margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
+    if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share:
+        return _no_explanation(data, rivals, len(candidates))
+    change = change_dn(data, winner)
+    whitened = data.whitened(change)
+    weight = np.sum(whitened**2, axis=0)
+    spectrum = _spectrum(data, change, weight)
+    visible = _visible_bands(change, whitened)
+    if winner.family.spectral:
+        visible &= np.abs(spectrum) >= _MIN_SPECTRAL_PART * np.abs(spectrum).max()
+    return Explanation(
+        family=winner.family.id,
+        form=winner.form,
+        surface=winner.surface,
+        centre_px=_centre(weight) if winner.family.localised else None,
+        bands=tuple(band for band, is_visible in zip(data.bands, visible, strict=True) if is_visible),
+        all_bands=data.bands,
+        share=rivals[0].share,
+        told_apart=all(score - rival.score > margin for rival in rivals[1:] if rival.share >= min_share),
+        rivals=rivals,
+        change=change,
+        sigma=np.where(data.used, data.sigma, np.nan),
+        remaining=np.where(data.used, data.residual - whitened, np.nan),
+        spectrum=spectrum,
+        heldout=winner.fit.heldout,
+        gain=winner.fit.gain,
+        evidence=winner.evidence,
+        num_forms=len(candidates),
+        sharp=winner.sharp or (winner.local and rivals[0].share > _MIN_SHARE_OF_SPOT),
+        effects_leave=winner.effects_leave,
+        field=fitted_field(data, winner),
+        family_record=winner.family,
+    )
+
+
+def _share(data: ResidualData, candidate: FittedExplanation, total: float) -> float:
+    """Part of the excess of chi2 over noise that a candidate explains."""
+    change = data.whitened(change_dn(data, candidate))
+    return float(np.clip((2 * np.sum(change * data.residual) - np.sum(change**2)) / total, 0, 1))
+
+
+def _visible_bands(change: NDArray[np.float64], whitened: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(band,) whether a band shows a change; ``whitened`` is the change over sigma."""
+    sizes = np.sum(whitened**2, axis=(1, 2))
+    return np.any(change, axis=(1, 2)) & (sizes > np.maximum(_MIN_BAND_PART * sizes.max(), _MIN_BAND_CHI2))
+
+
+def _no_explanation(data: ResidualData, rivals: Sequence[Rival], num_forms: int) -> Explanation:
+    return Explanation(
+        family=NONE,
+        form=_NO_FORM,
+        surface=None,
+        centre_px=None,
+        bands=(),
+        all_bands=data.bands,
+        share=0.0,
+        told_apart=True,
+        rivals=(Rival(NONE, _NO_FORM, None, 0.0, 0.0), *rivals),
+        change=np.zeros(data.used.shape),
+        sigma=np.where(data.used, data.sigma, np.nan),
+        remaining=np.where(data.used, data.residual, np.nan),
+        spectrum=np.zeros(len(data.bands)),
+        heldout=0.0,
+        gain=0.0,
+        evidence=0.0,
+        num_forms=num_forms,
+        sharp=False,
+        effects_leave=0.0,
+        field=None,
+        family_record=None,
+    )
+
+
+def _scores(data: ResidualData, candidates: Sequence[FittedExplanation]) -> list[float]:
+    """2 ln evidence of each candidate, with prior odds.
+
+    What a candidate lacks to the largest gain is forgiven up to the errors of shapes.
+    """
+    most = max(candidate.fit.gain for candidate in candidates)
+    soft = soft_outline(data, candidates)
+    scores = []
+    for candidate in candidates:
+        complexity = candidate.fit.gain - candidate.evidence
+        forgiven = _SHAPE_ERROR_OF_SPOT if candidate.local else _SHAPE_ERROR
+        lacks = max(most - candidate.fit.gain - forgiven * most, 0.0)
+        scores.append(most - lacks - complexity + spot_log_odds(data, candidate, soft))
+    return scores
+
+
+def _centre(weight: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Centre (x, y) of a weight (y, x), px; None where it is spread over the image.
+
+    Medians: for a spot with wide flanks in a corner they lie nearer to the spot than means do.
+    """
+    total = float(weight.sum())
+    if not total > 0:
+        return None
+    rows, columns = np.indices(weight.shape)
+    x, y = _median(weight.sum(axis=0)), _median(weight.sum(axis=1))
+    near = np.hypot(columns - x, rows - y) < _LOCAL_RADIUS * max(weight.shape)
+    return (x, y) if weight[near].sum() > total / 2 else None
+
+
+def _median(weight: NDArray[np.float64]) -> float:
+    """Position that halves a weight by pixel, px; weight is constant within a pixel."""
+    total = np.concatenate([[0.0], np.cumsum(weight)])
+    return float(np.interp(total[-1] / 2, total, np.arange(len(total)) - 0.5))
+
+
+def _spectrum(data: ResidualData, change: NDArray[Any], weight: NDArray[Any]) -> NDArray[np.float64]:
+    """(band,) change over the signal, summed where the weight (y, x) of the change is large."""
+    where = weight >= _SPECTRUM_WEIGHT * weight.max() if weight.max() > 0 else np.zeros(weight.shape, bool)
+    relative = []
+    for band in range(len(data.bands)):
+        pixels = where & data.used[band]
+        total = float(change[band][pixels].sum() / max(data.signal[band][pixels].sum(), 1e-9)) if pixels.any() else 0.0
+        relative.append(total)
+    return np.array(relative)

@@ -1,0 +1,154 @@
+"""Patterns fixed on the sensor: rows, columns, smooth patterns, waves and spots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.fitted_fields import Acts, ImageMaps
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..field_fit import (
+    Columns,
+    Family,
+    FitInput,
+    FittedExplanation,
+    ResidualData,
+    Wave,
+    bells_on,
+    each_band,
+    equations_in_all_bands,
+    fixed_spectrum,
+    scaled,
+    strongest_waves,
+)
+
+__all__ = ["SensorPatterns"]
+
+#: Highest order of the cosines of a smooth pattern.
+_SMOOTH_ORDER = 10
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPatterns:
+    """Patterns of one operator, such as counts added or counts multiplied."""
+
+    #: Family of the patterns.
+    family: Family
+    #: Quantity on which they act.
+    acts: Acts
+    #: Residual and its regions of largest excess.
+    fit_input: FitInput
+    #: (band, y, x) change of the signal by a map that is 1 everywhere, DN.
+    operator: NDArray[np.float64]
+    #: (band,) strength of a pattern that goes with the exposure time.
+    by_exposure: NDArray[np.float64]
+    #: The form of such a pattern in words.
+    exposure_form: str
+
+    @property
+    def data(self) -> ResidualData:
+        """Residual to be explained."""
+        return self.fit_input.data
+
+    def over_the_sensor(self) -> Iterator[FittedExplanation]:
+        """Rows, columns and smooth patterns over the whole sensor.
+
+        Yields
+        ------
+        FittedExplanation
+            Each of them in all bands, in one band, in each band, and by the exposure time.
+        """
+        yield from self._by_maps("rows", ImageMaps("rows"), sharp=True)
+        yield from self._by_maps("columns", ImageMaps("columns"), sharp=True)
+        yield from self._by_maps("a smooth pattern", ImageMaps("cosines", order=_SMOOTH_ORDER))
+
+    def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:
+        """Straight waves and rings.
+
+        Parameters
+        ----------
+        of_one_band
+            Fit of further bands to a wave that was found in one band, from the wave and the number of choices. None
+            fits each band separately, as for a wave of all bands.
+
+        Yields
+        ------
+        FittedExplanation
+            Each wave in its band or in all bands, then with further bands.
+        """
+        bands = len(self.data.bands)
+        for wave in strongest_waves(self.data, self.operator):
+            columns = self._columns(wave.maps)
+            n = equations_in_all_bands(self.data, columns)
+            spectrum = np.ones(bands) if wave.band is None else np.eye(bands)[wave.band]
+            shape = "rings" if wave.maps.curvature else "a wave"
+            form = shape if wave.band is None else f"{shape} in one band"
+            choices = wave.num_trials * (1 if wave.band is None else bands)
+            fit = fixed_spectrum(n, spectrum)
+            yield FittedExplanation(
+                self.family, form, fit, columns, self.acts, wave.maps, sharp=True, num_choices=choices
+            )
+            if of_one_band is not None and wave.band is not None:
+                yield of_one_band(wave, choices)
+            else:
+                yield FittedExplanation(
+                    self.family,
+                    f"{shape} in each band",
+                    each_band(n),
+                    columns,
+                    self.acts,
+                    wave.maps,
+                    sharp=True,
+                    num_choices=choices,
+                )
+
+    def spots(self) -> Iterator[FittedExplanation]:
+        """Spots where the excess is largest.
+
+        Yields
+        ------
+        FittedExplanation
+            The spot of all bands in all bands and in one band, then the spot of one band in that band.
+        """
+        if self.fit_input.bells is not None:
+            yield from self._by_maps("a spot", self.fit_input.bells, local=True)
+        if self.fit_input.spot_of_one_band is not None:
+            # in all bands it would have fewer cells than families that are fitted where all bands differ
+            yield from self._by_maps("a spot", bells_on(self.fit_input.spot_of_one_band), local=True, together=False)
+
+    def _columns(self, maps: ImageMaps) -> Columns:
+        basis: NDArray[Any] | csr_matrix = maps.matrix(self.data.shape)
+        return lambda band: scaled(basis, self.operator[band])
+
+    def _by_maps(
+        self, form: str, maps: ImageMaps, *, local: bool = False, sharp: bool = False, together: bool = True
+    ) -> Iterator[FittedExplanation]:
+        """Patterns by some maps; in all bands alike only if ``together``."""
+        bands, columns = len(self.data.bands), self._columns(maps)
+        n = equations_in_all_bands(self.data, columns)
+        if together:
+            alike = fixed_spectrum(n, np.ones(bands))
+            yield FittedExplanation(self.family, form, alike, columns, self.acts, maps, local=local, sharp=sharp)
+        each = each_band(n)
+        strongest = int(np.argmax(each.size))
+        yield FittedExplanation(
+            self.family,
+            f"{form} in one band",
+            fixed_spectrum(n, np.eye(bands)[strongest]),
+            columns,
+            self.acts,
+            maps,
+            local=local,
+            sharp=True,
+            num_choices=bands,
+        )
+        if not local:
+            yield FittedExplanation(self.family, f"{form} in each band", each, columns, self.acts, maps, sharp=sharp)
+            timed = fixed_spectrum(n, self.by_exposure)
+            yield FittedExplanation(
+                self.family, f"{form} {self.exposure_form}", timed, columns, self.acts, maps, sharp=sharp
+            )

@@ -1,0 +1,76 @@
+"""Displacement of the image, constant or smooth; in all bands, in one, or in each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.fitted_fields import ImageMaps
+from numpy.typing import NDArray
+
+from ..field_fit import (
+    Columns,
+    Family,
+    FitInput,
+    FittedExplanation,
+    MaskedPattern,
+    ResidualData,
+    beside_common,
+    equations_in_all_bands,
+)
+from ._spectra import forms_by_spectrum
+
+__all__ = ["FAMILY"]
+
+#: Highest order of the cosines of a smooth displacement.
+_SMOOTH_ORDER = 4
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data = fit_input.data
+    for form, maps, columns in _operators(data):
+        yield from forms_by_spectrum(FAMILY, form, equations_in_all_bands(data, columns), columns, "displacement", maps)
+
+
+def displacements_of_bands(data: ResidualData) -> Iterator[FittedExplanation]:
+    """Displacements of single bands, next to one that is common to all bands.
+
+    Errors of the rendered edges are common to all bands.
+
+    Parameters
+    ----------
+    data
+        Residual to be explained.
+
+    Yields
+    ------
+    FittedExplanation
+        In each band otherwise, and in one band; constant and smooth.
+    """
+    for form, maps, columns in _operators(data):
+        n = beside_common(equations_in_all_bands(data, columns))
+        _, *single = forms_by_spectrum(FAMILY, form, n, columns, "displacement", maps)
+        yield from (replace(explanation, sharp=True) for explanation in single)
+
+
+def _operators(data: ResidualData) -> Iterator[tuple[str, ImageMaps, Columns]]:
+    """Constant and smooth displacements to the right and down."""
+    for form, order in (("the whole picture", 0), ("a smooth field", _SMOOTH_ORDER)):
+        maps = ImageMaps("cosines", order=order)
+        yield form, maps, _columns(data, maps.matrix(data.shape))
+
+
+def _columns(data: ResidualData, basis: NDArray[Any]) -> Columns:
+    return lambda band: np.concatenate([way[band].ravel() * basis for way in data.moved]).astype(np.float32)
+
+
+FAMILY = Family(
+    id="displacement",
+    title="a displacement of the picture",
+    acts_on="image",
+    generate=_generate,
+    order=30,
+    masked=(MaskedPattern(rank=3, generate=displacements_of_bands),),
+)

@@ -1,0 +1,103 @@
+"""Uneven reflectance: a smooth map on one surface, a stain, another paint that shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..field_fit import (
+    PENALTY_ODD,
+    PENALTY_UNLIKELY,
+    Columns,
+    Family,
+    FitInput,
+    FittedExplanation,
+    SpotAppearance,
+    SurfaceSpot,
+    change_dn,
+    darker_part,
+    equations_in_all_bands,
+    fixed_spectrum,
+    free_spectrum,
+    scaled,
+)
+
+__all__ = ["FAMILY"]
+
+#: Largest distance of the darker part of a stain's chi2 from a half, at which it may be a bump: bright on one side and
+#: dark on the other.
+_MAX_BUMP_IMBALANCE = 0.3
+
+#: Least difference of the change of reflectance between bands, relative to the largest, by which a paint is recognised.
+_MIN_COLOUR_CONTRAST = 0.5
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data, maps = fit_input.data, fit_input.surface_maps
+    by_surface = maps.by_surface()
+    for surface, some in by_surface.items():
+        columns: Columns = partial(maps.reflectance, some=some)
+        fit = free_spectrum(equations_in_all_bands(data, columns))
+        waves = maps.waves[some.start : some.stop]
+        name, choices = data.names[surface], len(by_surface)
+        yield FittedExplanation(FAMILY, "a smooth map", fit, columns, "reflectance", waves, name, num_choices=choices)
+    if fit_input.surface_spot is not None:
+        yield from _stains(fit_input.surface_spot)
+
+
+def _stains(spot: SurfaceSpot) -> Iterator[FittedExplanation]:
+    """A stain, grey or coloured, and other paints in its place."""
+    data = spot.data
+    stain = FittedExplanation(
+        FAMILY, "a stain", spot.fit, spot.relative_change, "reflectance", spot.maps, spot.name, local=True
+    )
+    if abs(darker_part(data, change_dn(data, stain)) - 0.5) < _MAX_BUMP_IMBALANCE:
+        stain = replace(stain, form="a stain, or a bump or dent that is lit on one side")
+    yield stain
+    yield from _other_paints(spot, stain)
+
+
+def _other_paints(spot: SurfaceSpot, stain: FittedExplanation) -> Iterator[FittedExplanation]:
+    """Another paint in the place of a stain: splashed on it, or beneath a thin paint."""
+    data = spot.data
+    reflectance = np.maximum(data.reflectance_of(spot.surface), 1e-6)
+    for index, name in enumerate(data.materials):
+        paint_change = data.transport.reflectance[index] / reflectance - 1
+        if np.ptp(paint_change) <= _MIN_COLOUR_CONTRAST * np.abs(paint_change).max():
+            continue
+
+        def painted(band: int, paint_change: NDArray[Any] = paint_change) -> NDArray[Any] | csr_matrix:
+            return scaled(spot.basis, paint_change[band] * data.signal[band])
+
+        fit = fixed_spectrum(equations_in_all_bands(data, painted), np.ones(len(paint_change)))
+        fit = replace(fit, coefficients=paint_change[:, None] * fit.coefficients)
+        yield replace(
+            stain,
+            form=f"the paint {name} shows",
+            fit=fit,
+            num_choices=len(data.materials),
+            paint_change=paint_change,
+        )
+
+
+def _spot_log_odds(spot: SpotAppearance) -> float:
+    """Fresh or clean paint brightens all bands alike; spectra of stains are broad."""
+    odds = -PENALTY_ODD if spot.brighter and not spot.neutral else 0.0
+    return odds - PENALTY_UNLIKELY if spot.in_one_band else odds
+
+
+FAMILY = Family(
+    id="reflectance-map",
+    title="a stain or another uneven reflectance",
+    acts_on="scene",
+    generate=_generate,
+    order=80,
+    spectral=True,
+    spot_log_odds=_spot_log_odds,
+)

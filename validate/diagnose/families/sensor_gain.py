@@ -1,0 +1,79 @@
+"""Gain fixed on the sensor: patterns, dust, hairs, interference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..field_fit import (
+    PENALTY_IMPOSSIBLE,
+    PENALTY_ODD,
+    PENALTY_UNLIKELY,
+    Family,
+    FitInput,
+    FittedExplanation,
+    ResidualData,
+    SpotAppearance,
+    Wave,
+    each_band,
+    equations_in_all_bands,
+    scaled,
+)
+from ._sensor import SensorPatterns
+
+__all__ = ["FAMILY"]
+
+#: Highest order of the cosines by which strength and phase of interference vary over the image.
+_ENVELOPE_ORDER = 8
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data = fit_input.data
+    patterns = SensorPatterns(
+        FAMILY,
+        "gain",
+        fit_input,
+        operator=data.signal,
+        by_exposure=1 / data.exposure_s - 1 / data.flat_exposure_s,
+        exposure_form="as of a shutter's opening",
+    )
+    yield from patterns.over_the_sensor()
+    yield from patterns.waves(lambda wave, num_choices: _interference(data, wave, num_choices))
+    yield from patterns.spots()
+
+
+def _interference(data: ResidualData, wave: Wave, num_choices: int) -> FittedExplanation:
+    """Interference of light in one gap: waves by the wavelength.
+
+    They are weaker where orders differ within a band.
+    """
+    maps = replace(wave.maps, order=_ENVELOPE_ORDER, nm=float(data.nm[wave.band]))
+
+    def columns(band: int) -> NDArray[Any] | csr_matrix:
+        at_wavelength = maps.at(float(data.nm[band]))
+        return scaled(at_wavelength.matrix(data.shape), data.signal[band])
+
+    fit = each_band(equations_in_all_bands(data, columns))
+    form = f"{'rings' if maps.curvature else 'a wave'} by the wavelength"
+    return FittedExplanation(FAMILY, form, fit, columns, "gain", maps, sharp=True, num_choices=num_choices)
+
+
+def _spot_log_odds(spot: SpotAppearance) -> float:
+    """Dust darkens, is no straight thin line, and is round in the image."""
+    odds = -PENALTY_UNLIKELY if spot.brighter else 0.0
+    odds -= PENALTY_IMPOSSIBLE if spot.line else 0.0
+    return odds if spot.rounder_in_the_image else odds - PENALTY_ODD
+
+
+FAMILY = Family(
+    id="sensor-gain",
+    title="a gain fixed on the sensor",
+    acts_on="sensor",
+    generate=_generate,
+    order=20,
+    spot_log_odds=_spot_log_odds,
+)

@@ -1,0 +1,74 @@
+"""Counts added on the sensor: patterns, a glow at the border, errors by the count."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.fitted_fields import ImageMaps, parts_of_levels
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..field_fit import (
+    PENALTY_UNLIKELY,
+    Family,
+    FitInput,
+    FittedExplanation,
+    ResidualData,
+    SpotAppearance,
+    equations_in_all_bands,
+    fixed_spectrum,
+    scaled,
+)
+from ._sensor import SensorPatterns
+
+__all__ = ["FAMILY"]
+
+#: Smallest flat field by which counts are divided: keeps dark corners finite.
+_MIN_FLAT = 0.05
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data = fit_input.data
+    patterns = SensorPatterns(
+        FAMILY,
+        "offset",
+        fit_input,
+        operator=1 / np.maximum(data.flat, _MIN_FLAT),
+        by_exposure=data.exposure_s,
+        exposure_form="that grows with the exposure",
+    )
+    yield from patterns.over_the_sensor()
+    yield from patterns.waves()
+    yield from patterns.spots()
+    yield _by_level(data)
+
+
+def _by_level(data: ResidualData) -> FittedExplanation:
+    """Counts added by the count: wrong weights of a converter's bits, an irregular amplifier."""
+    counts = data.signal * data.flat
+    most = float(counts[data.used].max())
+
+    def columns(band: int) -> NDArray[Any] | csr_matrix:
+        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], _MIN_FLAT))
+
+    fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
+    form = "steps or bends of the counts by their level"
+    return FittedExplanation(FAMILY, form, fit, columns, "levels", ImageMaps("cosines"), most_dn=most)
+
+
+def _spot_log_odds(spot: SpotAppearance) -> float:
+    """Amplifiers, which glow, sit at the border of a sensor."""
+    return 0.0 if spot.at_the_border else -PENALTY_UNLIKELY
+
+
+FAMILY = Family(
+    id="sensor-offset",
+    title="counts added on the sensor",
+    acts_on="sensor",
+    generate=_generate,
+    order=10,
+    additive=True,
+    spot_log_odds=_spot_log_odds,
+)

@@ -1,0 +1,106 @@
+"""Changes between frames by their time: steps and drifts of the lamp, image persistence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..field_fit import (
+    Family,
+    FieldFit,
+    FitInput,
+    FittedExplanation,
+    ResidualData,
+    equations_in_all_bands,
+    fixed_spectrum,
+)
+from ._levels import EVEN, fit_levels, relative_levels
+
+__all__ = ["FAMILY"]
+
+#: Chi2 of the differences of repeats, over its mean by noise, above which repeats differ.
+_MIN_REPEATS_CHI2 = 4.0
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data = fit_input.data
+    columns = relative_levels(data)
+
+    def levels(form: str, fit: FieldFit, num_choices: int = 1) -> FittedExplanation:
+        return FittedExplanation(FAMILY, form, fit, columns, "gain", EVEN, num_choices=num_choices)
+
+    n = equations_in_all_bands(data, columns)
+    bands = len(data.bands)
+    rank = np.argsort(np.argsort(data.minutes))
+    time = data.minutes - data.minutes.min()
+    repeats = repeats_excess(data)
+    for first, last in combinations(range(bands + 1), 2):
+        if (first, last) == (0, bands):
+            continue
+        form = "a step of the lamp" if first == 0 or last == bands else "another level of the lamp for a while"
+        inside = ((rank >= first) & (rank < last)).astype(float)
+        yield levels(form, fit_levels(n, inside[:, None], repeats), bands * (bands + 1) // 2)
+    for k in range(1, bands - 1):
+        ramp = np.maximum(time - np.sort(time)[k], 0)
+        yield levels("a drift of the lamp that sets in", fit_levels(n, ramp[:, None], repeats), bands)
+    powers = np.array([(time / max(time.max(), 1e-9)) ** p for p in (1, 2, 3)]).T
+    yield levels("a drift of the lamp", fit_levels(n, powers[:, :2], repeats))
+    if repeats > 0 or not np.isfinite(data.repeat_sigma).any():  # single frames carry no other information
+        yield levels("levels that differ from frame to frame", fit_levels(n, np.eye(bands), repeats))
+    yield _persistence(data, repeats)
+
+
+def _persistence(data: ResidualData, repeats: float) -> FittedExplanation:
+    """Image persistence: a part of every frame is visible again in the next one.
+
+    ``repeats`` is the evidence from differences of repeats.
+    """
+    bands = len(data.bands)
+    frames = np.maximum(np.isfinite(data.repeats).sum(axis=1), 1)
+    before = np.diag((frames - 1.0) / frames)
+    order = np.argsort(data.minutes, kind="stable")
+    before[order[1:], order[:-1]] += 1 / frames[order[1:]]
+    signal = data.signal.reshape(bands, -1)
+
+    def previous(band: int) -> NDArray[Any]:
+        return (before[band] @ signal).astype(np.float32).reshape(1, -1)
+
+    fit = fixed_spectrum(equations_in_all_bands(data, previous), np.ones(bands))
+    fit = replace(fit, coefficients=fit.coefficients * before, evidence=fit.evidence + repeats)
+    form = "a part of each frame stays in the next"
+    return FittedExplanation(FAMILY, form, fit, lambda _: signal.astype(np.float32), "previous", EVEN)
+
+
+def repeats_excess(data: ResidualData) -> float:
+    """Chi2 by which the repeats of bands differ beyond noise.
+
+    Parameters
+    ----------
+    data
+        Residual with the levels of its repeats.
+
+    Returns
+    -------
+    float
+        Chi2 less its mean by noise; 0 where noise explains the differences.
+    """
+    determined = np.isfinite(data.repeats) & np.isfinite(data.repeat_sigma)[:, None]
+    chi2 = float(np.sum(np.where(determined, data.repeats / data.repeat_sigma[:, None], 0.0) ** 2))
+    free = float(np.sum(np.maximum(determined.sum(axis=1) - 1, 0)))
+    return chi2 - free if free and chi2 > _MIN_REPEATS_CHI2 * free else 0.0
+
+
+FAMILY = Family(
+    id="time-order",
+    title="a change between frames in the order of time",
+    acts_on="frames",
+    generate=_generate,
+    order=50,
+    localised=False,
+    levels=True,
+)

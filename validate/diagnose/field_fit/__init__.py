@@ -1,0 +1,65 @@
+"""Linear fields fitted to a residual, and the record of a family of explanations."""
+
+from .family import ActsOn, Family, FitInput, MaskedPattern
+from .field import (
+    FieldFit,
+    NormalEquations,
+    beside_common,
+    cross_validate,
+    each_band,
+    fit_result,
+    fixed_spectrum,
+    free_spectrum,
+    normal_equations,
+    solve,
+)
+from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
+from .residual_data import ResidualData, Transport
+from .spot_appearance import (
+    PENALTY_IMPOSSIBLE,
+    PENALTY_ODD,
+    PENALTY_UNLIKELY,
+    SpotAppearance,
+    darker_part,
+)
+from .spot_regions import bells_on, hot_spot, hot_spot_of_one_band
+from .surface_maps import SmoothSurfaceMaps, lamp_dn
+from .surface_spot import SurfaceSpot
+from .waves import Wave, strongest_waves
+
+__all__ = [
+    "PENALTY_IMPOSSIBLE",
+    "PENALTY_ODD",
+    "PENALTY_UNLIKELY",
+    "ActsOn",
+    "Columns",
+    "Family",
+    "FieldFit",
+    "FitInput",
+    "FittedExplanation",
+    "MaskedPattern",
+    "NormalEquations",
+    "ResidualData",
+    "SmoothSurfaceMaps",
+    "SpotAppearance",
+    "SurfaceSpot",
+    "Transport",
+    "Wave",
+    "bells_on",
+    "beside_common",
+    "change_dn",
+    "cross_validate",
+    "darker_part",
+    "each_band",
+    "equations_in_all_bands",
+    "fit_result",
+    "fixed_spectrum",
+    "free_spectrum",
+    "hot_spot",
+    "hot_spot_of_one_band",
+    "lamp_dn",
+    "normal_equations",
+    "scaled",
+    "solve",
+    "strongest_waves",
+]

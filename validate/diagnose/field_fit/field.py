@@ -1,0 +1,363 @@
+"""Fits of linear fields: normal equations by band, width of the prior, evidence.
+
+A field is a set of images Phi_k that an operator turns into changes of the signal. Its coefficients a have a normal
+prior of width tau; the images are scaled so that one width serves all. H is the information about a after adjustment
+of camera, lamp and shared errors, and b the projection of the residual. Then
+
+    2 ln(evidence) = tau^2 b^T (1 + tau^2 H)^-1 b - ln det(1 + tau^2 H)
+
+(Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, section 5.4). The width tau is the one at
+which the evidence is largest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from .residual_data import ResidualData
+
+__all__ = [
+    "FieldFit",
+    "NormalEquations",
+    "beside_common",
+    "cross_validate",
+    "each_band",
+    "fit_result",
+    "fixed_spectrum",
+    "free_spectrum",
+    "normal_equations",
+    "solve",
+]
+
+#: Squared widths of the prior that are tried, times the largest eigenvalue of the information, in quarter decades.
+_RELATIVE_WIDTHS = np.logspace(-8, 6, 57)
+
+#: Relative eigenvalue of the information below which a combination of coefficients is undetermined.
+_MIN_EIGENVALUE = 1e-7
+
+#: Ridge of a trial fit, relative to the trace of its matrix: rounding of double precision.
+_TRIAL_RIDGE = 1e-13
+
+#: Smallest part of a nuisance that a field leaves: columns of single precision do not resolve less.
+_MIN_NUISANCE_PART = 1e-5
+
+#: Pixels whose columns are converted to double precision at once: limits the memory.
+_BLOCK_PIXELS = 2**15
+
+#: Rounds of the alternating fit of map and spectrum.
+_MAX_ROUNDS = 6
+
+#: Change of a spectrum, relative to its largest number, that ends the alternating fit: evidence changes by its square.
+_MAX_SPECTRUM_CHANGE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of a field of k images in each band, with m nuisances."""
+
+    #: (band, k, k) products of the whitened columns, X^T X.
+    a: NDArray[np.float64]
+    #: (band, k) products of the whitened columns with the residual.
+    b: NDArray[np.float64]
+    #: (band, m, k) products of the nuisances with the whitened columns, W^T X.
+    c: NDArray[np.float64]
+    #: (band, k, k) ``a`` of the pixels of the trial fit alone.
+    trial_a: NDArray[np.float64]
+    #: (band, k) ``b`` of the pixels of the trial fit alone.
+    trial_b: NDArray[np.float64]
+
+
+def normal_equations(
+    data: ResidualData, columns: NDArray[Any] | csr_matrix, band: int
+) -> tuple[NDArray[np.float64], ...]:
+    """Normal equations of a field in one band.
+
+    Parameters
+    ----------
+    data
+        Residual to be fitted.
+    columns
+        (k, pixel) change of the signal by each image of the field, DN.
+    band
+        Index of the band.
+
+    Returns
+    -------
+    tuple
+        a, b, c, trial_a and trial_b of ``NormalEquations``, without the axis of the bands.
+    """
+    pixels = data.used[band].size
+    if isinstance(columns, csr_matrix):
+        return _of_pixels(data, columns, band, slice(0, pixels))
+    several = (
+        _of_pixels(data, columns[:, start : start + _BLOCK_PIXELS], band, slice(start, start + _BLOCK_PIXELS))
+        for start in range(0, pixels, _BLOCK_PIXELS)
+    )
+    return tuple(sum(part) for part in zip(*several, strict=True))
+
+
+def _of_pixels(
+    data: ResidualData, columns: NDArray[Any] | csr_matrix, band: int, pixels: slice
+) -> tuple[NDArray[np.float64], ...]:
+    """Contribution of some pixels to the normal equations of one band."""
+    weight = data.weight[band].ravel()[pixels]
+    residual = data.marginal_residual[band].ravel()[pixels]
+    if isinstance(columns, csr_matrix):
+        whitened = columns.multiply(weight[None, :]).tocsr()
+    else:
+        whitened = columns.astype(np.float64) * weight
+    in_trial = np.flatnonzero(~data.held_out.ravel()[pixels])
+    trial = whitened[:, in_trial]
+    nuisances = data.nuisances[band].reshape(data.used[band].size, -1)[pixels]
+    parts = (
+        whitened @ whitened.T,
+        whitened @ residual,
+        (whitened @ nuisances).T,
+        trial @ trial.T,
+        trial @ residual[in_trial],
+    )
+    return tuple(np.asarray(p.toarray() if isinstance(p, csr_matrix) else p, np.float64) for p in parts)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldFit:
+    """Fitted field with its gain and evidence."""
+
+    #: (band, k) coefficients.
+    coefficients: NDArray[np.float64]
+    #: Decrease of chi2.
+    gain: float
+    #: 2 ln of the evidence over that of noise alone.
+    evidence: float
+    #: Gain per gain of a trial fit: in the pixels held out, over that in the pixels fitted.
+    heldout: float
+    #: Effective number of free coefficients.
+    freedom: float
+    #: (band,) sum of squares of the change over sigma.
+    size: NDArray[np.float64]
+
+
+def solve(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float, float]:
+    """Coefficients under the prior width that maximises the evidence.
+
+    Parameters
+    ----------
+    h
+        (k, k) information.
+    b
+        (k,) projection of the residual.
+
+    Returns
+    -------
+    tuple
+        (k,) coefficients, 2 ln evidence, effective number of coefficients, squared width tau^2 of the prior.
+    """
+    mu, v = np.linalg.eigh((h + h.T) / 2)
+    determined = mu > _MIN_EIGENVALUE * mu.max(initial=0.0)
+    mu, v = mu[determined], v[:, determined]
+    square = (v.T @ b) ** 2
+    scale = 1 / max(float(mu.max(initial=0.0)), 1e-300)
+    widths = _RELATIVE_WIDTHS * scale
+    inside = 1 + widths[:, None] * mu
+    values = (widths[:, None] * square / inside - np.log(inside)).sum(axis=1)
+    best = int(np.argmax(values))
+    t = widths[best]
+    x = v @ (t * (v.T @ b) / (1 + t * mu))
+    return x, float(values[best]), float((t * mu / (1 + t * mu)).sum()), float(t)
+
+
+def cross_validate(a: NDArray[Any], b: NDArray[Any], width: float) -> NDArray[Any]:
+    """Coefficients of a trial fit, to be tested in the pixels that it holds out.
+
+    The prior keeps the system regular for a field that is not visible in these pixels. A small ridge does so against
+    rounding where the prior is too wide for that.
+
+    Parameters
+    ----------
+    a
+        (k, k) products of the whitened columns in the pixels of the trial fit, without nuisances.
+    b
+        (k,) their products with the residual.
+    width
+        Squared width of the prior, from the fit to all pixels.
+
+    Returns
+    -------
+    NDArray
+        (k,) coefficients.
+    """
+    return np.linalg.solve(a + (1 / width + _TRIAL_RIDGE * np.trace(a)) * np.eye(len(a)), b)
+
+
+def _gain(h: NDArray[Any], b: NDArray[Any], x: NDArray[Any]) -> float:
+    return float(2 * x @ b - x @ h @ x)
+
+
+def fixed_spectrum(n: NormalEquations, spectrum: NDArray[Any]) -> FieldFit:
+    """Fit of one map for all bands, times a given number for each band.
+
+    Parameters
+    ----------
+    n
+        Normal equations of the field.
+    spectrum
+        (band,) factors of the map.
+
+    Returns
+    -------
+    FieldFit
+        The fit; its coefficients are the map's times the spectrum.
+    """
+    s = np.asarray(spectrum, float)
+    h, b = _combined(n.a, n.c, s), s @ n.b
+    x, evidence, freedom, width = solve(h, b)
+    coefficients = s[:, None] * x
+    trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
+    return fit_result(n, coefficients, s[:, None] * trial, evidence, freedom)
+
+
+def _combined(a: NDArray[Any], c: NDArray[Any], s: NDArray[Any]) -> NDArray[Any]:
+    """(k, k) information about one map that all bands share, times the numbers s (band,)."""
+    with_nuisances = np.einsum("b,bmk->mk", s, c)
+    return np.einsum("b,bjk->jk", s**2, a) - with_nuisances.T @ with_nuisances
+
+
+def each_band(n: NormalEquations) -> FieldFit:
+    """Fit of a separate map in each band; nuisances couple the bands.
+
+    Each band has its own width of the prior.
+
+    Parameters
+    ----------
+    n
+        Normal equations of the field.
+
+    Returns
+    -------
+    FieldFit
+        The fit.
+    """
+    widths, trials = [], []
+    for a, b, c, trial_a, trial_b in zip(n.a, n.b, n.c, n.trial_a, n.trial_b, strict=True):
+        *_, width = solve(a - c.T @ c, b)
+        widths.append(width)
+        trials.append(cross_validate(trial_a, trial_b, width))
+    inner = np.array([np.linalg.inv(a + np.eye(len(a)) / t) for a, t in zip(n.a, widths, strict=True)])
+    alone = np.einsum("bjk,bk->bj", inner, n.b)
+    passed = n.c @ inner
+    coupling = np.eye(n.c.shape[1]) - np.tensordot(passed, n.c, axes=((0, 2), (0, 2)))
+    values, vectors = np.linalg.eigh(coupling)
+    values = np.maximum(values, _MIN_NUISANCE_PART)
+    nuisance = vectors @ ((vectors.T @ np.einsum("bmk,bk->m", n.c, alone)) / values)
+    x = alone + nuisance @ passed
+    volume = sum(np.linalg.slogdet(np.eye(len(a)) + t * a)[1] for a, t in zip(n.a, widths, strict=True))
+    evidence = float(np.sum(x * n.b) - volume - np.log(values).sum())
+    freedom = sum(len(a) - np.trace(i) / t for a, i, t in zip(n.a, inner, widths, strict=True))
+    return fit_result(n, x, np.array(trials), evidence, float(freedom))
+
+
+def beside_common(n: NormalEquations) -> NormalEquations:
+    """Normal equations of a field next to the same field that is common to all bands.
+
+    The common field is one more nuisance, at its best fit without the other. Its prior has the width that maximises
+    the evidence of the common field alone.
+
+    Parameters
+    ----------
+    n
+        Normal equations of the field.
+
+    Returns
+    -------
+    NormalEquations
+        Those of the deviations of single bands from the common field.
+    """
+    with_nuisances = n.c.sum(axis=0)
+    h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
+    common, *_, width = solve(h, b)
+    cross = n.a - with_nuisances.T @ n.c
+    values, vectors = np.linalg.eigh((h + h.T) / 2)
+    whitened = (vectors / np.sqrt(np.maximum(values, 0.0) + 1 / width)).T @ cross
+    nuisances = np.concatenate([n.c, whitened], axis=1)
+    return NormalEquations(n.a, n.b - common @ cross, nuisances, n.trial_a, n.trial_b - n.trial_a @ common)
+
+
+def free_spectrum(n: NormalEquations) -> FieldFit:
+    """Fit of one map for all bands, times a free number for each band.
+
+    Map and spectrum are fitted in turn, from two starts: the maps of single bands, and one map for all bands. The
+    fit with the larger evidence is returned.
+
+    Parameters
+    ----------
+    n
+        Normal equations of the field.
+
+    Returns
+    -------
+    FieldFit
+        The fit; each free number of the spectrum costs the logarithm of the gain in evidence.
+    """
+    alone = each_band(n).coefficients
+    u, _, _ = np.linalg.svd(alone * np.sqrt(np.einsum("bkk->k", n.a)), full_matrices=False)
+    return max((_in_turn(n, start) for start in (u[:, 0], np.ones(len(u)))), key=lambda fit: fit.evidence)
+
+
+def _in_turn(n: NormalEquations, start: NDArray[Any]) -> FieldFit:
+    """Alternating fit of map and spectrum from a starting spectrum (band,)."""
+    s = np.asarray(start, float) / np.abs(start).max()
+    for _ in range(_MAX_ROUNDS):
+        x, evidence, freedom, width = solve(_combined(n.a, n.c, s), s @ n.b)
+        nuisance = n.c @ x
+        h = np.diag(n.a @ x @ x) - nuisance @ nuisance.T
+        s = np.linalg.lstsq(h, n.b @ x, rcond=1e-9)[0]
+        largest = np.abs(s).max()
+        if not largest > 0:
+            break
+        before, s = s, s / largest
+        if np.abs(s - before).max() < _MAX_SPECTRUM_CHANGE:
+            break
+    x, evidence, freedom, width = solve(_combined(n.a, n.c, s), s @ n.b)
+    trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
+    free = len(s) - 1
+    penalty = free * np.log(max(_gain(_combined(n.a, n.c, s), s @ n.b, x), 2.0))
+    return fit_result(n, s[:, None] * x, s[:, None] * trial, evidence - penalty, freedom + free)
+
+
+def fit_result(n: NormalEquations, x: NDArray[Any], trial: NDArray[Any], evidence: float, freedom: float) -> FieldFit:
+    """Record of a fit, with its gain in all pixels and in those held out.
+
+    Parameters
+    ----------
+    n
+        Normal equations of the field.
+    x
+        (band, k) fitted coefficients.
+    trial
+        (band, k) coefficients of the trial fit.
+    evidence
+        2 ln of the evidence over that of noise alone.
+    freedom
+        Effective number of free coefficients.
+
+    Returns
+    -------
+    FieldFit
+        The record; ``heldout`` is 0 where the trial fit gains nothing in its own pixels.
+    """
+    size = (x[:, None] @ n.a @ x[..., None]).ravel()
+    nuisance = np.einsum("bmk,bk->m", n.c, x)
+    gain = float(2 * np.sum(x * n.b) - size.sum() + nuisance @ nuisance)
+    fitted = _gain_without_nuisances(n.trial_a, n.trial_b, trial)
+    other = _gain_without_nuisances(n.a - n.trial_a, n.b - n.trial_b, trial)
+    heldout = other / fitted if fitted > 0 else 0.0
+    return FieldFit(x, gain, evidence, heldout, freedom, size)
+
+
+def _gain_without_nuisances(a: NDArray[Any], b: NDArray[Any], x: NDArray[Any]) -> float:
+    return float(2 * np.sum(x * b) - np.sum(x[:, None] @ a @ x[..., None]))
