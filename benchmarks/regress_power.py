@@ -29,7 +29,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, write_export
+from cboxlab.rendering.export import ExportSettings, exported_scene, renderer_of, write_export
 from cboxlab.rendering.files import xyz_weights
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
@@ -200,8 +200,8 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
                 print(missing(name))
                 continue
             run_renderer(folder, name)
-            pictures = np.asarray(FORMATS[name].read(folder / name, exported.layout), float)
-            if FORMATS[name].rays:
+            pictures = np.asarray(renderer_of(name).read(folder / name, exported.layout), float)
+            if renderer_of(name).pixels == "rays":
                 shape = POOL, POOL_SIZE, settings.subpixels, POOL_SIZE, settings.subpixels, WAVELENGTHS.size
                 pictures = pictures.reshape(shape).mean(axis=(2, 4))
             found[name] = pictures, replace(blank, source=name)

@@ -1,17 +1,33 @@
-"""A box for other renderers, and the way back from what they wrote."""
+"""Export of a scene for other renderers, and import of the renderings that they write."""
 
-from .camera_file import read_camera, write_camera
-from .exported import Exported, ExportSettings, exported_scene
-from .formats import FORMATS, as_rendered, read_rendered, write_export
+from .neutral import (
+    Exported,
+    ExportSettings,
+    Layout,
+    exported_scene,
+    exr_pixels,
+    npy_pixels,
+    raw_pixels,
+    read_camera,
+    write_camera,
+)
+from .renderers import Renderer, renderer_catalogue, renderer_of
+from .results import as_rendered, read_rendered, write_export
 
 __all__ = [
-    "FORMATS",
     "ExportSettings",
     "Exported",
+    "Layout",
+    "Renderer",
     "as_rendered",
     "exported_scene",
+    "exr_pixels",
+    "npy_pixels",
+    "raw_pixels",
     "read_camera",
     "read_rendered",
+    "renderer_catalogue",
+    "renderer_of",
     "write_camera",
     "write_export",
 ]

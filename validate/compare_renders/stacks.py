@@ -1,17 +1,10 @@
-"""Comparison of two pictures with several planes: spectral cubes, maps, or the band images of captures.
-
-For each plane, the relative difference (A - B) / B and, if at least one side states standard errors, the mean squared
-residual over its variance. For two spectral cubes also the means over surfaces, edges, border and lamp, with standard
-deviations (``regress``). If a cube states no standard error, noise is estimated in smooth parts, with a note.
-"""
+"""Image stacks: the planes of a spectral cube, a map, or a capture, as `cbox compare` takes them."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -31,134 +24,95 @@ from cboxlab.rendering.files import (
     window_of,
 )
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import origin, replacing
 from numpy.typing import NDArray
 
-from ..compare import read_map, write_map
-from .cameras import LARGEST_SHIFT_PX, NOTED_SHIFT_PX, Instrument, instrument_of, shift_px
-from .regress import (
-    Common,
-    PooledMean,
-    Side,
-    cut_camera,
-    cut_side,
-    in_common_quantity,
-    regress_sides,
-    side_of,
-)
+from ..compare import read_map
+from .cameras import Instrument, instrument_of
+from .regress import Side, cut_camera, cut_side, side_of
 
-__all__ = [
-    "PlaneRow",
-    "Stack",
-    "StackComparison",
-    "WorstPixel",
-    "compare_stacks",
-    "comparison_record",
-    "read_stack",
-    "write_comparison",
-]
-
-#: Number of worst pixels listed.
-WORST_PIXELS = 5
+__all__ = ["ImageStack", "on_common_pixels", "read_stack", "stack_of_side"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
-    """Planes of one picture. values : (plane, y, x), NaN where unknown. variance : the same shape, or None.
+class ImageStack:
+    """Planes of one picture."""
 
-    batches : number of batches from whose scatter the variance was estimated; 0 if it is known otherwise.
-    side : the same cube as ``regress`` takes it; None for other pictures. instrument : what it was taken with.
-    """
-
+    #: File or folder.
     source: Path
+    #: Name of each plane.
     names: tuple[str, ...]
+    #: (plane, y, x) values, NaN where unknown.
     values: NDArray[np.float64]
+    #: (plane, y, x) variance of the values; None where unknown.
     variance: NDArray[np.float64] | None
+    #: Unit of the values.
     unit: str
+    #: Number of batches whose scatter gave the variance; 0 where it is known otherwise.
     batches: int = 0
+    #: The same cube as a side of a regression; None for pictures that are no cubes.
     side: Side | None = None
+    #: Camera and sensor of the picture.
     instrument: Instrument = field(default_factory=lambda: Instrument(None, {}))
     #: Place of the pixels in a larger picture; None for a complete picture.
     window: Window | None = None
 
     @property
     def pixels(self) -> Window:
-        """The window, that of a complete picture included."""
+        """Window of the pixels; the whole picture where ``window`` is None."""
         height, width = self.values.shape[1:]
         return self.window or Window(0, 0, width, height, (0, 0, width, height))
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """What was declared in place of the file."""
+        """Fields that the user declared and that were used."""
         return () if self.side is None else self.side.declared
 
     @property
     def stated(self) -> Mapping[str, str]:
-        """What the file states in place of what was declared."""
+        """Statements of the file by field, where they overrule the user's."""
         return {} if self.side is None else self.side.stated
 
-    def chosen(self, names: Sequence[str]) -> Stack:
-        """The planes with these names, in this order."""
+    def with_planes(self, names: Sequence[str]) -> ImageStack:
+        """Planes with these names, in this order.
+
+        Parameters
+        ----------
+        names
+            Some of the stack's names.
+
+        Returns
+        -------
+        ImageStack
+            The planes, without ``side``. Values are not copied where all planes stay.
+        """
+        if tuple(names) == self.names:
+            return replace(self, side=None)
         index = [self.names.index(name) for name in names]
         variance = None if self.variance is None else self.variance[index]
         return replace(self, names=tuple(names), values=self.values[index], variance=variance, side=None)
 
 
-@dataclass(frozen=True)
-class PlaneRow:
-    """One plane. relative_mean : (mean of A - mean of B) / mean of B. relative_rms : rms of A - B over rms of B.
+def read_stack(path: Path, declared: Declared = AS_STATED) -> ImageStack:
+    """Planes of a spectral cube, a picture in colour, a map or a capture.
 
-    Both are ratios of sums and not means of ratios, which noise and dark pixels would dominate; NaN for a dark plane.
+    Channels of an EXR file that is no spectral cube are taken as they are, unless anything is declared.
 
-    chi2_per_pixel : mean of (A - B)^2 / (variance of A + variance of B); None where no variance is known.
-    """
+    Parameters
+    ----------
+    path
+        File, or folder of a capture.
+    declared
+        Properties that the file does not state.
 
-    name: str
-    pixels: int
-    mean_first: float
-    mean_second: float
-    relative_mean: float
-    relative_rms: float
-    chi2_per_pixel: float | None
+    Returns
+    -------
+    ImageStack
+        The planes.
 
-
-@dataclass(frozen=True)
-class WorstPixel:
-    """size : the residual over its standard deviation if known, otherwise (A - B) / B in percent."""
-
-    plane: str
-    x: int
-    y: int
-    first: float
-    second: float
-    size: float
-
-
-@dataclass(frozen=True, eq=False)
-class StackComparison:
-    """Outcome of ``compare_stacks``.
-
-    first, second : the common planes. relative : (plane, y, x), NaN where left out. residual_over_sigma : the same
-    shape, None if no variance is known. expected_chi2 : per pixel, if A and B differ only by noise.
-    """
-
-    first: Stack
-    second: Stack
-    rows: tuple[PlaneRow, ...]
-    worst: tuple[WorstPixel, ...]
-    worst_measure: str
-    relative: NDArray[np.float64]
-    residual_over_sigma: NDArray[np.float64] | None
-    expected_chi2: float
-    notes: tuple[str, ...]
-    means: tuple[PooledMean, ...] = ()
-
-
-def read_stack(path: Path, declared: Declared = AS_STATED) -> Stack:
-    """The planes of a cube, a picture in colour, a map or a capture. declared : what the file does not state.
-
-    Channels of an EXR file that is no spectral cube are compared as they are, unless anything is declared. Raises
-    InputError for anything else and for unreadable files.
+    Raises
+    ------
+    InputError
+        If there is no such file, or if it is none of these or cannot be read.
     """
     if path.is_dir():
         return _capture_stack(path)
@@ -170,126 +124,73 @@ def read_stack(path: Path, declared: Declared = AS_STATED) -> Stack:
         if not any(name.startswith("S0.") for name in names):
             unit = ", ".join(sorted(set(units.values()))) or "the file's own unit"
             values = channels.values.astype(np.float64)
-            return Stack(path, names, values, None, unit, window=window_in_file(path))
+            return ImageStack(path, names, values, None, unit, window=window_in_file(path))
     picture = read_picture(path, declared)
     if "xyz" in picture:
         side = side_of([picture], [str(path)])
-        return _of_side(Stack(path, (), np.zeros(0), None, "", window=side.window), side)
+        return stack_of_side(ImageStack(path, (), np.zeros(0), None, "", window=side.window), side)
     return _cube_stack(path, picture)
 
 
-def _cube_stack(path: Path, cube: xr.Dataset) -> Stack:
-    order = "wavelength", "y", "x"
-    variance, batches = None, 0
-    if "standard_error" in cube:
-        variance = cube["standard_error"].transpose(*order).values.astype(np.float64) ** 2
-        batches = int(cube["standard_error"].attrs.get("batches", 0))
+def _cube_stack(path: Path, cube: xr.Dataset) -> ImageStack:
+    """Stack of a spectral cube; a cube with unknown pixels has no ``side``."""
     names = tuple(f"{w:.10g} nm" for w in cube["wavelength"].values)
-    values = cube["radiance"].transpose(*order).values.astype(np.float64)
-    side = side_of([cube], [str(path)]) if np.isfinite(values).all() else None
     instrument = Instrument(camera_of_attribute(cube.attrs.get("camera")), {})
-    return Stack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument, window_of(cube))
+    batches = int(cube["standard_error"].attrs.get("batches", 0)) if "standard_error" in cube else 0
+    side = side_of([cube], [str(path)]) if np.isfinite(cube["radiance"].values).all() else None
+    order = "wavelength", "y", "x"
+    variance = None
+    if "standard_error" in cube:
+        if side is not None and side.variance is not None:
+            variance = np.moveaxis(side.variance, -1, 0)
+        else:
+            variance = cube["standard_error"].transpose(*order).values.astype(np.float64) ** 2
+    if side is not None:
+        values = np.moveaxis(side.radiance, -1, 0)
+    else:
+        values = cube["radiance"].transpose(*order).values.astype(np.float64)
+    return ImageStack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument, window_of(cube))
 
 
-def _capture_stack(folder: Path) -> Stack:
+def _capture_stack(folder: Path) -> ImageStack:
     """Corrected signals divided by exposure / (f_number^2 image_distance^2), so that exposures may differ."""
     calibration = calibrate(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]
-    known = all(factor is not None for factor in factors)
+    optics_known = all(factor is not None for factor in factors)
     seconds = [band.exposure_s for band in capture.manifest.band]
-    divisor = np.array(factors if known else seconds, float)[:, None, None]
+    divisor = np.array(factors if optics_known else seconds, float)[:, None, None]
     used = images["mask"].values == 0
     values = np.where(used, images["signal"].values, np.nan) / divisor
-    return Stack(
+    return ImageStack(
         folder,
         capture.band_ids,
         values,
         images["variance"].values / divisor**2,
-        "DN s^-1 mm^2" if known else "DN s^-1",
+        "DN s^-1 mm^2" if optics_known else "DN s^-1",
         instrument=instrument_of(capture, calibration.camera),
     )
 
 
-def compare_stacks(first: Stack, second: Stack) -> StackComparison:
-    """Compare A = ``first`` with the reference B = ``second``, over their common planes.
+def on_common_pixels(first: ImageStack, second: ImageStack) -> tuple[ImageStack, ImageStack, list[str]]:
+    """Two stacks cut to the pixels that both have.
 
-    Raises InputError if units or sizes differ, if their cameras saw the same points more than a pixel apart, or if
-    there is no common plane.
-    """
-    first, second, cut = _on_common_pixels(first, second)
-    sides: tuple[Side, ...] = ()
-    if first.side is not None and second.side is not None:
-        sides = in_common_quantity(first.side, second.side)
-        first, second = (
-            stack if own is stack.side else _of_side(stack, own)
-            for stack, own in zip((first, second), sides, strict=True)
-        )
-    if first.unit != second.unit:
-        raise InputError(second.source, f"values in {second.unit}", f"{first.unit}, like {first.source}")
-    if first.values.shape[1:] != second.values.shape[1:]:
-        size, other = (" x ".join(map(str, s.values.shape[:0:-1])) for s in (first, second))
-        raise InputError(second.source, f"{other} px", f"{size} px, as in {first.source}")
-    seen = _same_view(first, second)
-    means, noise, told = _pooled(first, second)
-    if told is not None:
-        first, second = _of_side(first, told.candidate), _of_side(second, told.baseline)
-    names = [name for name in first.names if name in second.names]
-    if not names:
-        raise InputError(
-            second.source,
-            f"the planes {_listed(second.names)}",
-            f"some of {_listed(first.names)}, as in {first.source}",
-        )
-    notes = (
-        cut
-        + seen
-        + [note for side in sides for note in side.notes if "standard error" not in note]
-        + list(told.notes if told else ())
-        + [
-            f"only in {stack.source}: {_listed(left)}"
-            for stack in (first, second)
-            if (left := [name for name in stack.names if name not in names])
-        ]
-    )
-    a, b = first.chosen(names), second.chosen(names)
-    used = np.isfinite(a.values) & np.isfinite(b.values)
-    difference = a.values - b.values
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(used & (b.values > 0), difference / b.values, np.nan)
-    residual = None
-    coarse = noise is not None and any(side.rounding is not None for side in sides)
-    if a.variance is not None or b.variance is not None or coarse:
-        variance = sum((v for v in (a.variance, b.variance) if v is not None), np.zeros(difference.shape))
-        for silent in (stack for stack in (first, second) if stack.variance is None):
-            if noise is None:
-                notes.append(f"{silent.source} states no standard error; it is assumed to be exact")
-            else:
-                notes.append(f"{silent.source} states no standard error; noise is estimated in smooth parts")
-                variance = np.maximum(variance, noise)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            residual = np.where(used & (variance > 0), difference / np.sqrt(variance), np.nan)
-    rows = tuple(_row(i, a, b, used[i], residual) for i in range(len(names)))
-    sizes = 100 * relative if residual is None else residual
-    measure = "difference, %" if residual is None else "residual / σ"
-    return StackComparison(
-        a,
-        b,
-        rows,
-        _worst(a, b, sizes),
-        measure,
-        relative,
-        residual,
-        _expected_chi2(a, b),
-        tuple(notes),
-        means,
-    )
+    Parameters
+    ----------
+    first, second
+        Stacks; a crop has a ``window``.
 
+    Returns
+    -------
+    first, second : ImageStack
+        The cut stacks; the arguments where both are complete.
+    notes : list of str
+        One note if pixels were cut away, otherwise none.
 
-def _on_common_pixels(first: Stack, second: Stack) -> tuple[Stack, Stack, list[str]]:
-    """Both cut to the pixels that both have, with a note; the same where both are complete.
-
-    Raises InputError where they have no pixel in common, or belong to pictures of different sizes.
+    Raises
+    ------
+    InputError
+        If the stacks have no pixel in common, or belong to pictures of different sizes.
     """
     part = common_pixels(first.pixels, second.pixels, (str(first.source), str(second.source)))
     if part is None:
@@ -298,7 +199,7 @@ def _on_common_pixels(first: Stack, second: Stack) -> tuple[Stack, Stack, list[s
     return _cut(first, part), _cut(second, part), [note]
 
 
-def _cut(stack: Stack, part: Window) -> Stack:
+def _cut(stack: ImageStack, part: Window) -> ImageStack:
     """Planes of some pixels."""
     rows, columns = stack.pixels.slices(part)
     camera = stack.instrument.camera
@@ -314,134 +215,22 @@ def _cut(stack: Stack, part: Window) -> Stack:
     )
 
 
-def _same_view(first: Stack, second: Stack) -> list[str]:
-    """Notes on cameras that differ. Raises InputError where equal pixels do not show the same points."""
-    one, other = first.instrument, second.instrument
-    notes = one.differences(other)
-    if one.camera is None or other.camera is None:
-        return notes
-    shift = shift_px(one.camera, other.camera)
-    if shift > LARGEST_SHIFT_PX:
-        raise InputError(
-            second.source,
-            f"a camera that sees the same points up to {shift:.1f} px elsewhere",
-            f"the camera of {first.source}, within {LARGEST_SHIFT_PX:g} px",
-        )
-    if shift > NOTED_SHIFT_PX:
-        notes.append(f"the cameras see the same points up to {shift:.2f} px apart, which shows at edges")
-    return notes
+def stack_of_side(stack: ImageStack, side: Side) -> ImageStack:
+    """Stack with the planes of a side of a regression.
 
+    Parameters
+    ----------
+    stack
+        Stack that gives source, batches and instrument.
+    side
+        Side that gives planes, variance and unit.
 
-def _pooled(first: Stack, second: Stack) -> tuple[tuple[PooledMean, ...], NDArray[np.float64] | None, Common | None]:
-    """For two cubes: means, variance of the difference (plane, y, x), both sides if interpolated."""
-    if first.side is None or second.side is None:
-        return (), None, None
-    try:
-        outcome, found = regress_sides(second.side, first.side)
-    except InputError:  # no wavelength in common, or no light: the planes alone are compared
-        return (), None, None
-    kept = tuple(row for row in outcome.pools if row.kind in ("whole", "surface", "stratum"))
-    noise = np.moveaxis(found.noise.variance, -1, 0)
-    common = found.common if found.common.interpolation.any() else None
-    planes = sum(name in second.names for name in first.names)
-    return kept, noise if common or len(noise) == planes else None, common
-
-
-def _of_side(stack: Stack, side: Side) -> Stack:
+    Returns
+    -------
+    ImageStack
+        The stack; its planes are views of the side's.
+    """
     names = side.bands if side.in_colour else tuple(f"{name} nm" for name in side.bands)
     variance = None if side.variance is None else np.moveaxis(side.variance, -1, 0)
     values, unit = np.moveaxis(side.radiance, -1, 0), "cd m^-2" if side.in_colour else RADIANCE_UNIT
     return replace(stack, names=names, values=values, variance=variance, unit=unit, side=side)
-
-
-def _expected_chi2(a: Stack, b: Stack) -> float:
-    """Mean of F with 1 and n degrees of freedom, n / (n - 2), for variances from few batches (Welch)."""
-    degrees = sum(stack.batches - 1 for stack in (a, b) if stack.batches > 1)
-    return degrees / (degrees - 2) if degrees > 2 else 1.0
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (f", ... ({len(names)} in all)" if len(names) > 6 else "")
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    return float(values.mean()) if values.size else float("nan")
-
-
-def _row(index: int, a: Stack, b: Stack, used: NDArray[np.bool_], residual: NDArray[np.float64] | None) -> PlaneRow:
-    pixels, reference = used & (b.values[index] > 0), b.values[index]
-    bright = pixels.any()
-    difference = (a.values[index] - reference)[pixels]
-    squares = None if residual is None else residual[index][np.isfinite(residual[index])] ** 2
-    return PlaneRow(
-        a.names[index],
-        int(used.sum()),
-        _mean(a.values[index][used]),
-        _mean(b.values[index][used]),
-        float(difference.sum() / reference[pixels].sum()) if bright else float("nan"),
-        float(np.sqrt((difference**2).sum() / (reference[pixels] ** 2).sum())) if bright else float("nan"),
-        None if squares is None else _mean(squares),
-    )
-
-
-def _worst(a: Stack, b: Stack, sizes: NDArray[np.float64]) -> tuple[WorstPixel, ...]:
-    magnitude = np.nan_to_num(np.abs(sizes), nan=0.0)
-    found = []
-    for flat in np.argsort(magnitude, axis=None)[::-1][:WORST_PIXELS]:
-        plane, y, x = (int(i) for i in np.unravel_index(flat, sizes.shape))
-        if magnitude[plane, y, x] == 0:
-            break
-        found.append(
-            WorstPixel(
-                a.names[plane],
-                x,
-                y,
-                float(a.values[plane, y, x]),
-                float(b.values[plane, y, x]),
-                float(sizes[plane, y, x]),
-            )
-        )
-    return tuple(found)
-
-
-def write_comparison(folder: Path, comparison: StackComparison) -> list[Path]:
-    """Write comparison.json and, as EXR, difference, relative_difference and (if known) residual_over_sigma.
-
-    Returns the files written.
-    """
-    a, b = comparison.first, comparison.second
-    maps: dict[str, tuple[NDArray[np.float64], str]] = {
-        "difference": (a.values - b.values, a.unit),
-        "relative_difference": (comparison.relative, "1"),
-    }
-    if comparison.residual_over_sigma is not None:
-        maps["residual_over_sigma"] = (comparison.residual_over_sigma, "1")
-    made = origin(a=str(a.source), b=str(b.source))
-    written = [folder / "comparison.json", *(folder / f"{name}.exr" for name in maps)]
-    for name, (values, unit) in maps.items():
-        array = xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": list(a.names)}, attrs=made)
-        write_map(folder / f"{name}.exr", array, dict.fromkeys(a.names, unit))
-    with replacing(written[0]) as temporary:
-        temporary.write_text(json.dumps(comparison_record(comparison), indent=1) + "\n", encoding="utf-8")
-    return written
-
-
-def comparison_record(comparison: StackComparison) -> dict[str, Any]:
-    """The content of comparison.json; no NaN."""
-    a, b = comparison.first, comparison.second
-    return {
-        "a": str(a.source),
-        "b": str(b.source),
-        "unit": a.unit,
-        "planes": [_finite(asdict(row)) for row in comparison.rows],
-        "expected_chi2_per_pixel": comparison.expected_chi2,
-        "worst_pixels": [asdict(pixel) for pixel in comparison.worst],
-        "worst_measure": comparison.worst_measure,
-        "means": [_finite(asdict(row)) for row in comparison.means],
-        "notes": list(comparison.notes),
-    }
-
-
-def _finite(record: dict) -> dict:
-    """Values for JSON: NaN becomes null."""
-    return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in record.items()}

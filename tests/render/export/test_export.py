@@ -8,7 +8,13 @@ import OpenEXR
 import pytest
 import trimesh
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.export import FORMATS, ExportSettings, exported_scene, read_rendered, write_export
+from cboxlab.rendering.export import (
+    ExportSettings,
+    exported_scene,
+    read_rendered,
+    renderer_catalogue,
+    write_export,
+)
 from cboxlab.scenes import Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from cboxlab.utils.errors import InputError
@@ -129,7 +135,7 @@ def test_subpixels_are_averaged_and_batches_give_the_error(exported):
     assert set(np.unique(cube["surface"].values)) <= {-2, -1, *range(7)}
 
 
-@pytest.mark.parametrize("renderer", list(FORMATS))
+@pytest.mark.parametrize("renderer", list(renderer_catalogue()))
 def test_what_is_missing_or_cut_short_is_told(exported, renderer, tmp_path):
     _, camera = exported
     fresh = tmp_path / "box"

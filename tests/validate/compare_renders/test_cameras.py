@@ -8,8 +8,8 @@ import pytest
 from cboxlab.rendering.files import camera_of_attribute
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.utils.errors import InputError
+from cboxlab.validation.compare_renders import ImageStack, compare_stacks
 from cboxlab.validation.compare_renders.cameras import Instrument, shift_px
-from cboxlab.validation.compare_renders.stacks import Stack, compare_stacks
 
 CAMERA = cornell_camera(128)
 
@@ -24,7 +24,7 @@ def turned(degrees):
 def stack(values, camera=None, numbers=None, name="a"):
     values = np.asarray(values, float)
     names = tuple(f"band{i}" for i in range(len(values)))
-    return Stack(Path(name), names, values, None, "DN s^-1", instrument=Instrument(camera, numbers or {}))
+    return ImageStack(Path(name), names, values, None, "DN s^-1", instrument=Instrument(camera, numbers or {}))
 
 
 def test_the_shift_of_a_moved_principal_point():

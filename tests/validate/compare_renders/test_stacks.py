@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from cboxlab.validation.compare_renders import stacks
-from cboxlab.validation.compare_renders.stacks import Stack, compare_stacks, read_stack
+from cboxlab.validation.compare_renders import ImageStack, compare_stacks, read_stack, stacks
 
 SHAPE = (3, 100, 100)
 
@@ -16,7 +15,7 @@ def estimated(seed, batches, level=10.0):
     """The mean of a few noisy pictures, and the variance of the mean from their scatter."""
     pictures = level + np.random.default_rng(seed).standard_normal((batches, *SHAPE))
     variance = pictures.var(axis=0, ddof=1) / batches
-    return Stack(Path(f"{seed}"), ("a", "b", "c"), pictures.mean(axis=0), variance, "DN", batches)
+    return ImageStack(Path(f"{seed}"), ("a", "b", "c"), pictures.mean(axis=0), variance, "DN", batches)
 
 
 @pytest.mark.parametrize("batches", [3, 5, 9])

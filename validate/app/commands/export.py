@@ -46,7 +46,7 @@ def export(
 
     `cbox renderers --collect` makes a cube of what a renderer wrote.
     """
-    from cboxlab.rendering.export import FORMATS, ExportSettings, write_export
+    from cboxlab.rendering.export import ExportSettings, renderer_catalogue, write_export
     from cboxlab.rendering.model import load_model
 
     from ...compare_renders.renderers import exported_model
@@ -56,4 +56,4 @@ def export(
     warn_unless_compiled()
     with options(), bar("exporting"):
         write_export(to, exported_model(load_model(model), camera, size, settings))
-    say(f"Export: {to} ({settings.wavelength_nm.size} wavelengths; {', '.join(FORMATS)})")
+    say(f"Export: {to} ({settings.wavelength_nm.size} wavelengths; {', '.join(renderer_catalogue())})")

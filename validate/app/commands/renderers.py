@@ -37,9 +37,13 @@ def renderers(
     ] = None,
     *,
     chosen: Annotated[
-        str,
-        typer.Option("--with", help="Renderers, joined by commas; those not installed are named and left out."),
-    ] = "mitsuba,radiance,raysect",
+        str | None,
+        typer.Option(
+            "--with",
+            help="Renderers, joined by commas, in place of those that run by default; those not installed are named "
+            "and left out.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new folder for the export, cubes, bias maps and renderers.json.")
     ] = None,
@@ -97,24 +101,20 @@ def renderers(
         raise combined(compared.failed)
 
 
-def _names(text: str) -> list[str]:
-    from cboxlab.rendering.export import FORMATS
+def _names(text: str | None) -> list[str]:
+    from cboxlab.rendering.export import renderer_catalogue, renderer_of
 
-    names = [name.strip() for name in text.split(",")]
-    for name in names:
-        if name not in FORMATS:
-            from cboxlab.utils.faults import suggestion
-
-            raise InputError("--with", f"'{name}'", f"some of {', '.join(FORMATS)}", suggestion(name, FORMATS))
-    return names
+    if text is None:
+        return [name for name, renderer in renderer_catalogue().items() if renderer.by_default]
+    return [renderer_of(name.strip(), "--with").id for name in text.split(",")]
 
 
 def _collect(folder: Path, json: Path | None) -> None:
-    from cboxlab.rendering.export import FORMATS, read_rendered
+    from cboxlab.rendering.export import read_rendered, renderer_catalogue
     from cboxlab.rendering.files import write_cube
     from cboxlab.utils.files import origin
 
-    done = [name for name in FORMATS if (folder / name / "out").is_dir()]
+    done = [name for name in renderer_catalogue() if (folder / name / "out").is_dir()]
     if not done:
         raise InputError(folder, "nothing rendered", "an export with pictures in RENDERER/out")
     if json is not None:
@@ -137,13 +137,13 @@ def _collect(folder: Path, json: Path | None) -> None:
 
 
 def _references(json: Path | None) -> None:
-    from ...compare_renders.renderers import measure_references
+    from ...compare_renders.renderers import measure_closed_forms
 
     if json is not None:
         require_folder(json.parent)
     warn_unless_compiled()
     with bar("measuring") as report:
-        found = measure_references(progress=report)
+        found = measure_closed_forms(progress=report)
     give_json(json, {"references": [row.to_dict() for row in found]})
     table = data_table("Against closed forms", "reference", "integrator", "expected", "difference, %", "± %")
     for row in found:

@@ -1,4 +1,4 @@
-"""Single pixels far from their neighbours (fireflies): set aside for pooled statistics, and reported."""
+"""Outliers: single pixels far from their neighbours (fireflies), set aside and reported."""
 
 from __future__ import annotations
 
@@ -8,28 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label, median_filter
 
-from .noise import local_range, smooth_variance
+from .noise import local_range, row_sums, smooth_variance
 
 __all__ = ["Trimmed", "trimmed"]
 
-#: A pixel counts as an outlier beyond so many standard deviations of its neighbourhood.
-_SIGMAS = 6.0
-#: Bands with less than this part of the brightest one's mean tell nothing.
-_DARK = 1e-3
-#: Outliers that touch each other in greater number are a difference of the pictures.
-_LARGEST_GROUP = 9
+#: Standard deviations of its neighbourhood beyond which a pixel is an outlier: normal noise has none in 10^8 pixels.
+_OUTLIER_SIGMAS = 6.0
+#: Mean of a band over that of the brightest one, below which it is not tested.
+_MIN_LIGHT = 1e-3
+#: Largest group of touching outliers: 3 x 3 pixels, as far as a pixel filter spreads a firefly. Larger groups are a
+#: difference of the pictures.
+_MAX_GROUP_PX = 9
+#: Outliers whose neighbours are gathered at once, which bounds memory.
+_AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Trimmed:
-    """difference, level : (y, x, w), outliers replaced by what their neighbours say.
+    """A difference and its baseline, without outliers."""
 
-    outlier : (y, x). excess : (y, x) radiance, summed over wavelengths, that was set aside in the difference.
-    """
-
+    #: (y, x, w) difference, outliers replaced by the medians of their neighbours.
     difference: NDArray[np.float64]
+    #: (y, x, w) radiance of the baseline, outliers replaced in the same way.
     level: NDArray[np.float64]
+    #: (y, x) pixels that were replaced.
     outlier: NDArray[np.bool_]
+    #: (y, x) radiance, summed over wavelengths, that was set aside in the difference.
     excess: NDArray[np.float64]
 
 
@@ -40,19 +44,40 @@ def trimmed(
     degrees: float,
     lamp: NDArray[np.bool_],
 ) -> Trimmed:
-    """An outlier lies 6 standard deviations and one local range of the level from its neighbours' ratio.
+    """Difference and level with outliers replaced by the medians of their neighbours.
 
-    difference, level, variance : (y, x, w). lamp : (y, x) at the lamp, which may be a single row of pixels: there
-    nothing is set aside. The local range lets edges that moved stay. Sums over wavelengths are
-    looked at, and sums of bands over their means: a white firefly is far larger where the picture has little light.
+    An outlier lies more than 6 standard deviations and one local range of the level from the ratio of its neighbours.
+    The local range spares edges that moved. Both the sum over wavelengths is tested and the sum of bands over their
+    means, in which a white firefly is far larger where the picture has little light.
+
+    Parameters
+    ----------
+    difference
+        (y, x, w) difference of two pictures.
+    level
+        (y, x, w) radiance of the baseline.
+    variance
+        (y, x, w) variance of the difference.
+    degrees
+        Degrees of freedom behind each variance.
+    lamp
+        (y, x) pixels at the lamp, where nothing is set aside: it may be a single row of pixels.
+
+    Returns
+    -------
+    Trimmed
+        Without outliers it holds ``difference`` and ``level`` themselves, no copies.
     """
     total, ground = difference.sum(axis=-1), level.sum(axis=-1)
     means = level.mean(axis=(0, 1))
-    lit = means > _DARK * means.max()
-    even = np.divide(1.0, means, out=np.zeros_like(means), where=lit)
-    outlier = _far(total, ground, np.sqrt(variance).sum(axis=-1) ** 2, degrees)
-    outlier |= _far(difference @ even, level @ even, (np.sqrt(variance) @ even) ** 2, degrees)
-    outlier &= _alone(outlier) & ~lamp
+    with_light = means > _MIN_LIGHT * means.max()
+    even = np.divide(1.0, means, out=np.zeros_like(means), where=with_light)
+    widest = np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) ** 2
+    outlier = _far(total, ground, widest, degrees)
+    outlier |= _far(difference @ even, level @ even, row_sums(variance, even, root=True) ** 2, degrees)
+    outlier &= _in_small_groups(outlier) & ~lamp
+    if not outlier.any():
+        return Trimmed(difference, level, outlier, np.zeros_like(total))
     clean, base = difference.copy(), level.copy()
     rows, columns = np.nonzero(outlier)
     clean[rows, columns] = _around(difference, outlier, rows, columns)
@@ -61,26 +86,34 @@ def trimmed(
 
 
 def _far(total: NDArray, ground: NDArray, widest: NDArray, degrees: float) -> NDArray[np.bool_]:
-    """(y, x) of sums over wavelengths (y, x); widest : their variance for fully correlated wavelengths, the widest."""
+    """(y, x) outliers of a sum over wavelengths.
+
+    widest : (y, x) its variance for fully correlated wavelengths, the largest possible.
+    """
     quiet = median_filter(ground, 3, mode="nearest")
     scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
     ratio = median_filter(total / scale, 7, mode="nearest")
-    left = total - ratio * ground
+    residual = total - ratio * ground
     sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
-    spread = 1.4826 * median_filter(np.abs(left), 7, mode="nearest")
-    allowed = _SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (1 + np.abs(ratio))
-    return np.asarray((np.abs(left) > allowed) | (np.abs(ground - quiet) > allowed + quiet))
+    spread = 1.4826 * median_filter(np.abs(residual), 7, mode="nearest")
+    allowed = _OUTLIER_SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
+        1 + np.abs(ratio)
+    )
+    return np.asarray((np.abs(residual) > allowed) | (np.abs(ground - quiet) > allowed + quiet))
 
 
-def _alone(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(y, x) pixels of groups so small that a firefly, spread by a pixel filter, may have made them."""
+def _in_small_groups(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(y, x) pixels of groups small enough for a firefly spread by a pixel filter."""
     groups, _ = label(outlier, np.ones((3, 3)))
-    return np.bincount(groups.ravel())[groups] <= _LARGEST_GROUP
+    return np.bincount(groups.ravel())[groups] <= _MAX_GROUP_PX
 
 
 def _around(picture: NDArray, outlier: NDArray[np.bool_], rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    """(n, w) medians of the 5 x 5 pixels around each place that are no outliers themselves; 0 where all are."""
+    """(n, w) medians of the 5 x 5 pixels around each outlier that are none; 0 where all are."""
     height, width = outlier.shape
+    if len(rows) > _AT_ONCE:
+        parts = (slice(first, first + _AT_ONCE) for first in range(0, len(rows), _AT_ONCE))
+        return np.concatenate([_around(picture, outlier, rows[part], columns[part]) for part in parts])
     away = np.arange(-2, 3)
     down, right = (grid.ravel() for grid in np.meshgrid(away, away, indexing="ij"))
     y, x = rows[:, None] + down, columns[:, None] + right

@@ -1,13 +1,15 @@
-"""Tests of pooled means: each a ratio of sums over pixels, over its standard deviation, as Student's t.
+"""Tests of pooled means: ratios of sums over pixels, over their standard deviations, as Student's t.
 
-The probability of a false alarm that the verdict may have is shared out among kinds of pools beforehand, most of
-it to the whole picture; within a kind the shares are equal (Bonferroni).
+The rate of false alarms of the verdict is divided among kinds of pools beforehand, most of it to the entire picture.
+Within a kind the shares are equal (Bonferroni).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
@@ -24,13 +26,12 @@ __all__ = [
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
-    "pool_of",
     "pooled_means",
     "quieter_part",
     "roughness_of",
 ]
 
-#: Parts of the false-alarm rate.
+#: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.10,
     "even": 0.35,
@@ -41,42 +42,56 @@ SHARES = {
     "block": 0.12,
 }
 
-#: Relative standard deviation of any pooled mean that no noise explains: the estimators' own accuracy.
+#: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
 
-#: Relative standard deviation of a cell that no noise explains; cells weigh at most so many times their median.
-_CELL_FLOOR, _HEAVIEST = 1e-3, 20.0
-#: Fewer pixels make no pool.
-_FEWEST = 12
-#: Small pools of skewed noise are judged as Student's t with no more degrees of freedom than this.
-_BLOCK_DEGREES = 12.0
-#: Steps of so many standard deviations count in full in patterns, smaller ones less.
-_CLEAR_SIGMAS = 10.0
-#: Edges whose second derivative is below this part of their step, times two, do not tell a blur.
-_SHARP = 0.2
-#: Power is stated for this part of all runs.
+#: Relative standard deviation that is added to any cell.
+_CELL_FLOOR = 1e-3
+#: Largest weight of a cell over the median weight: no cell rules the mean.
+_MAX_CELL_WEIGHT = 20.0
+#: Fewest pixels of a pool, and fewest cells of the even test.
+_MIN_PIXELS = 12
+#: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
+_MAX_BLOCK_DEGREES = 12.0
+#: Kinds of pools of few pixels.
+_SMALL_POOLS = ("block", "stratum")
+#: Steps of this many standard deviations count half in patterns, larger ones more.
+_CLEAR_STEP_SIGMAS = 10.0
+#: Second derivative over the step of an edge, below which the edge is too wide to show a blur.
+_SHARP_EDGE = 0.2
+#: Fourth powers over the squared sum of squares, below which single pixels rule a pattern: ten equal pixels.
+_MIN_PATTERN_PIXELS = 10
+#: Part of all runs in which a difference of the stated detectable size is found.
 _POWER = 0.9
+#: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
+_SQUARE_CUT = 30
 
 
 @dataclass(frozen=True)
 class PooledMean:
-    """One pool. difference : of the means over the baseline's mean (of patterns: of its own unit, see ``unit``).
+    """Test of one pool."""
 
-    sigma : its standard deviation. statistic : their ratio. probability : two-sided, of a statistic this large in
-    equal pictures. critical : probability below which this pool alone makes the verdict "different".
-    detectable : size of a difference found in 90 of 100 runs like this.
-    """
-
+    #: "whole", "even", "surface", "band", "stratum", "pattern" or "block".
     kind: str
+    #: Name among its kind.
     name: str
+    #: Number of pixels.
     pixels: int
+    #: Difference of the means over the baseline's mean; for patterns a size in ``unit``.
     difference: float
+    #: Standard deviation of ``difference``.
     sigma: float
+    #: Degrees of freedom of ``sigma``.
     degrees: float
+    #: ``difference`` over ``sigma``.
     statistic: float
+    #: Probability, two-sided, of a statistic this large in equal pictures.
     probability: float
+    #: Probability below which this pool alone makes the verdict "different".
     critical: float
+    #: Size of a difference that is found in 90 of 100 runs like this.
     detectable: float
+    #: Unit of ``difference``.
     unit: str = "1"
 
     @property
@@ -86,104 +101,211 @@ class PooledMean:
 
 
 @dataclass(frozen=True, eq=False)
+class _Sums:
+    """Pictures (y, x) summed over all wavelengths, or of one band."""
+
+    #: Radiance of the baseline.
+    level: NDArray[np.float64]
+    #: Difference.
+    difference: NDArray[np.float64]
+    #: Variance of the difference.
+    variance: NDArray[np.float64]
+    #: Standard deviation that pixels have in common; None for 0.
+    shared: NDArray[np.float64] | None
+    #: Relative standard deviation from differing wavelength grids.
+    interpolation: float
+    #: Part of all bands.
+    part: float
+    #: Second differences of ``difference``.
+    fine: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Pooling:
-    """What all pools share. interpolation : (w,) relative standard deviation from differing wavelength grids.
+    """Data that all pools share."""
 
-    quieter : candidate's part in the mean of both pictures whose noise is independent of their difference's, 0 to 1.
-    roughness : (y, x) how much variance each pixel has beside others, for weights; None for that of ``noise``.
-    shared : (y, x, w) standard deviation that pixels have in common, from the steps of files; None for 0.
-    """
-
+    #: Difference and baseline without outliers.
     trimmed: Trimmed
+    #: Noise of the difference.
     noise: Noise
+    #: Parts of the picture.
     strata: Strata
+    #: Rate of false alarms of the verdict.
     false_alarms: float
+    #: (w,) relative standard deviation from differing wavelength grids.
     interpolation: NDArray[np.float64]
+    #: Weight of the candidate, 0 to 1, in the mean of both pictures whose noise is independent of their difference's.
     quieter: float = 0.5
+    #: (y, x) variance of each pixel relative to other pixels, for weights; None for that of ``noise``.
     roughness: NDArray[np.float64] | None = None
+    #: (y, x, w) standard deviation that pixels have in common, from the steps of files; None for 0.
     shared: NDArray[np.float64] | None = None
+
+    @property
+    def bands(self) -> int:
+        """Number of bands."""
+        return self.trimmed.level.shape[-1]
+
+    @cached_property
+    def level(self) -> NDArray[np.float64]:
+        """(y, x) baseline summed over wavelengths."""
+        return np.asarray(self.trimmed.level.sum(axis=-1))
+
+    @cached_property
+    def total(self) -> NDArray[np.float64]:
+        """(y, x) difference summed over wavelengths."""
+        return np.asarray(self.trimmed.difference.sum(axis=-1))
+
+    @cached_property
+    def summed(self) -> _Sums:
+        """Sums over all wavelengths."""
+        ones = np.ones(self.bands)
+        difference = self.trimmed.difference @ ones
+        return _Sums(
+            self.trimmed.level @ ones,
+            difference,
+            self.noise.total,
+            None if self.shared is None else self.shared @ ones,
+            float(np.mean(self.interpolation)),
+            1.0,
+            high_pass(difference),
+        )
+
+    def band(self, number: int) -> _Sums:
+        """Pictures of one band, in time that does not depend on the number of bands.
+
+        Parameters
+        ----------
+        number
+            Number of the band.
+
+        Returns
+        -------
+        _Sums
+            Its pictures.
+        """
+        difference = self.trimmed.difference[..., number]
+        return _Sums(
+            self.trimmed.level[..., number],
+            difference,
+            self.noise.of_band(number),
+            None if self.shared is None else self.shared[..., number],
+            float(self.interpolation[number]),
+            1.0 / self.bands,
+            high_pass(difference),
+        )
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """The candidate's weight in the mean of two pictures (y, x), each weighted by the other's variance.
+    """Weight of the candidate in the mean of two pictures, each weighted by the other's variance.
 
     The variances are those of neighbouring pixels inside smooth parts.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x) pictures.
+    smooth
+        (y, x) pixels away from edges.
+
+    Returns
+    -------
+    float
+        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
     """
     inner = minimum_filter(smooth, 3)
-    if inner.sum() < _FEWEST:
+    if inner.sum() < _MIN_PIXELS:
         return 0.5
     squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
-    own = [float(np.minimum(s, 30 * np.median(s)).mean()) for s in squares]
-    return own[0] / sum(own) if sum(own) > 0 else 0.5
+    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
+    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
 
 
 def roughness_of(
     baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """(y, x) from the variances of two pictures (y, x, w), each over its own mean.
+    """Variance of each pixel relative to other pixels, from the variances that two sides state.
 
-    A variance that is estimated together with a mean is smaller where the mean is, and weights from it would bias the
-    mean. The parts of the two are such that these biases of their difference cancel.
+    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
+    the mean. The two sides are weighted so that these biases of their difference cancel.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x, w) variances.
+    body
+        (y, x) pixels but those of the lamp.
+
+    Returns
+    -------
+    NDArray
+        (y, x) relative variance, about 1 on average.
     """
-    first, second = (np.sqrt(variance).sum(axis=-1) ** 2 for variance in (baseline, candidate))
+    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
+    first, second = sums[0] ** 2, sums[1] ** 2
     scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
     part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
     return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
 
 
-def pooled_means(pooling: Pooling, names_of_bands: Sequence[str]) -> tuple[PooledMean, ...]:
-    """The whole picture twice, each surface, each band, edges, border and lamp, a grid of blocks, and patterns."""
-    strata, bands = pooling.strata, len(names_of_bands)
-    ones = np.ones(bands)
-    found = [pool_of(pooling, "whole", "whole picture", strata.body, ones, 1)]
-    names = strata.surfaces
-    found += [pool_of(pooling, "surface", n, mask, ones, len(names)) for n, mask in names.items()]
-    found += [
-        pool_of(pooling, "band", name, strata.body, row, bands)
-        for name, row in zip(names_of_bands, np.eye(bands), strict=True)
+def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
+    """Tests of all pools.
+
+    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, edges,
+    border and lamp, a grid of blocks, and patterns.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+    band_names
+        Names of the bands.
+
+    Returns
+    -------
+    tuple of PooledMean
+        The entire picture first. Pools with too few pixels or without light are left out.
+    """
+    strata, surfaces, bands = pooling.strata, pooling.strata.surfaces, len(band_names)
+    summed = pooling.summed
+    pools = [_pool_of(pooling, summed, "whole", "whole picture", strata.body, 1)]
+    pools += [_pool_of(pooling, summed, "surface", n, mask, len(surfaces)) for n, mask in surfaces.items()]
+    pools += [
+        _pool_of(pooling, pooling.band(number), "band", name, strata.body, bands)
+        for number, name in enumerate(band_names)
     ]
     parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
-    found += [pool_of(pooling, "stratum", n, mask, ones, len(parts)) for n, mask in parts.items()]
-    found += [
-        pool_of(
-            pooling,
-            "block",
-            f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}",
-            strata.smooth & (strata.block == i),
-            ones,
-            BLOCKS**2,
-        )
-        for i in range(BLOCKS**2)
-    ]
-    return (*(row for row in found if row is not None), *_even(pooling), *_patterns(pooling))
+    pools += [_pool_of(pooling, summed, "stratum", n, mask, len(parts)) for n, mask in parts.items()]
+    for i in range(BLOCKS**2):
+        name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
+        pools.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
+    return (*(row for row in pools if row is not None), *_even(pooling), *_patterns(pooling))
 
 
-def pool_of(
-    pooling: Pooling, kind: str, name: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], count: int
+def _pool_of(
+    pooling: Pooling, sums: _Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
 ) -> PooledMean | None:
-    """The mean of one pool, one of ``count`` of its kind; None where it holds too few pixels or no light."""
+    """Test of one pool, one of ``count`` of its kind; None where it holds too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
-    level = float((trimmed.level[mask] @ weights).sum())
+    level = float(sums.level[mask].sum())
     pixels = int(mask.sum())
-    if pixels < _FEWEST or level <= 0:
+    if pixels < _MIN_PIXELS or level <= 0:
         return None
-    difference = float((trimmed.difference[mask] @ weights).sum())
-    each = noise.total[mask] if weights.all() else noise.over(weights)[mask]
+    difference = float(sums.difference[mask].sum())
+    each = sums.variance[mask]
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
     stated = float(quiet.sum())
-    scatter = _scatter(pooling, kind, mask, weights, difference / level)
+    scatter = _scatter(pooling, sums, kind, mask, difference / level)
     variance = max(stated, scatter) * noise.clustering
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
-    share = float(weights.sum() / weights.size)
-    bound = trimmed.level[mask].sum(axis=-1)
-    aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * share
-    allowed = float(np.mean(pooling.interpolation)) if weights.all() else float(pooling.interpolation @ weights)
-    variance += aside**2 + (SYSTEMATIC * level) ** 2 + (allowed * level) ** 2
-    if pooling.shared is not None:
-        variance += float((pooling.shared[mask] @ weights).sum()) ** 2
+    bound = pooling.level[mask]
+    aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
+    variance += aside**2 + (SYSTEMATIC * level) ** 2 + (sums.interpolation * level) ** 2
+    if sums.shared is not None:
+        variance += float(sums.shared[mask].sum()) ** 2
     degrees = max(2.0, min(stated**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
-    if kind in ("block", "stratum"):
-        degrees = min(degrees, _BLOCK_DEGREES)
+    if kind in _SMALL_POOLS:
+        degrees = min(degrees, _MAX_BLOCK_DEGREES)
     return _row(
         pooling,
         kind,
@@ -197,9 +319,9 @@ def pool_of(
 
 
 def _even(pooling: Pooling) -> list[PooledMean]:
-    """The mean of the relative differences of cells, each weighted by its precision: the sharpest test of a change by
-    about the same factor everywhere, as of a paint or of the depth of paths.
+    """Test of the mean of the cells' relative differences, each weighted by its precision.
 
+    It is the sharpest test of a change by about the same factor everywhere, as of a paint or of the depth of paths.
     Cells are surfaces, edges and border, in each block of the grid.
     """
     strata, noise, trimmed = pooling.strata, pooling.noise, pooling.trimmed
@@ -210,33 +332,33 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     _, cell, pixels = np.unique((part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True)
     outlier, each = trimmed.outlier[body], noise.total[body]
     quiet = np.where(outlier, np.median(each), each)
-    bound = trimmed.level[body].sum(axis=-1)
+    bound = pooling.level[body]
     aside = np.clip(trimmed.excess[body], -bound, bound)
     rough = each if pooling.roughness is None else pooling.roughness[body]
     rough = np.where(outlier, np.median(rough), rough)
-    own = trimmed.difference[body].sum(axis=-1)
-    about = (own - bound * (own.sum() / max(float(bound.sum()), 1e-300))) ** 2
-    shared = 0 * own if pooling.shared is None else pooling.shared[body].sum(axis=-1)
-    sums = (bound, own, quiet, about, aside, rough, shared)
-    told = (pixels >= _FEWEST) & (np.bincount(cell, bound) > 0)
-    level, difference, stated, seen, excess, unrest, common = (np.bincount(cell, values)[told] for values in sums)
-    if level.size < _FEWEST:
+    total = pooling.total[body]
+    scatter = (total - bound * (total.sum() / max(float(bound.sum()), 1e-300))) ** 2
+    shared = 0 * total if pooling.shared is None else pooling.shared[body].sum(axis=-1)
+    by_pixel = (bound, total, quiet, scatter, aside, rough, shared)
+    used = (pixels >= _MIN_PIXELS) & (np.bincount(cell, bound) > 0)
+    level, difference, stated, about, excess, unrest, common = (np.bincount(cell, v)[used] for v in by_pixel)
+    if level.size < _MIN_PIXELS:
         return []
-    more = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
+    inflation = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
     floor = (_CELL_FLOOR * level) ** 2
-    variance = np.maximum(more * stated, noise.clustering * seen) + floor
+    variance = np.maximum(inflation * stated, noise.clustering * about) + floor
     weight = level**2 / (unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor)  # of relative differences
-    weight = np.minimum(weight, _HEAVIEST * np.median(weight)) / level
-    total = float(weight @ level)
+    weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
+    norm_ = float(weight @ level)
     allowed = float(np.hypot(SYSTEMATIC, np.mean(pooling.interpolation)))
-    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / total
+    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
             pooling,
             "even",
             "weighted by precision",
-            int(pixels[told].sum()),
-            difference=float(weight @ difference) / total,
+            int(pixels[used].sum()),
+            difference=float(weight @ difference) / norm_,
             sigma=float(np.hypot(sigma, allowed)),
             degrees=level.size - 1.0,
             count=1,
@@ -244,19 +366,18 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     ]
 
 
-def _scatter(pooling: Pooling, kind: str, mask: NDArray[np.bool_], weights: NDArray[np.float64], mean: float) -> float:
-    """Variance of the sum as the pool's own pixels tell.
+def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
+    """Variance of a pool's sum by the scatter of its own pixels.
 
-    Their squares about the mean bound what a single pixel can do: a firefly that is not set aside makes no alarm.
+    Their squares about the mean bound the effect of a single pixel: a firefly that is not set aside raises no alarm.
     """
-    own = pooling.trimmed.difference @ weights
-    about = float(((own - mean * (pooling.trimmed.level @ weights))[mask] ** 2).sum())
+    about = float((((sums.difference - mean * sums.level)[mask]) ** 2).sum())
     inner = mask & pooling.strata.smooth
-    if kind == "stratum" or inner.sum() < _FEWEST:
+    if kind == "stratum" or inner.sum() < _MIN_PIXELS:
         return about
-    squares = high_pass(own)[inner] ** 2
-    # cut where a corner of the pattern touches an edge
-    return max(about, float(np.minimum(squares, 30 * np.median(squares)).mean()) * int(mask.sum()))
+    squares = sums.fine[inner] ** 2
+    # second differences are large where a corner of the kernel touches an edge
+    return max(about, float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean()) * int(mask.sum()))
 
 
 def _row(
@@ -271,6 +392,7 @@ def _row(
     count: int,
     unit: str = "1",
 ) -> PooledMean:
+    """Test of a difference with its share of the false alarms, one of ``count`` of its kind."""
     critical = pooling.false_alarms * SHARES[kind] / count
     statistic = difference / sigma
     threshold = float(t.isf(critical / 2, degrees))
@@ -290,64 +412,63 @@ def _row(
 
 
 def _patterns(pooling: Pooling) -> list[PooledMean]:
-    """How far edges moved along x and y, outwards and clockwise (at half a width from the centre), px, and by how much
-    variance they are blurred, px^2.
+    """Tests of patterns at edges: shifts along x and y, magnification, turn (px at half a width), blur (px^2).
 
-    Each edge pixel tells with its own sign; the sum over its own root sum of squares is the statistic, which
-    needs no variance to be known and which heavy tails make smaller, not larger.
+    Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
+    no known variance, and heavy tails make it smaller, not larger.
     """
     strata, trimmed = pooling.strata, pooling.trimmed
-    level, total = trimmed.level.sum(axis=-1), trimmed.difference.sum(axis=-1)
-    # slopes from a mean whose noise does not go with that of the difference, or noise would look like sharper edges
+    level, total = pooling.level, pooling.total
+    # slopes from a mean whose noise is independent of the difference's, or noise would look like sharper edges
     half = level + total * pooling.quieter
     quiet = median_filter(half, 3, mode="nearest")
     span = maximum_filter(half, 3) - minimum_filter(half, 3)
     sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
     down, right = np.gradient(half)
     curved = -_laplacian(half)
-    own = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
-    places = strata.used & own & (strata.edges | strata.lamp)
-    weight = np.where(places, 1 / np.maximum(span**2 + _CLEAR_SIGMAS**2 * sigma, 1e-300), 0.0)
+    inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
+    at_edges = strata.used & inside & (strata.edges | strata.lamp)
+    weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
-    left = total - scale * half
+    residual = total - scale * half
     common = 0 * total if pooling.shared is None else pooling.shared.sum(axis=-1)
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
-    patterns = (
+    patterns: tuple[tuple[str, Any, str, float], ...] = (
         ("shift x", -right, "px", 0.0),
         ("shift y", -down, "px", 0.0),
         ("magnification", -(right * x + down * y), "px", 0.0),
         ("turn", right * y - down * x, "px", 0.0),
-        ("blur", -curved / 2, "px^2", _SHARP),
+        ("blur", -curved / 2, "px^2", _SHARP_EDGE),
     )
-    found = []
-    for name, slope, unit, clear in patterns:
-        where = places & (np.abs(slope) > clear * span)
-        # what brightens all pixels alike is no pattern, nor is the error of ``scale``, which they share
-        w, s, lit = weight[where], slope[where], half[where]
-        s = s - lit * (w * s * lit).sum() / max(float((w * lit**2).sum()), 1e-300)
-        terms, norms = w * s * left[where], w * s**2
-        root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[where]))
-        if where.sum() < 2 * _FEWEST or root == 0 or (terms**2).sum() ** 2 < 10 * (terms**4).sum():
+    rows = []
+    for name, slope, unit, sharpness in patterns:
+        used = at_edges & (np.abs(slope) > sharpness * span)
+        # neither light that brightens all pixels alike is a pattern, nor the error of ``scale``, which they share
+        w, s, light = weight[used], slope[used], half[used]
+        s = s - light * (w * s * light).sum() / max(float((w * light**2).sum()), 1e-300)
+        terms, norms = w * s * residual[used], w * s**2
+        root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))
+        few = (terms**2).sum() ** 2 < _MIN_PATTERN_PIXELS * (terms**4).sum()
+        if used.sum() < 2 * _MIN_PIXELS or root == 0 or few:
             continue
-        size, sigma_of = float(terms.sum() / norms.sum()), root / float(norms.sum())
-        found.append(
+        rows.append(
             _row(
                 pooling,
                 "pattern",
                 name,
-                int(where.sum()),
-                difference=size,
-                sigma=sigma_of,
-                degrees=where.sum() - 1.0,
+                int(used.sum()),
+                difference=float(terms.sum() / norms.sum()),
+                sigma=root / float(norms.sum()),
+                degrees=used.sum() - 1.0,
                 count=len(patterns),
                 unit=unit,
             )
         )
-    return found
+    return rows
 
 
 def _laplacian(picture: NDArray) -> NDArray[np.float64]:
-    """(y, x) second derivative along rows and columns together."""
+    """(y, x) sum of the second derivatives along rows and columns."""
     along = np.pad(picture, 1, mode="edge")
     return along[2:, 1:-1] + along[:-2, 1:-1] + along[1:-1, 2:] + along[1:-1, :-2] - 4 * picture

@@ -98,7 +98,9 @@ class Side(OwnMappings):
         return self.radiance.shape[0], self.radiance.shape[1]
 
     def at(self, index: NDArray) -> Side:
-        """The side at some of its wavelengths."""
+        """The side at some of its wavelengths; itself, without a copy, at all of them in order."""
+        if np.array_equal(index, np.arange(self.wavelength_nm.size)):
+            return self
         variance = None if self.variance is None else self.variance[..., index]
         return replace(
             self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.utils.errors import InputError
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from .grids import Common, common_wavelengths
-from .noise import Noise, noise_of, smooth_variance
+from .noise import Noise, noise_of, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .pooled import Pooling, pooled_means, quieter_part, roughness_of
@@ -55,28 +55,18 @@ def compared_sides(
     strata = strata_of(b.radiance.sum(axis=-1), own)
     difference = a.radiance - b.radiance
     coarse = [side.rounding for side in (a, b) if side.rounding is not None]
-    rounding, shared = sum((part**2 for part in coarse), np.zeros((2, *difference.shape)))
+    rounding, shared = sum((part**2 for part in coarse[1:]), coarse[0] ** 2) if coarse else (0.0, None)
     stated = (a.variance, b.variance), (a.degrees, b.degrees), rounding
-    rough = noise_of(difference, b.radiance, strata.smooth, *stated)
-    cut = trimmed(difference, b.radiance, rough.variance, rough.degrees, strata.lamp)
-    noise = rough
+    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *stated), strata.lamp)
+    del difference
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *stated)
     if cut.outlier.any():
-        noise = noise_of(cut.difference, cut.level, strata.smooth, *stated)
-        quiet = np.stack(
-            [
-                smooth_variance(cut.level[..., w], noise.variance[..., w], noise.degrees)[cut.outlier]
-                for w in range(cut.level.shape[-1])
-            ],
-            axis=-1,
-        )
-        variance = noise.variance.copy()
-        variance[cut.outlier] = quiet
-        noise = replace(noise, variance=variance)
-        noise = replace(noise, total=noise.over(np.ones(variance.shape[-1])))
+        noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
     quieter = quieter_part(before, before + cut.difference.sum(axis=-1), strata.smooth)
     roughness = None if a.variance is None or b.variance is None else roughness_of(b.variance, a.variance, strata.body)
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, np.sqrt(shared))
+    steps = None if shared is None else np.sqrt(shared)
+    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, steps)
     return Comparison(common, strata, noise, cut, pooling)
 
 

@@ -1,13 +1,13 @@
-"""Other renderers: which are installed, what they make of a box, how it differs from ours and why."""
+"""Other renderers on one box: runs of those installed, and their differences from ours."""
 
+from .closed_form_scenes import CLOSED_FORM_SCENES, Measured, measure_closed_forms
 from .comparing import ComparedRenderers, compare_renderers
 from .exporting import exported_model
 from .judging import Judged, judge, reference_cube, write_bias_map
-from .references import REFERENCES, Measured, measure_references
 from .running import Run, missing, run_renderer
 
 __all__ = [
-    "REFERENCES",
+    "CLOSED_FORM_SCENES",
     "ComparedRenderers",
     "Judged",
     "Measured",
@@ -15,7 +15,7 @@ __all__ = [
     "compare_renderers",
     "exported_model",
     "judge",
-    "measure_references",
+    "measure_closed_forms",
     "missing",
     "reference_cube",
     "run_renderer",

@@ -1,7 +1,8 @@
 """Form factors in closed form; docs/references.md derives them.
 
-A form factor is the part of what a diffuse surface (or a point of it) sends out that arrives at another one. A point's
-irradiance from a lamp of uniform radiance L is pi L times the point's form factor to the lamp.
+The form factor is the part of the light that leaves a diffuse surface, or a point of it, and arrives at another
+surface. The irradiance of a point by a lamp of uniform radiance L is pi L times its form factor to the lamp. Numbers
+such as C-11 are those of Howell's catalogue of radiation configuration factors.
 """
 
 from __future__ import annotations
@@ -20,7 +21,25 @@ __all__ = [
 
 
 def point_to_polygon(points: ArrayLike, normal: ArrayLike, corners: ArrayLike) -> NDArray[np.float64]:
-    """(...,) from points (..., 3) with one normal (3,) to a polygon (n, 3) wholly above their horizon (Lambert)."""
+    """Form factor from points to a polygon (Lambert's formula).
+
+    F = |sum over edges of n . e_i angle_i| / (2 pi), where e_i is the unit normal of the plane through the point and
+    edge i, and angle_i the angle under which the point sees the edge.
+
+    Parameters
+    ----------
+    points
+        (..., 3) points.
+    normal
+        (3,) unit normal of all points.
+    corners
+        (n, 3) corners of a flat polygon that lies entirely above the points' horizon.
+
+    Returns
+    -------
+    NDArray
+        (...) form factors, 0 to 1.
+    """
     offset = np.asarray(corners, float) - np.asarray(points, float)[..., None, :]
     following = np.roll(offset, -1, axis=-2)
     axis = np.cross(offset, following)
@@ -30,7 +49,18 @@ def point_to_polygon(points: ArrayLike, normal: ArrayLike, corners: ArrayLike) -
 
 
 def parallel_squares(ratio: float) -> float:
-    """Between equal, opposed squares, ratio = side / distance (Howell's catalogue, C-11)."""
+    """Form factor between two equal, opposed squares (Howell, C-11).
+
+    Parameters
+    ----------
+    ratio
+        Side over distance, above 0.
+
+    Returns
+    -------
+    float
+        Form factor, 0 to 1.
+    """
     x = ratio
     root = np.sqrt(1 + x * x)
     return float(
@@ -45,7 +75,22 @@ def parallel_squares(ratio: float) -> float:
 
 
 def perpendicular_rectangles(h: float, w: float) -> float:
-    """From a rectangle of depth w to one of height h, at right angles, common edge 1 (Howell, C-14)."""
+    """Form factor between rectangles at right angles with a common edge (Howell, C-14).
+
+    The edge has length 1.
+
+    Parameters
+    ----------
+    h
+        Height of the receiving rectangle, in lengths of the edge.
+    w
+        Depth of the emitting rectangle, in lengths of the edge.
+
+    Returns
+    -------
+    float
+        Form factor, 0 to 1.
+    """
     s = h * h + w * w
     logs = (
         np.log((1 + w * w) * (1 + h * h) / (1 + s))
@@ -57,7 +102,22 @@ def perpendicular_rectangles(h: float, w: float) -> float:
 
 
 def corner_to_rectangle(a: float, b: float, c: float) -> float:
-    """From a point to a parallel rectangle a x b at distance c, one corner straight above (Howell, B-3)."""
+    """Form factor from a point to a rectangle with a corner straight above it (Howell, B-3).
+
+    The rectangle is parallel to the surface at the point.
+
+    Parameters
+    ----------
+    a, b
+        Sides of the rectangle.
+    c
+        Distance of the point, in the same unit.
+
+    Returns
+    -------
+    float
+        Form factor, 0 to 1.
+    """
     x, y = a / c, b / c
     return float(
         (
@@ -69,10 +129,38 @@ def corner_to_rectangle(a: float, b: float, c: float) -> float:
 
 
 def disk_above(radius: float, distance: float) -> float:
-    """From a point to a parallel disk centred straight above it."""
+    """Form factor from a point to a parallel disk centred straight above it.
+
+    Parameters
+    ----------
+    radius
+        Radius of the disk.
+    distance
+        Distance of the disk, in the same unit.
+
+    Returns
+    -------
+    float
+        Form factor, 0 to 1.
+    """
     return radius**2 / (radius**2 + distance**2)
 
 
 def sphere_over(radius: float, distance: float, cosine: float) -> float:
-    """From a point to a sphere wholly above its horizon. cosine : of its centre's angle from the normal."""
+    """Form factor from a point to a sphere entirely above its horizon.
+
+    Parameters
+    ----------
+    radius
+        Radius of the sphere.
+    distance
+        Distance of its centre, in the same unit.
+    cosine
+        Cosine of the angle between the point's normal and the direction of the centre.
+
+    Returns
+    -------
+    float
+        Form factor, 0 to 1.
+    """
     return (radius / distance) ** 2 * cosine

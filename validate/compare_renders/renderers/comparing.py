@@ -1,4 +1,4 @@
-"""Several renderers on one box: exported, run, judged, written."""
+"""Several renderers on one box: export, runs, comparisons with ours, files."""
 
 from __future__ import annotations
 
@@ -25,19 +25,25 @@ __all__ = ["ComparedRenderers", "compare_renderers"]
 
 @dataclass(frozen=True, eq=False)
 class ComparedRenderers:
-    """judged : one for each renderer that ran. left_out : a sentence for each that is not installed. failed : for each
-    that was run without a picture.
+    """Outcome of ``compare_renderers``."""
 
-    costs : name, variance (see ``Judged``), CPU s and elapsed s, of ours first.
-    """
-
+    #: Comparison of each renderer that ran.
     judged: tuple[Judged, ...]
+    #: A sentence for each renderer that is not installed.
     left_out: tuple[str, ...]
+    #: The error of each renderer that ran without a result.
     failed: tuple[InputError, ...]
+    #: Name, variance (see ``Judged``), CPU seconds and elapsed seconds of each renderer, ours first.
     costs: tuple[tuple[str, float, float, float], ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """All figures."""
+        """All figures.
+
+        Returns
+        -------
+        dict
+            Content of renderers.json.
+        """
         keys = ("variance", "cpu_s", "wall_s")
         return {
             "renderers": [item.to_dict() for item in self.judged],
@@ -54,11 +60,31 @@ def compare_renderers(
     progress: Progress = NO_PROGRESS,
     samples: int = REFERENCE_SAMPLES,
 ) -> ComparedRenderers:
-    """Run renderers on an export and judge their cubes by our own picture.
+    """Run renderers on an export and compare their cubes with our own rendering.
 
-    out : a new folder for the export, the cubes, the bias maps and renderers.json; None keeps nothing. Where a run
-    into it was interrupted, what renderers had finished is used. samples : of our picture, per pixel and batch. Raises
-    InputError for what cannot be exported, and where every renderer fails.
+    Parameters
+    ----------
+    exported
+        The export.
+    names
+        Identifiers of the renderers. Those that are not installed are left out.
+    out
+        New folder for the export, the cubes, the bias maps and renderers.json; None for no files. Where an earlier
+        run into it was interrupted, its finished renderings are used.
+    progress
+        Receiver of the finished part.
+    samples
+        Samples of our rendering, per pixel and batch.
+
+    Returns
+    -------
+    ComparedRenderers
+        Comparisons, renderers left out, failures, costs.
+
+    Raises
+    ------
+    InputError
+        If a renderer is unknown, if the files cannot be written, or if every renderer fails.
     """
     lacking = {name: missing(name) for name in names}
     left_out = tuple(sentence for sentence in lacking.values() if sentence)
@@ -67,25 +93,25 @@ def compare_renderers(
         write_export(folder, exported)
         cpu, wall = _times()
         reference = reference_cube(exported, share(progress, 0.0, 0.3), samples)
-        done = _times()
-        costs = [("ours", noise_of(reference, reference), done[0] - cpu, done[1] - wall)]
+        cpu_end, wall_end = _times()
+        costs = [("ours", noise_of(reference, reference), cpu_end - cpu, wall_end - wall)]
         judged, failed = [], []
         ready = [name for name in names if not lacking[name]]
-        # by whether a lamp reflects: one more for renderers in which none does
+        # keyed by whether a lamp reflects; renderers without reflecting lamps need a second rendering
         references = {exported.lamp_reflects: reference}
         for index, name in enumerate(ready):
-            own = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
+            stage = share(progress, 0.3 + 0.7 * index / len(ready), 0.3 + 0.7 * (index + 1) / len(ready))
             try:
                 run = run_renderer(folder, name)
-                own.part(0.5)
-                cube, shown = read_rendered(folder, name), as_rendered(exported, name)
+                stage.part(0.5)
+                cube, scene = read_rendered(folder, name), as_rendered(exported, name)
             except InputError as error:
                 failed.append(error)
                 continue
-            lamp = shown.lamp_reflects
+            lamp = scene.lamp_reflects
             if lamp not in references:
-                references[lamp] = reference_cube(shown, share(own, 0.5, 0.6), samples)
-            judged.append(judge(name, cube, references[lamp], shown, run, share(own, 0.6, 1.0)))
+                references[lamp] = reference_cube(scene, share(stage, 0.5, 0.6), samples)
+            judged.append(judge(name, cube, references[lamp], scene, run, share(stage, 0.6, 1.0)))
             costs.append((name, judged[-1].variance, run.cpu_s, run.wall_s))
             if out is not None:
                 write_cube(out / f"{name}.nc", cube.assign_attrs(origin(renderer=name)))
@@ -94,17 +120,16 @@ def compare_renderers(
             raise combined(failed)
         if out is not None:
             for lamp, cube in references.items():
-                stated = lamp == exported.lamp_reflects
-                path = out / ("reference.nc" if stated else "reference-black-lamp.nc")
+                path = out / ("reference.nc" if lamp == exported.lamp_reflects else "reference-black-lamp.nc")
                 write_cube(path, cube.assign_attrs(origin(renderer="cboxlab")))
-        found = ComparedRenderers(tuple(judged), left_out, tuple(failed), tuple(costs))
+        compared = ComparedRenderers(tuple(judged), left_out, tuple(failed), tuple(costs))
         if out is not None:
             with replacing(out / "renderers.json") as path:
-                path.write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
-    return found
+                path.write_text(json.dumps(compared.to_dict(), indent=1) + "\n", encoding="utf-8")
+    return compared
 
 
 def _times() -> tuple[float, float]:
-    """CPU seconds of this process, and the clock."""
+    """CPU seconds of this process, and seconds of a clock."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime, time.perf_counter()

@@ -1,6 +1,6 @@
-"""Radiosity of a cube with one emitting face, on finer and finer patches, extrapolated: a reference of its own.
+"""Radiosity of a cube with one emitting face: an independent reference for all reflections.
 
-It shares nothing with the renderer: form factors between square patches are exact integrals in closed form, and the
+It shares no code with the renderer. Form factors between square patches are exact integrals in closed form, and the
 linear system is solved directly. Mean radiances of faces are extrapolated from three grids (Richardson).
 """
 
@@ -13,49 +13,66 @@ from numpy.typing import NDArray
 
 __all__ = ["FACES", "cube_radiosity"]
 
-#: Name to (axis of the normal, 0 or 1 for the side at the origin or at 1).
+#: Faces of the cube: name to (axis of the normal, 0 or 1 for the side at the origin or at 1).
 FACES = {"left": (0, 1), "right": (0, 0), "ceiling": (1, 1), "floor": (1, 0), "back": (2, 1), "front": (2, 0)}
+#: Largest ratio of steps for which means are extrapolated: nearer to 1 they do not converge.
+_MAX_STEP_RATIO = 0.9
 
 
 def cube_radiosity(reflectances: Mapping[str, float], emitting: str, finest: int = 24) -> dict[str, float]:
-    """Mean radiance of each face of a cube whose face ``emitting`` has radiance 1 and reflects nothing.
+    """Mean radiance of each face of a closed, empty cube of Lambertian faces, one emitting.
 
-    Faces are Lambertian, the cube is empty and closed. finest : patches along an edge of the last of three grids, each
-    twice as fine as the one before.
+    Radiosities B of n patches solve B = E + rho F B, with the form factors F. The means of three grids, each twice as
+    fine as the one before, are extrapolated by the ratio of their steps (Richardson).
+
+    Parameters
+    ----------
+    reflectances
+        Reflectance of each face by name; that of the emitting face is not used.
+    emitting
+        Name of the face that has radiance 1 and reflects nothing.
+    finest
+        Patches along an edge of the finest grid, a multiple of 4.
+
+    Returns
+    -------
+    dict
+        Mean radiance by name of the face, relative to the emitting one's.
     """
     coarse, middle, fine = (_means(reflectances, emitting, n) for n in (finest // 4, finest // 2, finest))
-    found = {}
+    means = {}
     for name, last in fine.items():
         steps = middle[name] - coarse[name], last - middle[name]
         ratio = steps[1] / steps[0] if steps[0] else 0.0
-        found[name] = last + (steps[1] * ratio / (1 - ratio) if 0 < ratio < 0.9 else 0.0)
-    return found
+        means[name] = last + (steps[1] * ratio / (1 - ratio) if 0 < ratio < _MAX_STEP_RATIO else 0.0)
+    return means
 
 
 def _means(reflectances: Mapping[str, float], emitting: str, n: int) -> dict[str, float]:
+    """Mean radiance of each face, on n x n patches a face."""
     names = list(FACES)
-    facing, beside = _parallel(n), _perpendicular(n)
+    opposed, adjacent = _parallel(n), _perpendicular(n)
     size = n * n
     factors = np.zeros((6 * size, 6 * size))
     row, column = (index.ravel() for index in np.indices((n, n)))
-    for i, one in enumerate(names):
-        for j, other in enumerate(names):
-            axis, side = FACES[one]
-            away, there = FACES[other]
+    for i, emitter in enumerate(names):
+        for j, receiver in enumerate(names):
+            axis, side = FACES[emitter]
+            axis_2, side_2 = FACES[receiver]
             if i == j:
                 continue
             block = np.s_[i * size : (i + 1) * size, j * size : (j + 1) * size]
-            if axis == away:
+            if axis == axis_2:
                 difference = np.abs(row[:, None] - row), np.abs(column[:, None] - column)
-                factors[block] = facing[difference]
+                factors[block] = opposed[difference]
                 continue
-            # a patch's places along the other face's normal, its own normal and their common edge
-            common = 3 - axis - away
-            mine, theirs = _places(axis, row, column), _places(away, row, column)
-            from_edge = mine[away] if there == 0 else n - 1 - mine[away]
-            height = theirs[axis] if side == 0 else n - 1 - theirs[axis]
-            apart = np.abs(mine[common][:, None] - theirs[common])
-            factors[block] = beside[from_edge[:, None], height[None, :], apart]
+            # patch numbers along the other face's normal and along the common edge
+            common = 3 - axis - axis_2
+            numbers, numbers_2 = _patch_numbers(axis, row, column), _patch_numbers(axis_2, row, column)
+            from_edge = numbers[axis_2] if side_2 == 0 else n - 1 - numbers[axis_2]
+            height = numbers_2[axis] if side == 0 else n - 1 - numbers_2[axis]
+            apart = np.abs(numbers[common][:, None] - numbers_2[common])
+            factors[block] = adjacent[from_edge[:, None], height[None, :], apart]
     emitted = np.zeros(6 * size)
     emitted[names.index(emitting) * size : (names.index(emitting) + 1) * size] = 1.0
     reflectance = np.repeat([0.0 if name == emitting else reflectances[name] for name in names], size)
@@ -63,14 +80,14 @@ def _means(reflectances: Mapping[str, float], emitting: str, n: int) -> dict[str
     return {name: float(radiance[i * size : (i + 1) * size].mean()) for i, name in enumerate(names)}
 
 
-def _places(axis: int, row: NDArray, column: NDArray) -> dict[int, NDArray]:
-    """Patch numbers along the two axes in a face's plane."""
+def _patch_numbers(axis: int, row: NDArray, column: NDArray) -> dict[int, NDArray]:
+    """Patch numbers along the two axes in the plane of a face with normal ``axis``."""
     first, second = (other for other in range(3) if other != axis)
     return {first: row, second: column}
 
 
 def _parallel(n: int) -> NDArray[np.float64]:
-    """(n, n) from a patch of one face to one of the opposed face, so many patches apart along each axis.
+    """(n, n) form factors between patches of opposed faces, by distance along each axis.
 
     The fourth mixed difference of Integral ln(r^2) over two opposed edges (contour integration, applied twice).
     """
@@ -90,7 +107,10 @@ def _parallel(n: int) -> NDArray[np.float64]:
 
 
 def _perpendicular(n: int) -> NDArray[np.float64]:
-    """(n, n, n) from a patch that lies so many patches from the common edge to one so high, so far along the edge."""
+    """(n, n, n) form factors between patches of adjacent faces.
+
+    Indices count patches: of the first from the common edge, of the second from it, and between the two along it.
+    """
     h = 1.0 / n
 
     def potential(x: NDArray, z: NDArray, y: NDArray) -> NDArray:

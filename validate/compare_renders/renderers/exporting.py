@@ -1,4 +1,4 @@
-"""A model and a camera, made ready for other renderers."""
+"""Export of a model and a camera for other renderers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,29 @@ __all__ = ["exported_model"]
 
 
 def exported_model(model: Model, camera: Path | None, size_px: int, settings: ExportSettings) -> Exported:
-    """camera : a camera file or a capture folder; None for the published camera of ``size_px`` pixels a side.
+    """Export of a model's scene with its effects on scene, camera and settings.
 
-    Raises InputError for what cannot be read or exported, effects of light transport among it.
+    Parameters
+    ----------
+    model
+        The model.
+    camera
+        A camera file or a capture folder; None for the published camera.
+    size_px
+        Pixels a side of the published camera; not used with another one.
+    settings
+        Wavelengths and sampling.
+
+    Returns
+    -------
+    Exported
+        The export.
+
+    Raises
+    ------
+    InputError
+        If the camera cannot be read, or the scene cannot be exported. A model with an effect on light transport is
+        refused, since other renderers lack it.
     """
     for effect in model.effects:
         if effect.stage == "transport":

@@ -1,4 +1,4 @@
-"""What a renderer made of a box, against our own picture: by surface and band, bias map, noise, a named cause."""
+"""Comparison of a renderer with ours: by surface and band, bias map, noise, named cause."""
 
 from __future__ import annotations
 
@@ -28,60 +28,72 @@ from .running import Run
 
 __all__ = ["REFERENCE_SAMPLES", "Judged", "judge", "noise_of", "reference_cube", "write_bias_map"]
 
-#: Samples per pixel and batch of our own picture.
+#: Samples per pixel and batch of our own rendering: its noise is then far below that of 256 samples of others.
 REFERENCE_SAMPLES = 512
-#: A renderer is right where every surface agrees, or differs by less than this and the error of the difference.
-_TELLING = 0.002
+#: Relative difference of a surface below which it agrees: 0.2 %, the target of docs/renderers.md.
+_AGREEMENT = 0.002
+#: Standard deviations of a surface's difference within which it agrees: 95 %.
+_AGREEMENT_SIGMAS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Judged(OwnMappings):
-    """One renderer. surfaces : name to relative difference and its standard deviation, over all wavelengths and the
-    pixels whose neighbours see the same surface.
+    """Comparison of one renderer with ours."""
 
-    bands : surface to (w, 2) the same by wavelength. variance : mean over these pixels and wavelengths of the squared
-    relative standard error. cost : variance times CPU seconds; NaN where the renderer was not run here.
-    relative : (y, x) difference over our picture, summed over wavelengths, NaN without light. remark : how the
-    renderer's scene, and with it ours, differs from the one asked for; empty where it does not.
-    """
-
+    #: Identifier of the renderer.
     renderer: str
+    #: Outcome of the regression, with the named cause.
     outcome: Outcome
+    #: (w,) wavelengths, nm.
     wavelength_nm: NDArray[np.float64]
+    #: By surface: relative difference and its standard deviation, over all wavelengths, inside the surface. Inside are
+    #: pixels whose neighbours see the same surface.
     surfaces: Mapping[str, tuple[float, float]]
+    #: By surface: (w, 2) the same at each wavelength; NaN or infinite without light.
     bands: Mapping[str, NDArray[np.float64]]
+    #: Mean of the squared relative standard error over pixels inside surfaces and wavelengths.
     variance: float
+    #: CPU seconds of the run; NaN where it ran elsewhere.
     cpu_s: float
+    #: Elapsed seconds of the run; NaN where it ran elsewhere.
     wall_s: float
+    #: (y, x) difference over our rendering, summed over wavelengths; NaN without light.
     relative: NDArray[np.float64]
+    #: Difference of the renderer's scene, and with it of ours, from the one asked for; empty where there is none.
     remark: str = ""
 
     @property
     def cost(self) -> float:
-        """Variance times CPU seconds."""
+        """Variance times CPU seconds; NaN where the renderer ran elsewhere."""
         return self.variance * self.cpu_s
 
     @property
     def agreeing(self) -> tuple[str, ...]:
         """Surfaces within 0.2 % of ours, or within two standard deviations."""
-        return tuple(n for n, (d, s) in self.surfaces.items() if abs(d) <= max(_TELLING, 2 * s))
+        return tuple(n for n, (d, s) in self.surfaces.items() if abs(d) <= max(_AGREEMENT, _AGREEMENT_SIGMAS * s))
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
-        whole = self.outcome.whole
-        size = f"mean light {whole.difference:+.3%} ± {whole.sigma:.3%}"
+        """Finding in words."""
+        mean = self.outcome.whole
+        size = f"mean light {mean.difference:+.3%} ± {mean.sigma:.3%}"
         if self.outcome.same:
             return f"right: {size}, equal within {self.outcome.equivalence_95:.2%} at 95 %"
-        named = self.outcome.named[0] if self.outcome.named else None
-        if named is None:
+        cause = self.outcome.named[0] if self.outcome.named else None
+        if cause is None:
             return f"different: {size}"
-        values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in named.parameters.items())
-        told = f"{named.change}{f' ({values})' if values else ''}"
-        return f"different: {size}; cause: {told}, probability {named.probability:.2f}"
+        values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in cause.parameters.items())
+        change = f"{cause.change}{f' ({values})' if values else ''}"
+        return f"different: {size}; cause: {change}, probability {cause.probability:.2f}"
 
     def to_dict(self) -> dict[str, Any]:
-        """All figures, the outcome of the regression among them."""
+        """All figures, with the outcome of the regression.
+
+        Returns
+        -------
+        dict
+            Finite numbers or None, ready for JSON.
+        """
         return {
             "renderer": self.renderer,
             "finding": self.sentence,
@@ -100,13 +112,29 @@ class Judged(OwnMappings):
 
 
 def _finite(value: float) -> float | None:
+    """The value, or None for NaN and infinity, which JSON lacks."""
     return value if math.isfinite(value) else None
 
 
 def reference_cube(
     exported: Exported, progress: Progress = NO_PROGRESS, samples: int = REFERENCE_SAMPLES
 ) -> xr.Dataset:
-    """Our own picture of the export's scene, in BATCHES batches of so many samples per pixel."""
+    """Our own rendering of an export's scene, in BATCHES batches.
+
+    Parameters
+    ----------
+    exported
+        The export.
+    progress
+        Receiver of the finished part.
+    samples
+        Samples per pixel and batch.
+
+    Returns
+    -------
+    Dataset
+        Cube with standard error and map of surfaces.
+    """
     image = render(
         RenderJob(
             exported.scene,
@@ -129,9 +157,27 @@ def judge(
     run: Run | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Judged:
-    """cube : what the renderer made. exported : the scene it shows (``as_rendered``). reference : our picture of that.
+    """Compare a renderer's cube with our rendering of the same scene.
 
-    run : its times, None where it ran elsewhere.
+    Parameters
+    ----------
+    renderer
+        Identifier of the renderer.
+    cube
+        The renderer's cube, with standard error.
+    reference
+        Our cube of the same scene, with standard error and map of surfaces.
+    exported
+        The scene that both show (``as_rendered``).
+    run
+        Times of the run; None where it ran elsewhere.
+    progress
+        Receiver of the finished part.
+
+    Returns
+    -------
+    Judged
+        The comparison.
     """
     view = View(exported.scene, exported.camera, True)
     ours, theirs = side_of([reference], ["reference"]), side_of([cube], [renderer])
@@ -148,9 +194,9 @@ def judge(
         values = cube["radiance"].values[mask].astype(float).sum(axis=0) - level
         errors = [c["standard_error"].values[mask].astype(float) for c in (cube, reference)]
         sigma = np.sqrt(sum((e**2).sum(axis=0) for e in errors))
-        # a path carries all wavelengths, so that their errors go together
-        whole = np.sqrt(sum((e.sum(axis=-1) ** 2).sum() for e in errors))
-        surfaces[name] = float(values.sum() / level.sum()), float(whole / level.sum())
+        # a path carries all wavelengths, so that their errors are correlated
+        summed = np.sqrt(sum((e.sum(axis=-1) ** 2).sum() for e in errors))
+        surfaces[name] = float(values.sum() / level.sum()), float(summed / level.sum())
         with np.errstate(divide="ignore", invalid="ignore"):
             bands[name] = np.stack([values / level, sigma / level], axis=1)
     return Judged(
@@ -168,24 +214,45 @@ def judge(
 
 
 def noise_of(cube: xr.Dataset, reference: xr.Dataset) -> float:
-    """Mean of the squared relative standard error of a cube over the insides of surfaces and lit wavelengths."""
+    """Mean of the squared relative standard error of a cube, inside surfaces.
+
+    Parameters
+    ----------
+    cube
+        Cube with ``standard_error``.
+    reference
+        Cube with ``radiance``, by which errors are divided, and ``surface``.
+
+    Returns
+    -------
+    float
+        The mean over pixels whose neighbours see the same surface, at wavelengths with light.
+    """
     surface = reference["surface"].values
     inside = (maximum_filter(surface, 3) == minimum_filter(surface, 3)) & (surface >= 0)
-    lit = (reference["radiance"].values > 0) & inside[..., None]
-    error = cube["standard_error"].values[lit].astype(float) / reference["radiance"].values[lit]
+    samples = (reference["radiance"].values > 0) & inside[..., None]
+    error = cube["standard_error"].values[samples].astype(float) / reference["radiance"].values[samples]
     return float(np.mean(error**2))
 
 
 def write_bias_map(path: Path, judged: Judged) -> None:
-    """A picture (PNG) of the relative difference in each pixel, red where the renderer is brighter."""
+    """Write the relative difference of each pixel as a PNG, red where the renderer is brighter.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced.
+    judged
+        The comparison.
+    """
     percent = 100 * judged.relative
     reach = max(float(np.nanpercentile(np.abs(percent), 98)), 1e-3)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.4, 4.6), layout="constrained")
         axis = figure.subplots()
-        shown = axis.imshow(percent, cmap="RdBu_r", vmin=-reach, vmax=reach)
+        image = axis.imshow(percent, cmap="RdBu_r", vmin=-reach, vmax=reach)
         axis.set(xticks=[], yticks=[])
         axis.set_title(judged.renderer)
-        figure.colorbar(shown, ax=axis, label="difference to the reference, %")
+        figure.colorbar(image, ax=axis, label="difference to the reference, %")
         with replacing(path) as temporary:
             figure.savefig(temporary, format="png", dpi=110)

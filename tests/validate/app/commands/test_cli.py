@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.rendering.export.camera_file import write_camera
+from cboxlab.rendering.export import write_camera
 from cboxlab.rendering.model import named_effect
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.scenes import cornell_camera

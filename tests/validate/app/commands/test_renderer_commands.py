@@ -9,6 +9,7 @@ from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.files import read_cube
 from cboxlab.rendering.model.model_file import Model, write_model
 from helpers.command_line import assert_one_line_of_help
+from helpers.installed_renderers import own_renderers
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -117,3 +118,19 @@ def test_mistakes_end_in_one_line(tmp_path, cbox):
     (tmp_path / "full" / "file").touch()
     assert_one_line_of_help(cbox("export", "cornell-box", "--to", tmp_path / "full", "--size", 8), ["exists already"])
     assert not (tmp_path / "x").exists()
+
+
+def test_a_renderer_of_another_package_is_exported_for_and_run(tmp_path, cbox):
+    """Its entry point is all that names it; one without its program is named in one line, and the other is run."""
+    (tmp_path / "site").mkdir()
+    size = "--size", 16, "--wavelengths", "550,600"
+    with own_renderers(tmp_path / "site"):
+        code, said, err = cbox("export", "cornell-box", "--to", tmp_path / "box", *size)
+        assert code == 0 and "flat" in said, err
+        assert (tmp_path / "box" / "flat" / "run.py").exists()
+        record = tmp_path / "found.json"
+        code, said, err = cbox("renderers", "cornell-box", "--with", "flat,absent", *size, "--json", record)
+        assert code == 0 and "flat: different" in said, err
+        assert said.count("Absent") == 1 and "Absent is not installed: it needs no-such-program" in said
+        judged = json.loads(record.read_text())["renderers"]
+        assert [renderer["renderer"] for renderer in judged] == ["flat"]

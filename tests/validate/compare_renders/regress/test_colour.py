@@ -6,8 +6,8 @@ from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.rendering.files import Declared, primaries_matrix, read_picture, write_cube
 from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, as_xyz_picture
 from cboxlab.rendering.files.cube_checks import as_cube
+from cboxlab.validation.compare_renders import compare_stacks, read_stack
 from cboxlab.validation.compare_renders.regress import regress_sides, side_of
-from cboxlab.validation.compare_renders.stacks import compare_stacks, read_stack
 from helpers.rgbe import write_rgbe
 
 SIZE = 40

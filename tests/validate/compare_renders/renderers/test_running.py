@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+from cboxlab.rendering.export import renderer_of
 from cboxlab.validation.compare_renders.renderers import run_renderer, running
 
 #: What the scripts of exports do: a part of a picture, and its name when it is whole.
@@ -17,8 +18,8 @@ if not os.path.exists("picture"):
 
 def test_the_second_run_waits_and_finds_the_picture_made(monkeypatch, tmp_path):
     """Run at once, both would rename one part: the second would find none."""
-    plain = running.FORMATS["mitsuba"]
-    monkeypatch.setattr(running, "FORMATS", {"mitsuba": replace(plain, command=("{python}", "-c", SCRIPT))})
+    plain = renderer_of("mitsuba")
+    monkeypatch.setattr(running, "renderer_of", lambda name: replace(plain, command=("{python}", "-c", SCRIPT)))
     monkeypatch.setattr(running, "missing", lambda renderer: "")
     (tmp_path / "mitsuba").mkdir()
     with ThreadPoolExecutor(2) as both:

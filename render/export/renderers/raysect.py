@@ -8,14 +8,15 @@ import numpy as np
 from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
-from .exported import Exported, Layout
-from .neutral import mesh_path, rays_path
-from .raw_pixels import npy_pixels
+from ..neutral import Exported, Layout, mesh_path, npy_pixels, rays_path
+from .renderer import PYTHON_SCRIPT, Renderer
 
-__all__ = ["read", "write"]
+__all__ = ["RENDERER"]
 
-#: Reflections where there is no limit: Raysect needs a number, and its roulette ends paths long before.
-_MANY = 500
+#: Path depth where the export has no limit: Raysect needs a number, and its roulette ends paths long before.
+_MAX_DEPTH = 500
+#: Depth from which on roulette ends paths: after most of the box's light, so that roulette adds little noise.
+_ROULETTE_DEPTH = 4
 
 _SCRIPT = '''#!/usr/bin/env python3
 """Renders the batches that are missing: python run.py [PROCESSES]. Needs the packages raysect and numpy.
@@ -110,19 +111,19 @@ if __name__ == "__main__":
 '''
 
 
-def write(folder: Path, exported: Exported) -> None:
-    """run.py."""
+def _write(folder: Path, exported: Exported) -> None:
+    """Write run.py. Without reflections all surfaces are black: paths have two parts at least."""
     scene, settings, bounces = exported.scene, exported.settings, exported.max_bounces
-    some = bounces != 0
-    reflectances = some * exported.reflectances
+    reflecting = bounces != 0
+    reflectances = reflecting * exported.reflectances
     materials = [f"    {name!r}: {row.tolist()!r}," for name, row in zip(scene.materials, reflectances, strict=True)]
     surfaces = [f"    ({mesh_path(s)!r}, {s.material!r}, {_ball(s)!r})," for s in scene.surfaces]
     lamps = [
-        f"    ({mesh_path(one.surface)!r}, {one.radiance.tolist()!r}, {(some * one.reflectance).tolist()!r}),"
-        for one in exported.lamps
+        f"    ({mesh_path(lamp.surface)!r}, {lamp.radiance.tolist()!r}, {(reflecting * lamp.reflectance).tolist()!r}),"
+        for lamp in exported.lamps
     ]
-    deepest = _MANY if bounces is None else max(bounces + 1, 2)
-    depth = f"extinction_prob=0.2, extinction_min_depth={min(4, deepest)}, max_depth={deepest}"
+    deepest = _MAX_DEPTH if bounces is None else max(bounces + 1, 2)
+    depth = f"extinction_prob=0.2, extinction_min_depth={min(_ROULETTE_DEPTH, deepest)}, max_depth={deepest}"
     s = settings.subpixels
     numbers = (
         exported.camera.height_px * s,
@@ -145,15 +146,18 @@ def write(folder: Path, exported: Exported) -> None:
 
 
 def _ball(surface: Surface) -> tuple[float, ...]:
-    """Centre and radius, mm; empty where it is none."""
+    """Centre and radius of a ball, mm; empty for other surfaces."""
     if not surface.ball:
         return ()
     centre, radius = surface.sphere_mm
     return *(float(x) for x in centre), radius
 
 
-def read(folder: Path, layout: Layout) -> NDArray[np.float64]:
-    """(batch, y * s, x * s, w)."""
+def _read(folder: Path, layout: Layout) -> NDArray[np.float64]:
+    """(batch, y * s, x * s, w) radiance from one NumPy file for each batch."""
     s, batches = layout.settings.subpixels, layout.settings.batches
     shape = layout.height_px * s, layout.width_px * s, layout.channels
     return np.stack([npy_pixels(folder / "out" / f"batch-{batch}.npy", shape) for batch in range(batches)])
+
+
+RENDERER = Renderer("raysect", "Raysect", _write, _read, PYTHON_SCRIPT, "rays", package="raysect", by_default=True)

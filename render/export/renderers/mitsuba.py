@@ -1,4 +1,4 @@
-"""Mitsuba 3: XML, three wavelengths a scene as red, green and blue of an RGB variant, which never mix."""
+"""Mitsuba 3: three wavelengths a scene, as red, green and blue, which never mix."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
-from .exported import Exported, Layout, groups_of
-from .neutral import mesh_path
-from .raw_pixels import exr_pixels
+from ..neutral import Exported, Layout, channel_groups, exr_pixels, mesh_path
+from .renderer import PYTHON_SCRIPT, Renderer
 
-__all__ = ["read", "write"]
+__all__ = ["RENDERER"]
+
+#: Wavelengths of a scene: the red, green and blue of an RGB variant.
+_CHANNELS = 3
 
 _RUN = """#!/usr/bin/env python3
 \"\"\"Renders the batches that are missing: python run.py [VARIANT]. Needs the package mitsuba.\"\"\"
@@ -39,27 +41,28 @@ for group in range(GROUPS):
 """
 
 
-def write(folder: Path, exported: Exported) -> None:
-    """One XML scene for each three wavelengths, and run.py."""
-    groups = groups_of(exported.settings.wavelength_nm.size, 3)
+def _write(folder: Path, exported: Exported) -> None:
+    """Write one XML scene for each three wavelengths, and run.py."""
+    groups = channel_groups(exported.settings.wavelength_nm.size, _CHANNELS)
     for number, group in enumerate(groups):
-        (folder / f"group-{number}.xml").write_text(_scene(exported, np.resize(group, 3)), encoding="ascii")
+        (folder / f"group-{number}.xml").write_text(_scene(exported, np.resize(group, _CHANNELS)), encoding="ascii")
     script = _RUN.format(batches=exported.settings.batches, groups=len(groups))
     (folder / "run.py").write_text(script, encoding="ascii")
 
 
-def read(folder: Path, layout: Layout) -> NDArray[np.float32]:
-    """(batch, film y, film x, w)."""
+def _read(folder: Path, layout: Layout) -> NDArray[np.float32]:
+    """(batch, film y, film x, w) radiance; one EXR file for a batch and three wavelengths."""
     shape = layout.film_height_px, layout.film_width_px
-    found = np.empty((layout.settings.batches, *shape, layout.channels), np.float32)
-    for number, group in enumerate(groups_of(layout.channels, 3)):
-        for batch, picture in enumerate(found):
+    radiance = np.empty((layout.settings.batches, *shape, layout.channels), np.float32)
+    for number, group in enumerate(channel_groups(layout.channels, _CHANNELS)):
+        for batch, rendering in enumerate(radiance):
             path = folder / "out" / f"batch-{batch}-group-{number}.exr"
-            picture[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[..., : len(group)]
-    return found
+            rendering[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[..., : len(group)]
+    return radiance
 
 
 def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
+    """XML scene of three channels."""
     bounces, samples = exported.max_bounces, exported.film_samples
     names = ", ".join(f"{w:g}" for w in exported.settings.wavelength_nm[group])
     lines = [
@@ -75,18 +78,19 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
         lines += [f'  <bsdf type="diffuse" id="material-{name}">', _rgb("reflectance", values[group], 4), "  </bsdf>"]
     for surface in exported.scene.surfaces:
         lines += _shape(surface, f"material-{surface.material}", [])
-    for one in exported.lamps:
+    for lamp in exported.lamps:
         lines += [
-            f'  <bsdf type="diffuse" id="{one.key}--">',
-            _rgb("reflectance", one.reflectance[group], 4),
+            f'  <bsdf type="diffuse" id="{lamp.key}--">',
+            _rgb("reflectance", lamp.reflectance[group], 4),
             "  </bsdf>",
         ]
-        emitter = ['    <emitter type="area">', _rgb("radiance", one.radiance[group], 6), "    </emitter>"]
-        lines += _shape(one.surface, f"{one.key}--", emitter)
+        emitter = ['    <emitter type="area">', _rgb("radiance", lamp.radiance[group], 6), "    </emitter>"]
+        lines += _shape(lamp.surface, f"{lamp.key}--", emitter)
     return "\n".join([*lines, "</scene>"]) + "\n"
 
 
 def _shape(surface: Surface, material: str, emitter: list[str]) -> list[str]:
+    """Lines of a mesh or a sphere."""
     kind = [
         f'  <shape type="ply" id="shape-{surface.name}">',
         f'    <string name="filename" value="../{mesh_path(surface)}"/>',
@@ -112,6 +116,7 @@ def _rgb(name: str, values: NDArray[np.float64], indent: int) -> str:
 
 
 def _sensor(exported: Exported) -> list[str]:
+    """Lines of the pinhole, its film with a box filter, and the sampler."""
     film = exported.film
     centre = (film.low + film.size / (2 * film.scale)) * film.scale / film.size
     matrix = " ".join(repr(float(x)) for x in exported.axes.ravel())
@@ -135,3 +140,6 @@ def _sensor(exported: Exported) -> list[str]:
         "    </film>",
         "  </sensor>",
     ]
+
+
+RENDERER = Renderer("mitsuba", "Mitsuba 3", _write, _read, PYTHON_SCRIPT, "film", package="mitsuba", by_default=True)

@@ -1,4 +1,4 @@
-"""The renderer-neutral part of an export: scene.json, camera.json, meshes, spectra, rays, surface map."""
+"""Renderer-neutral files of an export: scene, camera, meshes, spectra, rays, surface map."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..image import LAMP, NOTHING
-from ..visibility import build_tracer, facet_coverage
+from ...image import LAMP, NOTHING
+from ...visibility import build_tracer, facet_coverage
 from .camera_file import camera_entry
 from .exported import Exported, ExportedLamp, ExportSettings, Layout, pixel_means, subpixel_rays
 
 __all__ = ["holds", "mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
 
-#: Values of the surface map: the lamp, no surface.
-_LAMP, _NOTHING = 254, 255
+#: Value of the surface map (8 bits) where a pixel sees the lamp: the largest but one.
+_LAMP_PIXEL = 254
+#: Value of the surface map where a pixel sees no surface: the largest.
+_EMPTY_PIXEL = 255
+#: Least covered part of a pixel for a surface: half, so that the pixel's centre lies on it in most cases.
+_MIN_COVERAGE = 0.5
 
 _CONVENTIONS = {
     "lengths": "mm; right-handed axes",
@@ -44,30 +48,65 @@ _CONVENTIONS = {
 
 
 def mesh_path(surface: Surface) -> str:
-    """Of a surface's mesh, relative to the export."""
+    """Path of a surface's mesh.
+
+    Parameters
+    ----------
+    surface
+        Surface of the scene, or of a lamp.
+
+    Returns
+    -------
+    str
+        Path relative to the export.
+    """
     return f"meshes/{surface.name}.ply"
 
 
 def rays_path(batch: int) -> str:
-    """Of a batch's rays, relative to the export."""
+    """Path of a batch's ray file.
+
+    Parameters
+    ----------
+    batch
+        Number of the batch, from 0.
+
+    Returns
+    -------
+    str
+        Path relative to the export.
+    """
     return f"rays-{batch}.f32"
 
 
 def write_neutral(folder: Path, exported: Exported) -> None:
-    """Fill a folder. Raises InputError for more surfaces than a map can hold."""
+    """Write the renderer-neutral files.
+
+    Parameters
+    ----------
+    folder
+        An empty folder.
+    exported
+        The export.
+
+    Raises
+    ------
+    InputError
+        If the scene has more surfaces than a map of 8 bits can hold, or a pixel has no ray.
+    """
     scene, settings = exported.scene, exported.settings
-    if len(scene.surfaces) >= _LAMP:
-        raise InputError(f"scene {scene.name}", f"{len(scene.surfaces)} surfaces", f"fewer than {_LAMP}")
+    if len(scene.surfaces) >= _LAMP_PIXEL:
+        raise InputError(f"scene {scene.name}", f"{len(scene.surfaces)} surfaces", f"fewer than {_LAMP_PIXEL}")
     for name in ("meshes", "spectra"):
         (folder / name).mkdir()
     for surface in scene.all_surfaces:
         (folder / mesh_path(surface)).write_text(_ply(surface), encoding="ascii")
     for name, material in scene.materials.items():
         _write_spectrum(folder / "spectra" / f"material-{name}.csv", material.reflectance, "reflectance")
-    for one in exported.lamps:
-        radiance, reflectance = (folder / name for name in _lamp_spectra(one))
-        _write_spectrum(radiance, one.lamp.radiance, "radiance")
-        _write_spectrum(reflectance, one.lamp.reflectance, "reflectance")
+    for lamp in exported.lamps:
+        radiance, reflectance = (folder / name for name in _lamp_spectra(lamp))
+        _write_spectrum(radiance, lamp.lamp.radiance, "radiance")
+        _write_spectrum(reflectance, lamp.lamp.reflectance, "reflectance")
     _write_channels(folder / "spectra" / "channels.csv", exported)
     for batch in range(settings.batches):
         (folder / rays_path(batch)).write_bytes(subpixel_rays(exported, batch).tobytes())
@@ -80,10 +119,24 @@ def write_neutral(folder: Path, exported: Exported) -> None:
 
 
 def holds(folder: Path, exported: Exported) -> bool:
-    """Whether a folder is an export of the same scene, camera and settings."""
-    stated = [("scene.json", _entry(exported)), ("camera.json", camera_entry(exported.camera))]
+    """Whether a folder is an export of the same scene, camera and settings.
+
+    Parameters
+    ----------
+    folder
+        Any path.
+    exported
+        The export that the folder may hold.
+
+    Returns
+    -------
+    bool
+        True where ``scene.json``, ``camera.json`` and all spectra are equal. Meshes and rays follow from these and
+        are not read.
+    """
+    entries = [("scene.json", _entry(exported)), ("camera.json", camera_entry(exported.camera))]
     try:
-        alike = all(json.loads((folder / name).read_text(encoding="utf-8")) == entry for name, entry in stated)
+        alike = all(json.loads((folder / name).read_text(encoding="utf-8")) == entry for name, entry in entries)
         table = np.loadtxt(folder / "spectra" / "channels.csv", delimiter=",", skiprows=1, ndmin=2)
     except (OSError, ValueError):
         return False
@@ -91,6 +144,7 @@ def holds(folder: Path, exported: Exported) -> bool:
 
 
 def _entry(exported: Exported) -> dict[str, Any]:
+    """Content of ``scene.json``."""
     scene, settings, film = exported.scene, exported.settings, exported.film
     first, *further = map(_lamp_entry, exported.lamps)
     return {
@@ -123,12 +177,13 @@ def _entry(exported: Exported) -> dict[str, Any]:
     }
 
 
-def _lamp_spectra(one: ExportedLamp) -> tuple[str, str]:
+def _lamp_spectra(lamp: ExportedLamp) -> tuple[str, str]:
     """Files of a lamp's radiance and reflectance, relative to the export."""
-    return f"spectra/{one.key}.csv", f"spectra/{one.key}_reflectance.csv"
+    return f"spectra/{lamp.key}.csv", f"spectra/{lamp.key}_reflectance.csv"
 
 
 def _surface_entry(surface: Surface) -> dict[str, Any]:
+    """Entry of a surface in ``scene.json``; a ball has its sphere too."""
     entry: dict[str, Any] = {"name": surface.name, "material": surface.material, "mesh": mesh_path(surface)}
     if surface.ball:
         centre, radius = surface.sphere_mm
@@ -136,19 +191,20 @@ def _surface_entry(surface: Surface) -> dict[str, Any]:
     return entry
 
 
-def _lamp_entry(one: ExportedLamp) -> dict[str, Any]:
-    radiance, reflectance = _lamp_spectra(one)
+def _lamp_entry(lamp: ExportedLamp) -> dict[str, Any]:
+    """Entry of a lamp in ``scene.json``."""
+    radiance, reflectance = _lamp_spectra(lamp)
     return {
-        "name": one.surface.name,
-        "mesh": mesh_path(one.surface),
+        "name": lamp.surface.name,
+        "mesh": mesh_path(lamp.surface),
         "radiance": radiance,
         "reflectance": reflectance,
-        "reflects": one.lamp.reflects,
+        "reflects": lamp.lamp.reflects,
     }
 
 
 def _ply(surface: Surface) -> str:
-    """ASCII, double precision, vertices and triangles as they are; of a ball with the sphere's normals."""
+    """Mesh in PLY (ASCII, double precision), unchanged; a ball gets the sphere's normals."""
     columns, names = surface.vertices_mm, ["x", "y", "z"]
     if surface.ball:
         outwards = surface.vertices_mm - surface.sphere_mm[0]
@@ -176,13 +232,13 @@ def _write_spectrum(path: Path, spectrum: Spectrum, name: str) -> None:
 
 
 def _write_channels(path: Path, exported: Exported) -> None:
-    """All spectra at the wavelengths of the export."""
+    """Write all spectra at the wavelengths of the export."""
     with path.open("w", newline="", encoding="ascii") as stream:
         table = csv.writer(stream)
         table.writerow(
             [
                 "wavelength_nm",
-                *(f"{one.key}{kind}" for one in exported.lamps for kind in ("", "_reflectance")),
+                *(f"{lamp.key}{kind}" for lamp in exported.lamps for kind in ("", "_reflectance")),
                 *(f"material-{name}" for name in exported.scene.materials),
             ]
         )
@@ -191,22 +247,39 @@ def _write_channels(path: Path, exported: Exported) -> None:
 
 def _channels(exported: Exported) -> NDArray[np.float64]:
     """(w, n) wavelength, radiance and reflectance of each lamp, reflectances of the materials."""
-    lamps = [values for one in exported.lamps for values in (one.radiance, one.reflectance)]
+    lamps = [values for lamp in exported.lamps for values in (lamp.radiance, lamp.reflectance)]
     return np.vstack([exported.settings.wavelength_nm, *lamps, exported.reflectances]).T
 
 
 def _surface_map(exported: Exported) -> NDArray[np.uint8]:
+    """(y, x) index of the surface, or value of the lamp, that covers most of a pixel."""
     coverage = facet_coverage(tracer := build_tracer(exported.scene), exported.camera)
     count = len(exported.scene.surfaces)
     each = [coverage[..., tracer.facet_surface == s].sum(axis=-1) for s in range(count + 1)]
     most = np.argmax(np.stack(each, axis=-1), axis=-1)
-    most[most == count] = _LAMP
-    most[coverage.sum(axis=-1) < 0.5] = _NOTHING
+    most[most == count] = _LAMP_PIXEL
+    most[coverage.sum(axis=-1) < _MIN_COVERAGE] = _EMPTY_PIXEL
     return most.astype(np.uint8)
 
 
 def read_layout(folder: Path) -> Layout:
-    """The arrangement of an export's results. Raises InputError where ``folder`` is no export."""
+    """Arrangement of an export's results.
+
+    Parameters
+    ----------
+    folder
+        The export.
+
+    Returns
+    -------
+    Layout
+        As its ``scene.json`` states it.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` is no export.
+    """
     path = folder / "scene.json"
     entry = read_json(path, "an export's scene.json")
     try:
@@ -232,16 +305,40 @@ def read_layout(folder: Path) -> Layout:
 
 
 def read_surfaces(folder: Path) -> tuple[NDArray[np.int16], tuple[str, ...]]:
-    """(y, x) index into the surfaces' names, LAMP or NOTHING as ``RenderedImage.surface``, and the names."""
+    """Surface that each pixel sees.
+
+    Parameters
+    ----------
+    folder
+        The export.
+
+    Returns
+    -------
+    index
+        (y, x) index into the names, or LAMP or NOTHING as in ``RenderedImage.surface``.
+    names
+        Names of the surfaces.
+    """
     names = tuple(surface["name"] for surface in read_json(folder / "scene.json", "a scene.json")["surfaces"])
     with Image.open(folder / "surfaces.png") as picture:
         index = np.asarray(picture).astype(np.int16)
-    index[index == _LAMP], index[index == _NOTHING] = LAMP, NOTHING
+    index[index == _LAMP_PIXEL], index[index == _EMPTY_PIXEL] = LAMP, NOTHING
     return index, names
 
 
 def read_warp(folder: Path) -> tuple[NDArray, NDArray, NDArray] | None:
-    """Rows, columns and weights of ``pixel_means``; None for a camera without distortion."""
+    """Matrix of means over camera pixels, as written by ``write_neutral``.
+
+    Parameters
+    ----------
+    folder
+        The export.
+
+    Returns
+    -------
+    tuple of NDArray or None
+        Rows, columns and weights of ``pixel_means``; None for a camera without distortion.
+    """
     path = folder / "warp.npz"
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""LuxCoreRender: scene and configuration files, three wavelengths a run as red, green and blue, which never mix."""
+"""LuxCoreRender: three wavelengths a run, as red, green and blue, which never mix."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .exported import Exported, Layout, groups_of
-from .neutral import mesh_path
-from .raw_pixels import exr_pixels
+from ..neutral import Exported, Layout, channel_groups, exr_pixels, mesh_path
+from .renderer import PYTHON_SCRIPT, Renderer
 
-__all__ = ["read", "write"]
+__all__ = ["RENDERER"]
 
-#: Path depth where there is no limit.
-_MANY = 1000
+#: Path depth where the export has no limit: LuxCore needs a number, and its roulette ends paths long before.
+_MAX_DEPTH = 1000
+#: Wavelengths of a scene: red, green and blue.
+_CHANNELS = 3
+#: Distance of the point that the camera looks at, mm. Any positive one gives the same direction.
+_TARGET_MM = 100
 
 _RUN = """#!/usr/bin/env python3
 \"\"\"Renders the batches that are missing: python run.py. Needs the package pyluxcore.\"\"\"
@@ -48,31 +51,32 @@ for group in range(GROUPS):
 """
 
 
-def write(folder: Path, exported: Exported) -> None:
-    """A .scn and a .cfg for each three wavelengths, and run.py."""
-    groups = groups_of(exported.settings.wavelength_nm.size, 3)
+def _write(folder: Path, exported: Exported) -> None:
+    """Write a .scn and a .cfg for each three wavelengths, and run.py."""
+    groups = channel_groups(exported.settings.wavelength_nm.size, _CHANNELS)
     for number, group in enumerate(groups):
-        scene = _scene(exported, np.resize(group, 3))
+        scene = _scene(exported, np.resize(group, _CHANNELS))
         (folder / f"group-{number}.scn").write_text(scene, encoding="ascii")
         (folder / f"group-{number}.cfg").write_text(_settings(exported, number), encoding="ascii")
     script = _RUN.format(batches=exported.settings.batches, groups=len(groups))
     (folder / "run.py").write_text(script, encoding="ascii")
 
 
-def read(folder: Path, layout: Layout) -> NDArray[np.float32]:
-    """(batch, film y, film x, w)."""
+def _read(folder: Path, layout: Layout) -> NDArray[np.float32]:
+    """(batch, film y, film x, w) radiance; one EXR file for a batch and three wavelengths."""
     shape = layout.film_height_px + 1, layout.film_width_px
-    found = np.empty((layout.settings.batches, shape[0] - 1, shape[1], layout.channels), np.float32)
-    for number, group in enumerate(groups_of(layout.channels, 3)):
-        for batch, picture in enumerate(found):
+    radiance = np.empty((layout.settings.batches, shape[0] - 1, shape[1], layout.channels), np.float32)
+    for number, group in enumerate(channel_groups(layout.channels, _CHANNELS)):
+        for batch, rendering in enumerate(radiance):
             path = folder / "out" / f"batch-{batch}-group-{number}.exr"
-            picture[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[1:, :, : len(group)]
-    return found
+            rendering[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[1:, :, : len(group)]
+    return radiance
 
 
 def _settings(exported: Exported, number: int) -> str:
+    """Configuration of one scene."""
     bounces, film = exported.max_bounces, exported.film
-    depth = _MANY if bounces is None else bounces + 1
+    depth = _MAX_DEPTH if bounces is None else bounces + 1
     return (
         "\n".join(
             [
@@ -97,9 +101,10 @@ def _settings(exported: Exported, number: int) -> str:
 
 
 def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
+    """Scene of three channels: camera, materials, lamps, meshes."""
     scene, film, camera = exported.scene, exported.film, exported.camera
     forward, up = camera.rotation[2], -camera.rotation[1]
-    target = camera.position_mm + 100 * forward
+    target = camera.position_mm + _TARGET_MM * forward
     # LuxCore shows every row one pixel too low and leaves the top row black: one row more, which the reader drops
     low, high = film.low, film.low + (film.size + np.array([0, 1])) / film.scale
     # the screen's unit is the tangent of half the field of view
@@ -121,16 +126,16 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
             f'scene.materials.{name}.type = "matte"',
             f"scene.materials.{name}.kd = {_numbers(values[group])}",
         ]
-    for one in exported.lamps:
-        own = f"scene.materials.{one.key}--"
+    for lamp in exported.lamps:
+        material = f"scene.materials.{lamp.key}--"
         lines += [
-            f'{own}.type = "matte"',
-            f"{own}.kd = {_numbers(one.reflectance[group])}",
-            f"{own}.emission = {_numbers(one.radiance[group])}",
-            f"{own}.emission.gain.normalizebycolor = 0",
+            f'{material}.type = "matte"',
+            f"{material}.kd = {_numbers(lamp.reflectance[group])}",
+            f"{material}.emission = {_numbers(lamp.radiance[group])}",
+            f"{material}.emission.gain.normalizebycolor = 0",
         ]
     shapes = [(surface, surface.material) for surface in scene.surfaces]
-    shapes += [(one.surface, f"{one.key}--") for one in exported.lamps]
+    shapes += [(lamp.surface, f"{lamp.key}--") for lamp in exported.lamps]
     for surface, material in shapes:
         lines += [
             f'scene.objects.{surface.name}.ply = "../{mesh_path(surface)}"',
@@ -141,3 +146,6 @@ def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
 
 def _numbers(values: NDArray[np.float64]) -> str:
     return " ".join(repr(float(v)) for v in values)
+
+
+RENDERER = Renderer("luxcore", "LuxCoreRender", _write, _read, PYTHON_SCRIPT, "film", package="pyluxcore")

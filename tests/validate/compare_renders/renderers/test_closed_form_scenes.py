@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.validation.compare_renders.renderers.closed_form_scenes import measure_closed_forms
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
     corner_to_rectangle,
     disk_above,
@@ -11,7 +12,6 @@ from cboxlab.validation.compare_renders.renderers.closed_forms import (
     point_to_polygon,
 )
 from cboxlab.validation.compare_renders.renderers.enclosure import FACES, cube_radiosity
-from cboxlab.validation.compare_renders.renderers.references import measure_references
 
 
 def test_lamberts_polygon_is_the_catalogues_rectangle_and_disk():
@@ -45,5 +45,5 @@ def test_radiosity_of_a_nearly_black_cube_is_direct_light():
 @pytest.mark.parametrize("name", ["polygon lamp", "perpendicular squares", "camera"])
 def test_our_integrators_pass_their_references(name):
     """Within 0.05 % and five standard errors, whose false alarms are below 1 in 100 (7 degrees of freedom, 8 tests)."""
-    for measured in measure_references((name,), effort=0.05):
+    for measured in measure_closed_forms((name,), effort=0.05):
         assert abs(measured.difference) < 5e-4 + 5 * measured.sigma and measured.sigma < 2e-3, measured

@@ -1,4 +1,4 @@
-"""Pictures that renderers wrote, each read with one clear message where it is missing or of another size."""
+"""Readers of the files that renderers write; a missing or wrong file gives one message."""
 
 from __future__ import annotations
 
@@ -17,7 +17,25 @@ _HINT = "Run the renderer in its folder first."
 
 
 def raw_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Little-endian float32 of a shape. Raises InputError."""
+    """Numbers of a file of little-endian float32 without header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shape
+        Expected shape, last index fastest.
+
+    Returns
+    -------
+    NDArray
+        The numbers, of shape ``shape``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has another number of bytes.
+    """
     require_regular_file(path, _EXPECTED, _HINT)
     if path.stat().st_size != 4 * np.prod(shape):
         raise InputError(path, f"{path.stat().st_size} bytes", f"{4 * np.prod(shape)} bytes for {shape}", _HINT)
@@ -25,19 +43,57 @@ def raw_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 
 def npy_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """An array of NumPy's format. Raises InputError."""
+    """Numbers of a file in NumPy's format.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shape
+        Expected shape.
+
+    Returns
+    -------
+    NDArray
+        The numbers, of shape ``shape``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no NumPy array, or has another shape.
+    """
     require_regular_file(path, _EXPECTED, _HINT)
     try:
-        found = np.load(path, allow_pickle=False)
+        array = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise InputError(path, str(error), "a NumPy array") from None
-    if found.shape != shape:
-        raise InputError(path, f"an array {found.shape}", f"an array {shape}")
-    return np.asarray(found, np.float64)
+    if array.shape != shape:
+        raise InputError(path, f"an array {array.shape}", f"an array {shape}")
+    return np.asarray(array, np.float64)
 
 
 def exr_pixels(path: Path, shape: tuple[int, int], channels: list[str]) -> NDArray[np.float64]:
-    """(y, x, c) channels of an OpenEXR picture (y, x) by name. Raises InputError."""
+    """Channels of an OpenEXR file by name.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shape
+        Expected rows and columns.
+    channels
+        Names of c channels, in the order wanted.
+
+    Returns
+    -------
+    NDArray
+        (y, x, c) values as stored.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or damaged, lacks a channel, or has another size.
+    """
     require_regular_file(path, _EXPECTED, _HINT)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -47,7 +103,7 @@ def exr_pixels(path: Path, shape: tuple[int, int], channels: list[str]) -> NDArr
     missing = [name for name in channels if name not in planes]
     if missing:
         raise InputError(path, f"channels {', '.join(planes)}", f"channels {', '.join(channels)}")
-    found = np.stack([planes[name] for name in channels], axis=-1).astype(np.float64)
-    if found.shape[:2] != shape:
-        raise InputError(path, f"{found.shape[1]} x {found.shape[0]} px", f"{shape[1]} x {shape[0]} px")
-    return found
+    pixels = np.stack([planes[name] for name in channels], axis=-1).astype(np.float64)
+    if pixels.shape[:2] != shape:
+        raise InputError(path, f"{pixels.shape[1]} x {pixels.shape[0]} px", f"{shape[1]} x {shape[0]} px")
+    return pixels

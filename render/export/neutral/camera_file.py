@@ -1,4 +1,4 @@
-"""Camera files (JSON): one camera with its conventions, to render from and to hand to other programs."""
+"""Camera files (JSON): one camera with its conventions, for renders and for other programs."""
 
 from __future__ import annotations
 
@@ -23,14 +23,18 @@ _CONVENTIONS = (
     "v = f (1 + k1 (x^2 + y^2)) y + v0. u runs right, v down, (0, 0) is the centre of the top-left pixel. A pixel's "
     "value is the mean over its square."
 )
-#: Largest deviation of R R^T from the unit matrix.
-_ORTHOGONAL = 1e-6
+#: Largest deviation of R R^T from the unit matrix: 1e-6, a matrix written with seven digits.
+_MAX_NON_ORTHOGONALITY = 1e-6
+#: Smallest sine of the angle between the direction of view and up: 1e-9, below which rounding sets the picture's roll.
+_MIN_SINE_TO_UP = 1e-9
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Three = tuple[_Finite, _Finite, _Finite]
 
 
 class _CameraFile(BaseModel):
+    """Content of a camera file, checked."""
+
     model_config = ConfigDict(extra="forbid")
 
     format: Literal["camera/1"]
@@ -47,10 +51,25 @@ class _CameraFile(BaseModel):
 
 
 def read_camera(path: Path) -> Camera:
-    """The camera of a file. Raises InputError naming every fault.
+    """Camera of a camera file.
 
-    The direction is either ``rotation`` (3 x 3, world to camera axes) or ``look_at_mm``, a point that appears at the
-    principal point, with ``up``; the principal point is the image's centre where it is left out.
+    The direction of view is either ``rotation`` (3 x 3, world to camera axes) or ``look_at_mm``, a point that appears
+    at the principal point, with ``up``. A principal point that is left out is the image's centre.
+
+    Parameters
+    ----------
+    path
+        The file, JSON.
+
+    Returns
+    -------
+    Camera
+        The camera.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no camera file, or has faulty keys; the message lists every fault.
     """
     path = Path(path)
     content = read_json(path, "a camera file in JSON")
@@ -60,13 +79,13 @@ def read_camera(path: Path) -> Camera:
         raise combined(faults_of_validation(path, error, _CameraFile)) from None
     position = np.array(entry.position_mm)
     if (entry.rotation is None) == (entry.look_at_mm is None):
-        found = "neither rotation nor look_at_mm" if entry.rotation is None else "rotation and look_at_mm"
-        raise InputError(path, found, "one of rotation and look_at_mm")
+        fault = "neither rotation nor look_at_mm" if entry.rotation is None else "rotation and look_at_mm"
+        raise InputError(path, fault, "one of rotation and look_at_mm")
     if entry.look_at_mm is not None:
         rotation = _looking(position, np.array(entry.look_at_mm), np.array(entry.up), path)
     else:
         rotation = np.array(entry.rotation)
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHOGONAL or np.linalg.det(rotation) < 0:
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > _MAX_NON_ORTHOGONALITY or np.linalg.det(rotation) < 0:
             raise InputError(
                 f"{path}: rotation", "a matrix that is no rotation", "orthonormal rows of a right-handed turn"
             )
@@ -83,17 +102,29 @@ def read_camera(path: Path) -> Camera:
 
 
 def _looking(position: NDArray, target: NDArray, up: NDArray, path: Path) -> NDArray[np.float64]:
+    """(3, 3) rotation, world to camera axes, of a camera that looks at ``target``."""
     forward = target - position
     right = np.cross(forward, up)
-    if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
-        found = "a point in the direction of up, or the camera's own position"
-        raise InputError(f"{path}: look_at_mm", found, "a point in another direction than up")
+    if not np.linalg.norm(right) > _MIN_SINE_TO_UP * np.linalg.norm(forward) * np.linalg.norm(up):
+        fault = "a point in the direction of up, or the camera's own position"
+        raise InputError(f"{path}: look_at_mm", fault, "a point in another direction than up")
     rows = np.stack([right, np.cross(forward, right), forward])
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
 def camera_entry(camera: Camera) -> dict[str, Any]:
-    """What a camera file holds. The further distortion, which has no parameters, is not in it."""
+    """Content of a camera file.
+
+    Parameters
+    ----------
+    camera
+        The camera. Its further distortion, which has no parameters, is not written.
+
+    Returns
+    -------
+    dict
+        The content, ready for JSON.
+    """
     return {
         "format": "camera/1",
         "conventions": _CONVENTIONS,
@@ -108,7 +139,20 @@ def camera_entry(camera: Camera) -> dict[str, Any]:
 
 
 def write_camera(path: Path, camera: Camera) -> None:
-    """Write a camera file that ``read_camera`` reads back. Raises InputError for a camera with further distortion."""
+    """Write a camera file that ``read_camera`` reads back.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced.
+    camera
+        The camera.
+
+    Raises
+    ------
+    InputError
+        If the camera has distortion beyond k1.
+    """
     if camera.further_distortion is not None:
         raise InputError(path, "a camera with distortion beyond k1", "a camera of ten parameters")
     with replacing(path) as temporary:

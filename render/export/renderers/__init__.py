@@ -1,0 +1,94 @@
+"""Catalogue of renderers: one file each, with the record RENDERER; entry points add others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pkgutil import iter_modules
+from types import MappingProxyType
+
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
+
+from .renderer import PYTHON_SCRIPT, SHELL_SCRIPT, Renderer
+
+__all__ = ["PYTHON_SCRIPT", "SHELL_SCRIPT", "Renderer", "renderer_catalogue", "renderer_of"]
+
+#: Entry point group of other packages' renderers.
+_GROUP = "cboxlab.renderers"
+#: Modules of this package that hold no renderer.
+_NO_RENDERER = {"renderer"}
+
+
+@lru_cache(maxsize=1)
+def renderer_catalogue() -> Mapping[str, Renderer]:
+    """All renderers by identifier, in alphabetical order, those of other packages included.
+
+    Returns
+    -------
+    Mapping
+        Identifier to renderer.
+
+    Raises
+    ------
+    InputError
+        If an entry point of the group ``cboxlab.renderers`` cannot be loaded, is no Renderer, or bears the
+        identifier of another one.
+    """
+    modules = [module.name for module in iter_modules(__path__) if module.name not in _NO_RENDERER]
+    catalogue: dict[str, Renderer] = {}
+    for module in modules:
+        renderer = import_module(f"{__name__}.{module}").RENDERER
+        catalogue[renderer.id] = renderer
+    for entry in entry_points(group=_GROUP):
+        renderer = _loaded(entry)
+        if renderer.id in catalogue:
+            raise InputError(_where(entry), f"'{renderer.id}', which exists already", "another identifier")
+        catalogue[renderer.id] = renderer
+    return MappingProxyType(dict(sorted(catalogue.items())))
+
+
+def renderer_of(identifier: str, where: str = "renderer") -> Renderer:
+    """Renderer with an identifier.
+
+    Parameters
+    ----------
+    identifier
+        Its identifier.
+    where
+        Source of the identifier, for the message.
+
+    Returns
+    -------
+    Renderer
+        The renderer.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message suggests a similar identifier.
+    """
+    catalogue = renderer_catalogue()
+    if identifier not in catalogue:
+        allowed = f"one of {', '.join(catalogue)}"
+        raise InputError(where, f"'{identifier}'", allowed, suggestion(identifier, catalogue))
+    return catalogue[identifier]
+
+
+def _where(entry: EntryPoint) -> str:
+    """Place of an entry point, for messages."""
+    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
+
+
+def _loaded(entry: EntryPoint) -> Renderer:
+    """Renderer of an entry point."""
+    try:
+        value = entry.load()
+    except Exception as error:  # whatever the other package's import raises
+        hint = "Mend or uninstall the package that has this entry point"
+        raise InputError(_where(entry), f"{type(error).__name__}: {error}", "a Renderer", hint) from error
+    if not isinstance(value, Renderer):
+        raise InputError(_where(entry), f"a {type(value).__name__}", "a Renderer")
+    return value
