@@ -22,8 +22,8 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: The effects are a catalogue: one file each.
-MOST_MODULES, CATALOGUES = 16, {"render.effects"}
+#: Effects and families of explanations are catalogues: one file each.
+MOST_MODULES, CATALOGUES = 16, {"render.effects", "validate.diagnose.families"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
