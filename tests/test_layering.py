@@ -22,8 +22,11 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: Catalogues: one file for each effect, one for each command.
-MOST_MODULES, CATALOGUES = 16, {"render.effects", "validate.app.commands"}
+#: Catalogues: one file for each effect, family of explanations or command.
+CATALOGUES = {"render.effects", "validate.diagnose.families", "validate.app.commands"}
+
+#: Modules of any other package.
+MOST_MODULES = 16
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -28,7 +28,7 @@ from ..field_fit import (
 
 __all__ = ["SensorPatterns"]
 
-#: Highest order of the cosines of a smooth pattern.
+#: Highest order of the cosines of a smooth pattern: resolves a tenth of the image.
 _SMOOTH_ORDER = 10
 
 

@@ -26,7 +26,7 @@ from ._spectra import forms_by_spectrum
 
 __all__ = ["FAMILY"]
 
-#: Highest order of the cosines of an uneven blur.
+#: Highest order of the cosines of an uneven blur: covers a tilted sensor and a curved field.
 _UNEVEN_ORDER = 2
 
 #: Radius of the exchange with neighbours by an even blur, px.

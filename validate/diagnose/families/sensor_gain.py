@@ -27,7 +27,7 @@ from ._sensor import SensorPatterns
 
 __all__ = ["FAMILY"]
 
-#: Highest order of the cosines by which strength and phase of interference vary over the image.
+#: Highest order of the cosines by which strength and phase of interference vary: resolves an eighth of the image.
 _ENVELOPE_ORDER = 8
 
 

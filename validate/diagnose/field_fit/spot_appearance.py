@@ -21,7 +21,7 @@ __all__ = [
     "elongation",
 ]
 
-#: 2 ln of the odds against a depth or sign that the family cannot have: beyond the evidence of most spots.
+#: 2 ln of the odds against a depth or sign that the family cannot have.
 PENALTY_IMPOSSIBLE = 300.0
 
 #: 2 ln of the odds against an appearance that the family seldom has.
@@ -76,7 +76,7 @@ _MAX_DARKER_PART = 0.25
 #: Distance from a spot within which the orientation of its surface is determined, px.
 _SLOPE_RADIUS_PX = 6
 
-#: Fewest fragments from which the orientation is determined: four times its three numbers.
+#: Fewest fragments from which the orientation is determined: three numbers are fitted to them.
 _MIN_SLOPE_PIXELS = 12
 
 
