@@ -9,6 +9,7 @@ B. Rosner (Technometrics 25, 1983) with a prior for the spread between sound vie
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,22 +96,27 @@ def _robust_start(views: Sequence[TargetView], width_px: int, height_px: int, le
     diagonal = float(np.hypot(width_px, height_px))
     centre = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
     ideal = Camera(width_px, height_px, diagonal, centre, 0.0, np.eye(3), np.zeros(3))
-    lenses = (
-        [lens] if lens is not None else [None, *(replace(ideal, focal_length_px=f * diagonal) for f in _FOCAL_LENGTHS)]
-    )
-    best: tuple[float, list[Camera]] | None = None
-    for candidate in lenses:
-        try:
-            cameras = starting_cameras(views, width_px, height_px, candidate, "target views")
-        except InputError:
-            continue
-        scatter = np.sort(np.log(np.maximum(_rms(cameras, views), _SMALLEST_SCATTER_PX)))
-        score = float(scatter[:majority].sum())
-        if best is None or score < best[0]:
-            best = score, cameras
-    if best is None:
-        raise InputError("target views", "views inconsistent with any camera", "views tilted differently", HINT)
-    return best[1]
+    starts: list[list[Camera]] = []
+    if lens is None:
+        with suppress(InputError):
+            starts.append(starting_cameras(views, width_px, height_px, None, "target views"))
+        lenses = [replace(ideal, focal_length_px=share * diagonal) for share in _FOCAL_LENGTHS]
+    else:
+        lenses = [replace(lens, covariance=None)]
+    starts += [[_pose(view, candidate) for view in views] for candidate in lenses]
+    scatter = [np.sort(np.log(np.maximum(_rms(cameras, views), _SMALLEST_SCATTER_PX))) for cameras in starts]
+    scores = [float(values[:majority].sum()) for values in scatter]
+    return starts[int(np.argmin(scores))]
+
+
+def _pose(view: TargetView, lens: Camera) -> Camera:
+    """Camera of a lens at the pose of one view; before the board if no pose can be computed."""
+    try:
+        return starting_cameras([view], lens.width_px, lens.height_px, lens, "target view")[0]
+    except InputError:
+        world = view[0]
+        distance = 4 * float(np.linalg.norm(np.ptp(world, axis=0)))
+        return replace(lens, rotation=np.eye(3), position_mm=world.mean(axis=0) - [0.0, 0.0, distance])
 
 
 def view_scatter(

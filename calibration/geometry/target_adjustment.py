@@ -51,27 +51,32 @@ def starting_cameras(
     Raises
     ------
     InputError
-        If OpenCV finds no intrinsics.
+        If OpenCV finds no intrinsics or no pose.
     """
     worlds = [world.astype(np.float32) for world, _ in views]
     images = [image.astype(np.float32) for _, image in views]
-    if lens is None:
-        flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-        try:
+    try:
+        if lens is None:
+            flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
             _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
                 worlds, images, (width_px, height_px), np.eye(3), np.zeros(5), flags=flags
             )
-        except cv2.error:
-            raise InputError(source, "views inconsistent with any camera", "views tilted differently", HINT) from None
-    else:
-        u, v = lens.principal_point_px
-        matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
-        distortion = np.array([lens.k1, 0, 0, 0, 0])
-        poses = [
-            cv2.solvePnP(world, image, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
-            for world, image in zip(worlds, images, strict=True)
-        ]
-        turns, shifts = [pose[1] for pose in poses], [pose[2] for pose in poses]
+        else:
+            u, v = lens.principal_point_px
+            matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
+            distortion = np.array([lens.k1, 0, 0, 0, 0])
+            poses = [
+                cv2.solvePnP(world, image, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
+                for world, image in zip(worlds, images, strict=True)
+            ]
+            turns, shifts = [pose[1] for pose in poses], [pose[2] for pose in poses]
+        results = [matrix, distortion, *turns, *shifts]
+        # OpenCV returns nothing or NaN for points on a line of the image.
+        failed = any(values is None or np.size(values) == 0 or not np.isfinite(values).all() for values in results)
+    except cv2.error:
+        failed = True
+    if failed:
+        raise InputError(source, "views inconsistent with any camera", "views tilted differently", HINT)
     return [
         camera_from_opencv(width_px, height_px, matrix, distortion.ravel()[0], turn, shift)
         for turn, shift in zip(turns, shifts, strict=True)
