@@ -1,7 +1,8 @@
-"""A lamp's direct light on all surfaces as a plane in each of many small cells, for gathering rays that end far away.
+"""A lamp's direct light on all surfaces as a plane in each of many small cells.
 
-A shadow ray tells of one point of the lamp only, and where the lamp is partly hidden its noise is most of a gathering
-ray's. A plane by least squares has a cell's mean, and what it smooths within a cell is not seen from a distance.
+Gathering rays that end far away read it. A shadow ray tests one point of the lamp only. Where the lamp is partly
+hidden, its noise is most of a gathering ray's noise. A plane by least squares has the cell's mean, and variation within
+a cell is not visible from a distance.
 """
 
 from __future__ import annotations
@@ -18,34 +19,67 @@ from .patches import Patches, build_patches, patch_of, patch_points
 
 __all__ = ["DirectCells", "build_direct_cells"]
 
-#: A gathering ray longer than this many edges of a cell reads the cell.
+#: Smallest length of a gathering ray that reads a cell, in edges of the cell.
 _FAR_CELLS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class DirectCells:
-    """Direct light as in ``direct_light``. planes : (a, b) of each cell: a . p + b at position p, mm.
-    far : distance from which they may be read, mm."""
+    """Direct light of one lamp in cells, as of `direct_light`."""
 
+    #: The cells, of all surfaces.
     cells: Patches
+    #: (c, 4) plane (a, b) of each cell: light a . p + b at the position p, mm.
     planes: mi.Float
+    #: Smallest distance from which cells may be read, mm.
     far: mi.Float
 
     def at(self, hit: Hit, active: mi.Bool) -> mi.Float:
-        """Direct light at reflecting hits, 0 for others."""
+        """Direct light at hits.
+
+        Parameters
+        ----------
+        hit
+            The hits.
+        active
+            Lanes with a hit that reflects.
+
+        Returns
+        -------
+        Float
+            Form factor; 0 in other lanes.
+        """
         cell = patch_of(self.cells, hit.triangle, hit.uv, active)
         plane = dr.gather(mi.Vector4f, self.planes, cell, active)
-        place = hit.position
-        light = dr.fma(plane.x, place.x, dr.fma(plane.y, place.y, dr.fma(plane.z, place.z, plane.w)))
+        position = hit.position
+        light = dr.fma(plane.x, position.x, dr.fma(plane.y, position.y, dr.fma(plane.z, position.z, plane.w)))
         return dr.select(active, light, 0)
 
 
 def build_direct_cells(
     tracer: Tracer, lamps: tuple[LampSampler, ...], edge_mm: float, samples: int, seed: int
 ) -> tuple[DirectCells, ...]:
-    """Those of each lamp. edge_mm : largest edge of a cell. samples : points in each cell, with one of the lamp each.
+    """Direct light of each lamp in cells.
 
-    Points covered by an object are left out, as in ``trace_exchange``.
+    Points covered by an object are left out, as in `trace_exchange`.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    lamps
+        Samplers of its lamps.
+    edge_mm
+        Largest edge of a cell, mm.
+    samples
+        Points in each cell, each with one point of every lamp.
+    seed
+        Seed of the points.
+
+    Returns
+    -------
+    tuple[DirectCells, ...]
+        One for each lamp, with the same cells.
     """
     cells = build_patches(tracer, edge_mm)
     lane = dr.arange(mi.UInt32, len(cells))
@@ -69,7 +103,7 @@ def build_direct_cells(
     zeros = [dr.zeros(mi.Float, len(cells)) for _ in range(10 + 4 * len(lamps))]
     _, sums = dr.while_loop((dr.zeros(mi.UInt32, len(cells)), zeros), lambda i, _: i < total, body)
     dr.eval(sums)
-    moments = np.array([one.numpy() for one in sums], float).T
+    moments = np.array([column.numpy() for column in sums], float).T
     moments[:, 1:] /= np.maximum(moments[:, :1], 1)
     far = dr.opaque(mi.Float, _FAR_CELLS * edge_mm)
     fitted = (_planes(cells, moments, 10 + 4 * index) for index in range(len(lamps)))
@@ -77,12 +111,13 @@ def build_direct_cells(
 
 
 def _planes(cells: Patches, moments: NDArray[np.float64], first: int) -> NDArray[np.float64]:
-    """(c, 4) least-squares planes, of the smallest slope that fits: points of a flat cell say nothing of one axis.
+    """(c, 4) least-squares planes, of the smallest slope that fits.
 
-    moments : (c, n) means over the points; from column ``first`` on light, and light times the three offsets.
+    Points of a flat cell leave the slope along its normal open. `moments` (c, n) are means over the points; from column
+    `first` on they hold light, and light times the three offsets.
     """
-    place, light = moments[:, 1:4], moments[:, first]
-    spread = moments[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) - place[:, :, None] * place[:, None]
-    together = moments[:, first + 1 : first + 4] - light[:, None] * place
-    slope = np.einsum("cij,cj->ci", np.linalg.pinv(spread, rcond=1e-3, hermitian=True), together)
-    return np.column_stack([slope, light - np.einsum("ci,ci->c", slope, place + cells.centre)])
+    offset, light = moments[:, 1:4], moments[:, first]
+    spread = moments[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) - offset[:, :, None] * offset[:, None]
+    covariance = moments[:, first + 1 : first + 4] - light[:, None] * offset
+    slope = np.einsum("cij,cj->ci", np.linalg.pinv(spread, rcond=1e-3, hermitian=True), covariance)
+    return np.column_stack([slope, light - np.einsum("ci,ci->c", slope, offset + cells.centre)])

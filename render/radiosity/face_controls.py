@@ -1,9 +1,16 @@
-"""A control variate for gathering rays: even light on each flat face, whose mean over a hemisphere is a form factor.
+"""A control variate for gathering rays: even light on each flat face.
 
-A ray crosses one wall of a convex room, and enters each convex block by one face, whatever lies before it. Gathering
-rays take off the light of these faces, and their form factors, which are known exactly, put it back. What is left is
-noise from the differences only: no longer from how many rays happen to meet a bright face. A pixel takes off the share
-that leaves the least noise, one of the walls' light and one of the blocks'.
+A ray crosses one wall of a convex room, and enters each convex block by one face, whatever lies in front. Let g(d) be
+the even light of the faces that a ray of direction d crosses. Its mean G over the cosine-weighted hemisphere is known
+exactly: the sum of the faces' light times their form factors. With the light L(d) that a gathering ray returns, the
+estimate
+
+    mean of (L(d) - a g(d)) + a G
+
+has the same mean as that of L(d) for every share a, so it is unbiased. It is less noisy if L and a g vary together: no
+noise is left from the number of rays that happen to hit a bright face, only that of the differences within faces. Walls
+and blocks have separate shares. Each pixel uses the shares of least variance, from pilot rays with random numbers that
+the image does not use.
 """
 
 from __future__ import annotations
@@ -21,10 +28,11 @@ from .patches import Patches
 
 __all__ = ["CONTROLLED", "FaceControls", "build_face_controls"]
 
-#: So many accumulators of the patches' light are controlled, beside direct light. The first hold nearly all of it.
+#: Number of accumulators of the patches' light that are controlled, next to direct light: the first ones hold nearly
+#: all of it.
 CONTROLLED = 3
 
-#: Faces whose centres lie within this of another one's plane, and in its outline, overlap it, mm.
+#: Largest distance of the centre of a face from the plane of another one that it overlaps, mm.
 _SAME_MM = 1e-3
 
 
@@ -35,24 +43,41 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FaceControls:
-    """walls : faces of the convex room, by their index. faces : those that have light, first the walls, then those of
-    blocks.
+    """Even light of the faces of a scene."""
 
-    corners : four of each face, a triangle's last one twice. light : of each face, by index, its direct light and that
-    of CONTROLLED accumulators; of a block's face what it has more than the room's mean. Of no face, 0. material : of
-    each face.
-    """
-
+    #: The flat faces.
     geometry: FlatFaces
+    #: Indices of the walls of the convex room.
     walls: tuple[int, ...]
+    #: Indices of the faces that have light: first the walls, then those of blocks.
     faces: mi.UInt32
+    #: Number of these faces.
     count: int
+    #: (f, 4, 3) corners of each face, mm; the last one of a triangle twice.
     corners: mi.Float
+    #: (f + 1, 1 + CONTROLLED) direct light of each face, and that of the first accumulators; of a block's face the
+    #: excess over the room's mean. The last row, 0, stands for no face.
     light: mi.Float
+    #: (f + 1,) index of the material of each face.
     material: mi.UInt32
 
     def along(self, ray: mi.Ray3f, materials: int, active: mi.Bool) -> Controls:
-        """The faces' light along each ray."""
+        """Light of the faces that rays cross.
+
+        Parameters
+        ----------
+        ray
+            One ray per lane, from within the room.
+        materials
+            Number of materials.
+        active
+            Lanes that are evaluated.
+
+        Returns
+        -------
+        Controls
+            Of the walls, and summed over the blocks: direct light by material, then that of the accumulators.
+        """
         sums = []
         for face in self.geometry.crossed(ray, self.walls):
             light = dr.gather(mi.Vector4f, self.light, face, active)
@@ -62,7 +87,22 @@ class FaceControls:
         return sums[0], [sum(parts, zero) for zero, *parts in zip(none, *sums[1:], strict=True)]
 
     def mean(self, position: mi.Point3f, normal: mi.Vector3f, materials: int) -> Controls:
-        """The mean of ``along`` over the hemisphere, weighted by the cosine."""
+        """Mean of `along` over the hemisphere, weighted by the cosine.
+
+        Parameters
+        ----------
+        position
+            Point of each lane, mm.
+        normal
+            Unit normal there.
+        materials
+            Number of materials.
+
+        Returns
+        -------
+        Controls
+            In the same order, by the form factors of the faces.
+        """
 
         def body(i: mi.UInt32, walls: list[mi.Float], blocks: list[mi.Float]) -> tuple[mi.UInt32, *Controls]:
             face = dr.gather(mi.UInt32, self.faces, i)
@@ -90,13 +130,33 @@ class FaceControls:
 
 
 def _by_material(light: mi.Vector4f, material: mi.UInt32, materials: int) -> list[mi.Float]:
+    """Direct light as one number for each material, then the other numbers."""
     return [*(dr.select(material == m, light[0], 0) for m in range(materials)), *list(light)[1:]]
 
 
 def build_face_controls(
     tracer: Tracer, patches: Patches, direct: NDArray, finer: Patches, indirect: NDArray
 ) -> FaceControls | None:
-    """direct : (p,) of the patches. indirect : (n, k) of the finer ones. None for scenes without flat walls."""
+    """Even light of a scene's faces, as means over their patches.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    patches
+        Its patches.
+    direct
+        (p,) direct light of the patches by one lamp.
+    finer
+        Its finer patches.
+    indirect
+        (n, k) coefficients of the light of the finer patches.
+
+    Returns
+    -------
+    FaceControls | None
+        The light; None for a scene without flat walls.
+    """
     geometry = tracer.accelerator
     if not isinstance(geometry, FlatFaces):
         return None
@@ -109,22 +169,22 @@ def build_face_controls(
         inwards = (tracer.vertices @ normal).max() > height + _SAME_MM
         if geometry.hull[face] and painted[face] and inwards and not _overlaps(geometry, face, walls):
             walls.append(face)
-    of_blocks = [face for body in geometry.bodies for face in body.faces if painted[face]]
+    candidates = [face for body in geometry.bodies for face in body.faces if painted[face]]
     light, area = np.zeros((none + 1, 1 + CONTROLLED)), np.zeros(none + 1)
-    for face in (*walls, *of_blocks):
-        own, own_finer = (np.isin(_triangle(p), triangles[face]) for p in (patches, finer))
-        if not (own.any() and own_finer.any()):  # in a group of another face's patches
+    for face in (*walls, *candidates):
+        in_face, finer_in_face = (np.isin(_triangle(p), triangles[face]) for p in (patches, finer))
+        if not (in_face.any() and finer_in_face.any()):  # in a group of another face's patches
             continue
-        light[face, 0] = np.average(direct[own], weights=patches.area[own])
-        values = np.average(indirect[own_finer, :CONTROLLED], axis=0, weights=finer.area[own_finer])
+        light[face, 0] = np.average(direct[in_face], weights=patches.area[in_face])
+        values = np.average(indirect[finer_in_face, :CONTROLLED], axis=0, weights=finer.area[finer_in_face])
         light[face, 1 : 1 + len(values)] = values
-        area[face] = patches.area[own].sum()
+        area[face] = patches.area[in_face].sum()
     if not area[walls].any():
         return None
-    known = [face for face in of_blocks if area[face]]
-    light[known] -= np.average(light[walls], axis=0, weights=area[walls])
+    block_faces = [face for face in candidates if area[face]]
+    light[block_faces] -= np.average(light[walls], axis=0, weights=area[walls])
     corners = np.array([outline[[0, 1, 2, -1]] for outline in geometry.outlines])
-    faces = np.array([*walls, *known])
+    faces = np.array([*walls, *block_faces])
     return FaceControls(
         geometry,
         tuple(walls),
@@ -142,7 +202,7 @@ def _triangle(patches: Patches) -> NDArray[np.int64]:
 
 
 def _overlaps(geometry: FlatFaces, face: int, others: list[int]) -> bool:
-    """Whether the centre of a face lies in one of the others, or theirs in it."""
+    """Whether the centre of a face lies in another one, or the centre of that in the face."""
 
     def within(point: NDArray, planes: NDArray) -> bool:
         plane, *sides = planes @ [*point, -1.0]

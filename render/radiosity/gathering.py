@@ -1,4 +1,7 @@
-"""The kernels of the final gather: one lane a pixel, one symbolic loop over its camera rays, one over their gathers."""
+"""The kernels of the final gather.
+
+One lane per pixel, one symbolic loop over its camera rays, and one over their gathering rays.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,14 @@ __all__ = ["Gathering", "Planes"]
 #: the product of time and variance is 20% smaller than with 1; with 4 it is the same as with 2 but edges are noisier.
 GATHERS = 2
 
-#: Gathering rays of a pixel that tell how much of the faces' light it takes off.
+#: Gathering rays of a pixel from which the shares of the control variate are estimated.
 _PILOT = 64
 
-#: Camera rays of a pixel from which the mean light of ``FaceControls`` is taken: at least so many, and one of so many
-#: samples. With four alone the error no longer falls beyond 1024 samples.
-_CONTROL_RAYS, _SAMPLES_PER_CONTROL = 4, 64
+#: Smallest number of camera rays of a pixel at which the mean of the control variate is evaluated.
+_CONTROL_RAYS = 4
+#: Samples of a pixel for each such camera ray, if that gives more of them. With four alone the error does not decrease
+#: beyond 1024 samples.
+_SAMPLES_PER_CONTROL = 64
 
 
 if TYPE_CHECKING:
@@ -38,56 +43,86 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """Pixels, counted along the rows, and the plane that each of them sees: normal . p = height, mm."""
+    """Pixels that show one plane each."""
 
+    #: Pixel of each lane, counted along the rows.
     pixels: mi.UInt32
+    #: Unit normal N of the plane, towards the camera.
     normal: mi.Vector3f
+    #: N . p for points p of the plane, mm.
     height: mi.Float
 
-    def met(self, ray: mi.Ray3f) -> mi.Point3f:
+    def point_on(self, ray: mi.Ray3f) -> mi.Point3f:
+        """Point of the plane on each lane's ray.
+
+        Parameters
+        ----------
+        ray
+            Ray of each lane.
+
+        Returns
+        -------
+        Point3f
+            The point, mm.
+        """
         return ray((self.height - dr.dot(self.normal, ray.o)) * dr.rcp(dr.dot(self.normal, ray.d)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Sampling:
-    """Camera rays, the numbers of one joint set, and gathering rays per camera ray."""
+    """Sample points of a pixel: camera rays and one joint set of numbers."""
 
+    #: Camera ray by position in the pixel.
     rays: Callable[[mi.Float, mi.Float], mi.Ray3f]
+    #: Points of 12 numbers: directions of gathering rays (0, 1), lamp points at their hits (2, 3), pixel (4, 5), lamp
+    #: point at its hit (6, 7), continued rays (8, 9) and lamp points at their hits (10, 11).
     points: SobolPoints
+    #: Gathering rays per camera ray.
     gathers: int
 
     def ray(self, i: mi.UInt32) -> mi.Ray3f:
-        """The camera ray ``i``."""
+        """Camera ray of this index."""
         return self.rays(self.points.point(i, 4), self.points.point(i, 5))
 
 
 def _sampling(camera: Camera, pixels: mi.UInt32, samples: int, seed: int | mi.UInt32) -> _Sampling:
+    """Sample points of pixels."""
     gathers = GATHERS if samples % GATHERS == 0 else 1
     return _Sampling(pixel_rays(camera, pixels), SobolPoints(12, samples, pixels, seed), gathers)
 
 
 @dataclass(frozen=True, eq=False)
 class Gathering:
-    """Light of one lamp, as sums over a pixel's gathering rays. One accumulator holds the visible lamp; then for each
-    material seen first there are ``per_material``, which hold direct light, direct light of second materials, of second
-    and third materials, and light read from the patches.
+    """Light of one lamp, as sums over a pixel's gathering rays.
 
-    firsts, materials : how many materials are first ones, and second or third ones. bounces : reflections counted, at
-    most 3, which stands for all. table : (1 + material, patch, rank) what patches give. near : length below which
-    gathering rays are continued, mm. controls : used where a pixel sees one plane.
+    One accumulator holds the visible lamp. Then each first material has `per_material` accumulators: direct light,
+    direct light of second materials, of second and third materials, and light read from the patches; see
+    `final_gather`.
     """
 
+    #: Tracer of the scene.
     tracer: Tracer
+    #: Sampler of the lamp.
     lamp: LampSampler
+    #: Patches from which the solution is read.
     patches: Patches
+    #: Number of patches.
     patch_count: mi.UInt32
+    #: (1 + material, patch, rank) coefficients of the patches' light.
     table: mi.Float
+    #: Number of accumulators for it.
     rank: int
+    #: Direct light in cells.
     direct: DirectCells
+    #: Control variate for pixels that show one plane; None for none.
     controls: FaceControls | None
+    #: Number of first materials.
     firsts: int
+    #: Number of second, or third, materials.
     materials: int
+    #: Largest number of reflections, at most 3, which stands for all.
     bounces: int
+    #: Length below which gathering rays are continued, mm.
     near: mi.Float
 
     @property
@@ -95,7 +130,24 @@ class Gathering:
         return 1 + self.materials + self.materials**2 + self.rank
 
     def any_pixels(self, camera: Camera, pixels: mi.UInt32, samples: int, seeds: mi.UInt32) -> list[mi.Float]:
-        """The accumulators (1 + firsts * per_material) of pixels that may see anything."""
+        """Sums of pixels that may show anything.
+
+        Parameters
+        ----------
+        camera
+            Camera of the image.
+        pixels
+            Pixel of each lane, counted along the rows.
+        samples
+            Samples of a pixel.
+        seeds
+            Seed of each lane.
+
+        Returns
+        -------
+        list[Float]
+            The 1 + firsts * per_material accumulators.
+        """
         sampling = _sampling(camera, pixels, samples, seeds)
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
@@ -105,9 +157,9 @@ class Gathering:
             values = self._reflected(sampling, i, hit.position, hit.normal, shaded, None)
             new = [sums[0] + sampling.gathers * lamp_seen(self.lamp, hit, ray.d)]
             for m in range(self.firsts):
-                here = shaded & (material == m)
-                mine = sums[1 + m * self.per_material : 1 + (m + 1) * self.per_material]
-                new += [old + dr.select(here, value, 0) for old, value in zip(mine, values, strict=True)]
+                active = shaded & (material == m)
+                material_sums = sums[1 + m * self.per_material : 1 + (m + 1) * self.per_material]
+                new += [old + dr.select(active, value, 0) for old, value in zip(material_sums, values, strict=True)]
             return i + 1, new
 
         total = dr.opaque(mi.UInt32, samples // sampling.gathers)
@@ -117,12 +169,31 @@ class Gathering:
     def planar_pixels(
         self, camera: Camera, planes: Planes, shares: Shares | None, samples: int, seeds: mi.UInt32
     ) -> list[mi.Float]:
-        """The accumulators (per_material) of pixels that see one plane of one paint. shares : ``control_shares``."""
+        """Sums of pixels that show one plane of one paint.
+
+        Parameters
+        ----------
+        camera
+            Camera of the image.
+        planes
+            The pixels and their planes.
+        shares
+            Shares of `control_shares`; None to use no control variate.
+        samples
+            Samples of a pixel.
+        seeds
+            Seed of each lane.
+
+        Returns
+        -------
+        list[Float]
+            The per_material accumulators.
+        """
         sampling = _sampling(camera, planes.pixels, samples, seeds)
         shaded = dr.full(mi.Bool, True, dr.width(planes.pixels))
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            at = planes.met(sampling.ray(i))
+            at = planes.point_on(sampling.ray(i))
             values = self._reflected(sampling, i, at, planes.normal, shaded, shares)
             return i + 1, [old + value for old, value in zip(sums, values, strict=True)]
 
@@ -133,7 +204,7 @@ class Gathering:
             few = min(max(_CONTROL_RAYS, samples // _SAMPLES_PER_CONTROL), samples // sampling.gathers)
 
             def returned(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-                start = planes.met(sampling.ray(i)) + planes.normal * RAY_OFFSET_MM
+                start = planes.point_on(sampling.ray(i)) + planes.normal * RAY_OFFSET_MM
                 mean = self._spread(controls.mean(start, planes.normal, self.materials), shares)
                 return i + 1, [old + value * (samples / few) for old, value in zip(sums, mean, strict=True)]
 
@@ -143,15 +214,32 @@ class Gathering:
         return dr.while_loop((zero, sums), lambda i, _: i < total, body)[1]
 
     def control_shares(self, camera: Camera, planes: Planes, weights: list[float], seed: int) -> Shares | None:
-        """The shares of the walls' and the blocks' light that leave the least variance, by rays of their own.
+        """Shares of the walls' and the blocks' light in the control variate, by pilot rays.
 
-        weights : (per_material) of the accumulators in the light whose variance counts. None without controls.
+        They leave the least variance. The pilot has random numbers that the image does not use, so the image remains
+        unbiased.
+
+        Parameters
+        ----------
+        camera
+            Camera of the image.
+        planes
+            The pixels and their planes.
+        weights
+            (per_material) weights of the accumulators in the light whose variance counts.
+        seed
+            Seed of the pilot.
+
+        Returns
+        -------
+        Shares | None
+            The shares of each pixel; None without controls.
         """
         if self.controls is None or self.bounces < 3:
             return None
         controls, sampling = self.controls, _sampling(camera, planes.pixels, _PILOT, seed)
         lanes = dr.width(planes.pixels)
-        shaded, one, zero = dr.full(mi.Bool, True, lanes), mi.Float(1), mi.Float(0)
+        shaded, full, zero = dr.full(mi.Bool, True, lanes), mi.Float(1), mi.Float(0)
         most = max(map(abs, weights)) or 1.0
         scales = [dr.opaque(mi.Float, float(weight / most)) for weight in weights]
 
@@ -159,13 +247,13 @@ class Gathering:
             return sum((scale * value for scale, value in zip(scales, values, strict=True)), zero)
 
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            at, points = planes.met(sampling.ray(i)), sampling.points
+            at, points = planes.point_on(sampling.ray(i)), sampling.points
             values = self._gathered(points, i, at, planes.normal, shaded, None)
             along = controls.along(self._gathering_ray(points, i, at, planes.normal), self.materials, shaded)
             v, w, b = (
                 light(values),
-                light(self._spread(along, (one, zero))),
-                light(self._spread(along, (zero, one))),
+                light(self._spread(along, (full, zero))),
+                light(self._spread(along, (zero, full))),
             )
             more = [v, w, b, v * w, v * b, w * w, w * b, b * b]
             return i + 1, [old + new for old, new in zip(sums, more, strict=True)]
@@ -176,12 +264,12 @@ class Gathering:
         return least_variance_shares([value / _PILOT for value in sums])
 
     def _spread(self, controls: Controls, shares: Shares) -> list[mi.Float]:
-        """Shares of light of ``FaceControls``, in the order of a material's accumulators."""
-        taken = [shares[0] * wall + shares[1] * block for wall, block in zip(*controls, strict=True)]
-        kept = min(CONTROLLED, self.rank)
-        second, patches = taken[: self.materials], taken[self.materials :][:kept]
+        """Shares of light of `FaceControls`, in the order of a material's accumulators."""
+        controlled = [shares[0] * wall + shares[1] * block for wall, block in zip(*controls, strict=True)]
+        ranks = min(CONTROLLED, self.rank)
+        second, patches = controlled[: self.materials], controlled[self.materials :][:ranks]
         nothing = [mi.Float(0)] * self.materials**2
-        return [mi.Float(0), *second, *nothing, *patches, *([mi.Float(0)] * (self.rank - kept))]
+        return [mi.Float(0), *second, *nothing, *patches, *([mi.Float(0)] * (self.rank - ranks))]
 
     def _reflected(
         self,
@@ -192,7 +280,7 @@ class Gathering:
         shaded: mi.Bool,
         shares: Shares | None,
     ) -> list[mi.Float]:
-        """One camera ray's values (per_material): direct light, and light of its gathering rays."""
+        """Values (per_material) of one camera ray: direct light, and light of its gathering rays."""
         points, gathers = sampling.points, sampling.gathers
         values = [mi.Float(0)] * self.per_material
         if self.bounces >= 1:
@@ -219,39 +307,40 @@ class Gathering:
         shaded: mi.Bool,
         shares: Shares | None,
     ) -> list[mi.Float]:
-        """One gathering ray's values (per_material), without direct light at ``position``."""
+        """Values (per_material) of one gathering ray, without direct light at `position`."""
         ray = self._gathering_ray(points, i, position, normal)
         far = intersect(self.tracer, ray, shaded)
-        lit, material = far.reflecting, far.material
-        beside = lit & (far.distance < self.direct.far)
+        reflects, material = far.reflecting, far.material
+        near_cells = reflects & (far.distance < self.direct.far)
         arriving = dr.if_stmt(
-            (beside, i, far.position, far.normal, self.direct.at(far, lit)),
-            beside,
-            lambda here, i, at, towards, _: direct_light(
-                self.tracer, self.lamp, at, towards, points.point(i, 2), points.point(i, 3), here
+            (near_cells, i, far.position, far.normal, self.direct.at(far, reflects)),
+            near_cells,
+            lambda active, i, at, towards, _: direct_light(
+                self.tracer, self.lamp, at, towards, points.point(i, 2), points.point(i, 3), active
             ),
             lambda *state: state[-1],
         )
-        second = [dr.select(lit & (material == m), arriving, 0) for m in range(self.materials)]
+        second = [dr.select(reflects & (material == m), arriving, 0) for m in range(self.materials)]
         nothing = [mi.Float(0)] * self.materials**2
         if self.bounces < 3:
             return [mi.Float(0), *second, *nothing, *([mi.Float(0)] * self.rank)]
-        close = lit & (far.distance < self.near) & (material < self.materials)
-        read = [*nothing, *self._read(mi.UInt32(0), far.triangle, far.uv, lit & ~close)]
+        close = reflects & (far.distance < self.near) & (material < self.materials)
+        read = [*nothing, *self._read(mi.UInt32(0), far.triangle, far.uv, reflects & ~close)]
         later = dr.if_stmt(
             (close, i, far.position, far.normal, material, read),
             close,
-            lambda here, i, at, towards, of, _: self._continued(points, i, at, towards, of, here),
+            lambda active, i, at, towards, of, _: self._continued(points, i, at, towards, of, active),
             lambda *state: state[-1],
         )
         values = [mi.Float(0), *second, *later]
         if shares is not None and self.controls is not None:
-            taken = self._spread(self.controls.along(ray, self.materials, shaded), shares)
-            values = [value - off for value, off in zip(values, taken, strict=True)]
+            controlled = self._spread(self.controls.along(ray, self.materials, shaded), shares)
+            values = [value - off for value, off in zip(values, controlled, strict=True)]
         return values
 
     @staticmethod
     def _gathering_ray(points: SobolPoints, i: mi.UInt32, position: mi.Point3f, normal: mi.Vector3f) -> mi.Ray3f:
+        """Cosine-distributed ray from a surface."""
         direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
         return mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
 
@@ -264,18 +353,18 @@ class Gathering:
         material: mi.UInt32,
         close: mi.Bool,
     ) -> list[mi.Float]:
-        """Light by one more ray from a second reflection: direct light at its end, and the patches' light there."""
+        """Values of one more ray from a second reflection: direct and the patches' light at its end."""
         onward = cosine_hemisphere(normal, points.point(i, 8), points.point(i, 9))
         last = intersect(self.tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, onward), close)
-        lit = last.reflecting
+        reflects = last.reflecting
         u, v = points.point(i, 10), points.point(i, 11)
-        arriving = direct_light(self.tracer, self.lamp, last.position, last.normal, u, v, lit)
+        arriving = direct_light(self.tracer, self.lamp, last.position, last.normal, u, v, reflects)
         third = [
-            dr.select(lit & (material == m) & (last.material == n), arriving, 0)
+            dr.select(reflects & (material == m) & (last.material == n), arriving, 0)
             for m in range(self.materials)
             for n in range(self.materials)
         ]
-        return [*third, *self._read(material + 1, last.triangle, last.uv, lit)]
+        return [*third, *self._read(material + 1, last.triangle, last.uv, reflects)]
 
     def _read(self, row: mi.UInt32, triangle: mi.UInt32, uv: mi.Point2f, active: mi.Bool) -> list[mi.Float]:
         """A row of the table at a hit."""
@@ -285,9 +374,20 @@ class Gathering:
 
 
 def least_variance_shares(means: list[mi.Float]) -> Shares:
-    """The shares x and y, 0 to 1 each, that make the variance of v - x w - y b the least.
+    """Shares x and y, 0 to 1 each, with the least variance of v - x w - y b.
 
-    means : of v, w, b, v w, v b, w w, w b, b b. A millionth is added to the variances of w and b, which may be 0.
+    They solve the 2 x 2 normal equations of the covariances. A millionth is added to the variances of w and b, which
+    may be 0.
+
+    Parameters
+    ----------
+    means
+        Means of v, w, b, v w, v b, w w, w b, b b.
+
+    Returns
+    -------
+    Shares
+        x and y.
     """
     v, w, b, vw, vb, ww, wb, bb = means
     vw, vb, ww, wb, bb = vw - v * w, vb - v * b, ww - w * w, wb - w * b, bb - b * b

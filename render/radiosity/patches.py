@@ -1,4 +1,4 @@
-"""The scene's surfaces divided into patches for the radiosity solution."""
+"""A scene's surfaces divided into patches for the radiosity solution."""
 
 from __future__ import annotations
 
@@ -14,31 +14,41 @@ from ..visibility import Tracer, normal_and_material
 
 __all__ = ["Patches", "build_patches", "patch_of", "patch_points"]
 
-#: Triangles whose edges are all shorter than this part of a patch's largest edge form patches in groups.
+#: Triangles with all edges shorter than this part of a patch's largest edge form patches in groups.
 _SMALL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Large triangles divided into equal patches, and groups of small neighbouring triangles of one flat face.
+    """Large triangles divided into p equal patches, and groups of small triangles of one face.
 
-    A lamp that does not reflect has none. Of p patches: area : (p,) mm^2. centre : (p, 3) mm. normal : (p, 3) mean.
-    facet, material, surface : (p,) indices. Of n pieces, one for a patch of a large triangle, several for a group:
-    patch : (n,), ascending. triangle : (n,) index of the parent. uv : (n, 2) barycentric coordinates of the centroid
-    there. corners : (n, 3, 3) mm.
+    The patches consist of n pieces: one for a patch of a large triangle, several for a group. A lamp that does not
+    reflect has no patches.
     """
 
+    #: (p,) area, mm^2.
     area: NDArray[np.float64]
+    #: (p, 3) centroid, mm.
     centre: NDArray[np.float64]
+    #: (p, 3) mean unit normal.
     normal: NDArray[np.float64]
+    #: (p,) index of the flat face.
     facet: NDArray[np.int64]
+    #: (p,) index of the material.
     material: NDArray[np.int64]
+    #: (p,) index of the surface.
     surface: NDArray[np.int64]
+    #: (n,) patch of each piece, ascending.
     patch: NDArray[np.int64]
+    #: (n,) triangle of the scene that contains each piece.
     triangle: NDArray[np.int64]
+    #: (n, 2) barycentric coordinates of the piece's centroid in this triangle.
     uv: NDArray[np.float64]
+    #: (n, 3, 3) corners of the pieces, mm.
     corners: NDArray[np.float64]
+    #: (t,) divisions of each edge of the scene's triangles, on the device.
     packed_divisions: mi.Float
+    #: (t,) first patch of each of the scene's triangles, on the device.
     packed_first: mi.UInt32
 
     def __len__(self) -> int:
@@ -46,9 +56,25 @@ class Patches:
 
 
 def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
-    """Divide large triangles into patches with edges up to ``edge_mm``, and each of these patches into finer^2.
+    """Divide a scene's reflecting triangles into patches.
 
-    Groups of small triangles are about as large as a patch, and not divided further.
+    Edges of large triangles are divided equally, so that parts are at most `edge_mm` long; each resulting patch is
+    divided once more into finer^2. Small triangles of one flat face are grouped by cubes of `edge_mm`; groups are not
+    divided further.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    edge_mm
+        Largest edge of a patch, mm.
+    finer
+        Further divisions of each edge of a patch.
+
+    Returns
+    -------
+    Patches
+        The patches.
     """
     sides = np.linalg.norm(tracer.vertices - np.roll(tracer.vertices, 1, axis=1), axis=2).max(axis=1)
     reflecting = tracer.material < tracer.reflectors
@@ -72,14 +98,14 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
     pieces = _areas(corners)
     area: NDArray[np.float64] = np.bincount(patch, pieces).astype(float)
     normal = _sums(pieces[:, None] * tracer.normals[triangle], patch)
-    one = triangle[np.searchsorted(patch, np.arange(len(area)))]
+    first_triangle = triangle[np.searchsorted(patch, np.arange(len(area)))]
     return Patches(
         area=area,
         centre=_sums(pieces[:, None] * corners.mean(axis=1), patch) / area[:, None],
         normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        facet=tracer.facet[one],
-        material=tracer.material[one],
-        surface=tracer.surface[one],
+        facet=tracer.facet[first_triangle],
+        material=tracer.material[first_triangle],
+        surface=tracer.surface[first_triangle],
         patch=patch,
         triangle=triangle,
         uv=uv,
@@ -90,7 +116,10 @@ def build_patches(tracer: Tracer, edge_mm: float, finer: int = 1) -> Patches:
 
 
 def _groups(tracer: Tracer, small: NDArray[np.bool_], edge_mm: float) -> NDArray[np.int64]:
-    """(t,) the group of each triangle, -1 for none: small ones of one face within a cube of ``edge_mm``."""
+    """(t,) group of each triangle, -1 for none.
+
+    A group has the small triangles of one face within a cube of `edge_mm`.
+    """
     group = np.full(len(small), -1)
     if not small.any():
         return group
@@ -104,21 +133,24 @@ def _groups(tracer: Tracer, small: NDArray[np.bool_], edge_mm: float) -> NDArray
 
 
 def _weights(divisions: NDArray[np.int64], local: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(k, 3, 2) barycentric coordinates of the corners of patches ``local`` (k,) of triangles divided so many times."""
-    different, which = np.unique(divisions, return_inverse=True)
-    tables = [_division(int(n)) for n in different]
+    """(k, 3, 2) barycentric coordinates of the corners of patches.
+
+    `local` (k,) are the indices of the patches in their triangles, and `divisions` (k,) those of the triangles' edges.
+    """
+    numbers, which = np.unique(divisions, return_inverse=True)
+    tables = [_division(int(n)) for n in numbers]
     start = np.cumsum([0, *map(len, tables)])
     return np.concatenate([*tables, np.empty((0, 3, 2))])[start[which] + local]
 
 
 def _division(n: int) -> NDArray[np.float64]:
-    """(n^2, 3, 2) those of all patches of one triangle.
+    """(n^2, 3, 2) barycentric coordinates of the corners of all patches of one triangle.
 
-    In the order of ``patch_of``: row by row, each row with one cell (two patches) fewer.
+    In the order of `patch_of`: row by row, each row with one cell (two patches) fewer.
     """
     i, j, upper = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), [0, 1], indexing="ij"))
-    keep = i + j + upper < n
-    i, j, upper = i[keep], j[keep], upper[keep]
+    inside = i + j + upper < n
+    i, j, upper = i[inside], j[inside], upper[inside]
     order = np.argsort(_local_index(i, j, upper, n))
     i, j, upper = i[order], j[order], upper[order]
     grid = np.stack([np.stack([i + upper, j + upper], -1), np.stack([i + 1, j], -1), np.stack([i, j + 1], -1)], 1)
@@ -126,6 +158,7 @@ def _division(n: int) -> NDArray[np.float64]:
 
 
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) areas of triangles (n, 3, 3)."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return 0.5 * np.linalg.norm(cross, axis=1)
 
@@ -141,7 +174,24 @@ def _local_index(i: Any, j: Any, upper: Any, n: Any) -> Any:
 
 
 def patch_of(patches: Patches, triangle: mi.UInt32, uv: mi.Point2f, active: mi.Bool) -> mi.UInt32:
-    """The patch at a hit, from the triangle's index and barycentric coordinates."""
+    """Patch at hits.
+
+    Parameters
+    ----------
+    patches
+        The patches.
+    triangle
+        Index of the triangle that is hit.
+    uv
+        Barycentric coordinates there.
+    active
+        Lanes that are evaluated.
+
+    Returns
+    -------
+    UInt32
+        Index of the patch.
+    """
     n = dr.gather(mi.Float, patches.packed_divisions, triangle, active)
     first = dr.gather(mi.UInt32, patches.packed_first, triangle, active)
     x, y = uv.x * n, uv.y * n
@@ -154,7 +204,21 @@ def patch_of(patches: Patches, triangle: mi.UInt32, uv: mi.Point2f, active: mi.B
 def patch_points(
     tracer: Tracer, patches: Patches
 ) -> Callable[[mi.UInt32, mi.Float, mi.Float], tuple[mi.Point3f, mi.Vector3f]]:
-    """A function of patches and two numbers in [0, 1): a point uniform over each patch, and the normal there."""
+    """Function that samples points of patches.
+
+    Parameters
+    ----------
+    tracer
+        Tracer of the scene.
+    patches
+        The patches.
+
+    Returns
+    -------
+    Callable
+        Function of patches and two numbers in [0, 1). It returns points uniform over the patches, mm, and the unit
+        normals there.
+    """
     start = np.searchsorted(patches.patch, np.arange(len(patches) + 1))
     share = _areas(patches.corners) / patches.area[patches.patch]
     total = np.cumsum(share)
