@@ -31,7 +31,7 @@ __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sourc
 _LARGEST, _ALL = 300e6, 2e9
 
 #: What a picture's code may call: three whole rooms, and this package.
-_PACKAGES = ("scenes", "calibration", "render", "validate.predict")
+_PACKAGES = ("scenes", "calibration", "rendering", "validation.predict")
 
 
 def default_cache() -> Path:
