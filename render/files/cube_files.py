@@ -95,7 +95,7 @@ READABLE = tuple(dict.fromkeys(form.ending for form in FORMATS))
 
 
 def write_cube(path: Path, cube: xr.Dataset) -> None:
-    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI, with an .img file) or .png.
+    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI) or .png.
 
     .nc keeps the complete dataset; .exr (layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021) and .hdr
     keep the radiance as float32.
