@@ -371,7 +371,8 @@ def _without_ignored(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray
         raise InputError(f"{path}: data ignore value", repr(ignored), "a number") from None
     if planes.dtype.kind in "iu" and not (value.is_integer() and _fits(value, planes.dtype)):
         return planes, True  # no stored number can have this value
-    missing = planes == np.asarray(value).astype(planes.dtype)
+    with np.errstate(over="ignore"):  # a number of 64 bits for samples of 32 is stored as infinite
+        missing = planes == np.asarray(value).astype(planes.dtype)
     return np.where(missing, np.nan, planes).astype(np.result_type(planes.dtype, np.float32)), True
 
 
