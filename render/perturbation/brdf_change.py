@@ -363,7 +363,7 @@ def with_reflection(
     """
     transport, radiance = light.transport, light.patch_radiance()
     reflectances = light.scene.reflectances(light.wavelength_nm)
-    added = transport.kept(
+    added = transport.cached(
         (*of, material, *samples, radiance, reflectances, light.lamp_shares),
         lambda: changed_reflection(
             transport.light,

@@ -114,7 +114,7 @@ class PatchLight:
         if cut is not None and cut < 1:
             return self.patch_emission
         arriving = first + emitted
-        return self.patch_emission + self.transport.kept(
+        return self.patch_emission + self.transport.cached(
             ("solution", cut, self.patch_reflectance, arriving),
             lambda: solve(exchange, self.patch_reflectance, arriving, cut),
         )

@@ -66,7 +66,7 @@ class PatchTransport:
     lamp_radiance: NDArray[np.float64]
     _results: dict[tuple[Any, ...], NDArray[Any]] = field(default_factory=dict, init=False, repr=False)
 
-    def kept(self, of: tuple[Any, ...], compute: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+    def cached(self, of: tuple[Any, ...], compute: Callable[[], NDArray[Any]]) -> NDArray[Any]:
         """Result for this geometry, computed before from the same numbers or now.
 
         Parameters

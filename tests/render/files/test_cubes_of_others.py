@@ -175,6 +175,37 @@ def test_a_netcdf_file_asks_for_units_and_wavelengths(tmp_path):
     np.testing.assert_allclose(cube["radiance"], 1e-3 * GREY[..., ::-1], rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("um", 1e-3), ("micrometers", 1e-3), ("µm", 1e-3), ("Nanometre", 1.0), ("m", 1e-9), ("angstrom", 10.0)],
+)
+def test_units_of_wavelength_of_a_netcdf_file(tmp_path, unit, factor):
+    cube = as_cube(GREY, np.array([400.0, 500.0, 600.0]) * factor)
+    cube["wavelength"].attrs["units"] = unit
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    back = read_cube(tmp_path / "a.nc")
+    np.testing.assert_allclose(back["wavelength"], [400, 500, 600])
+    assert back["wavelength"].attrs["units"] == "nm"
+
+
+def test_a_netcdf_files_wavelengths_are_kept_and_their_unit_asked_for(tmp_path):
+    cube = as_cube(GREY, [0.4, 0.5, 0.6])
+    del cube["wavelength"].attrs["units"]
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="declare wavelength-unit=nm"):
+        read_cube(tmp_path / "a.nc")
+    declared = Declared(wavelength_unit="um")
+    back = read_cube(tmp_path / "a.nc", declared)
+    np.testing.assert_allclose(back["wavelength"], [400, 500, 600])
+    require_used(declared, declared_for(back), stated_in(back))
+    with pytest.raises(InputError, match="declared wavelength-unit: found 'ft'"):
+        read_cube(tmp_path / "a.nc", Declared(wavelength_unit="ft"))
+    cube["wavelength"].attrs["units"] = "ft"
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="the unit 'ft'"):
+        read_cube(tmp_path / "a.nc")
+
+
 def test_negative_radiance_is_told(tmp_path):
     values = GREY.copy()
     values[1, 1] = -1
