@@ -9,6 +9,8 @@ import xarray as xr
 from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
+from .headers import LONGEST_NM, SHORTEST_NM
+
 __all__ = [
     "PROVENANCE",
     "RADIANCE_UNIT",
@@ -20,6 +22,7 @@ __all__ = [
     "require_light",
     "require_numbers",
     "require_stored",
+    "require_wavelengths_of_light",
     "with_units",
 ]
 
@@ -227,6 +230,31 @@ def require_light(picture: xr.Dataset, source: Path | str) -> None:
             f"values below 0, {share:.0%} of the sum of all sizes",
             "light, which is never below 0",
             "A difference of two pictures is none; compare the two.",
+        )
+
+
+def require_wavelengths_of_light(cube: xr.Dataset, path: Path) -> None:
+    """Raise InputError for wavelengths that are none of light, such as 0.4 nm for 0.4 um.
+
+    Parameters
+    ----------
+    cube
+        Cube, or coefficients of one.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If a wavelength lies outside 100 nm to 0.1 mm.
+    """
+    low, high = float(cube["wavelength"].min()), float(cube["wavelength"].max())
+    if not (low >= SHORTEST_NM and high <= LONGEST_NM):
+        raise InputError(
+            f"{path}: wavelength",
+            f"{low:g} to {high:g} nm",
+            f"wavelengths of light, {SHORTEST_NM:g} to {LONGEST_NM:g} nm",
+            "Are they in another unit, such as um in place of nm?",
         )
 
 

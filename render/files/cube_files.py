@@ -29,6 +29,7 @@ from .cube_checks import (
     require_light,
     require_numbers,
     require_stored,
+    require_wavelengths_of_light,
     with_units,
 )
 from .declared import AS_STATED, Declared, with_notes
@@ -191,6 +192,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
         require_cube(picture, path)
+        require_wavelengths_of_light(picture, path)
     require_numbers(picture, path)
     require_light(picture, path)
     negative = negative_pixels(picture)
@@ -225,6 +227,7 @@ def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset
         return
     with form.open(path, declared) as cube:
         require_stored(cube, path)
+        require_wavelengths_of_light(cube, path)
         yield cube
 
 

@@ -11,6 +11,7 @@ import xarray as xr
 from cboxlab.rendering.files import (
     Declared,
     declared_for,
+    open_cube,
     read_cube,
     read_picture,
     require_used,
@@ -204,6 +205,25 @@ def test_a_netcdf_files_wavelengths_are_kept_and_their_unit_asked_for(tmp_path):
     cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     with pytest.raises(InputError, match="the unit 'ft'"):
         read_cube(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize("nm", [[0.4, 0.5, 0.6], [4e5, 5e5, 6e5], [4e-7, 5e-7, 6e-7]])
+@pytest.mark.parametrize("ending", [".nc", ".exr", ".hdr"])
+def test_wavelengths_that_are_none_of_light_are_refused(tmp_path, ending, nm):
+    path = tmp_path / f"a{ending}"
+    if ending == ".exr":
+        exr(
+            path,
+            channels([f"S0.{w:g}nm".replace("0.", "0,").replace("S0,", "S0.") for w in nm]),
+            emissiveUnits=RADIANCE,
+        )
+    else:
+        write_cube(path, as_cube(GREY, nm))
+    with pytest.raises(InputError, match=r"wavelength: .*wavelengths of light.*another unit"):
+        read_cube(path)
+    if ending != ".exr":
+        with pytest.raises(InputError, match="wavelengths of light"), open_cube(path):
+            pass
 
 
 def test_negative_radiance_is_told(tmp_path):
