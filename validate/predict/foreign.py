@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.rendering.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in
+from cboxlab.rendering.files import (
+    AS_STATED,
+    Declared,
+    declared_for,
+    read_cube,
+    require_used,
+    stated_in,
+    window_of,
+)
 from cboxlab.rendering.image import RenderedImage, variance_of_neighbours
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.rendering.visibility import build_tracer, facet_coverage
@@ -69,6 +77,8 @@ def foreign_picture(
     """
     read = read_cube(path, declared)
     require_used(declared, declared_for(read), stated_in(read))
+    if (window := window_of(read)) is not None:
+        raise InputError(path, f"a part of a picture, {window}", "the complete picture through the capture's camera")
     cube = read.transpose("y", "x", "wavelength", ...)
     wavelength = cube["wavelength"].values.astype(float)
     radiance = cube["radiance"].values.astype(float)

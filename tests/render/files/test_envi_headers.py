@@ -335,6 +335,14 @@ def test_ignored_values_of_any_range(tmp_path, ignored):
     assert np.isnan(cube["radiance"]).sum() == (1 if ignored == "0" else 0)
 
 
+def test_an_ignored_number_of_64_bits_in_samples_of_32(tmp_path):
+    values = LIGHT.copy()
+    values[1, 2, 3] = np.inf
+    cube = read(tmp_path, header_text(data_ignore_value="1.7976931348623157e308"), values)
+    assert np.isnan(cube["radiance"].values[1, 2, 3])
+    assert np.isnan(cube["radiance"]).sum() == 1
+
+
 # ---- bad bands
 
 
