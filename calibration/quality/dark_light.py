@@ -47,7 +47,7 @@ def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator
         One for the capture, with the largest light.
     """
     flats = [s for s in stacks if s.kind == "flat"]
-    if len({s.cell_pixel for s in flats}) != 1:
+    if len({s.lattice for s in flats}) != 1:
         return
     lights = []
     for index in range(1, dark.exposure_s.size):

@@ -1,4 +1,4 @@
-"""Did a change of a rendering algorithm change its answer, and how?"""
+"""Regression of renderers: verdict on two pictures, and the name of the change."""
 
 from .grids import Common
 from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
