@@ -2,6 +2,8 @@
 
 import gzip
 import importlib.metadata
+import re
+import resource
 from datetime import datetime
 
 import numpy as np
@@ -9,11 +11,13 @@ import OpenEXR
 import pytest
 import tifffile
 from cboxlab.calibration import frame_readers
-from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.capture import file_mosaic_notes, load_capture
 from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
 from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import FakeCapture
 from helpers.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 SHAPE = (12, 16)
 CUBE = np.random.default_rng(1).integers(0, 65535, (3, *SHAPE)).astype(np.uint16)
@@ -192,6 +196,35 @@ def test_a_packed_file_that_announces_more_than_it_holds(tmp_path):
         frame_header(tmp_path / "a.fits.gz")
 
 
+@pytest.mark.parametrize("start", ["SIMPLE  =                    T", "XTENSION= 'IMAGE   '", "NOTHING"])
+@pytest.mark.parametrize("whole_before", [False, True])
+def test_a_packed_header_without_end_is_refused(tmp_path, start, whole_before):
+    write_fits(tmp_path / "a.fits", CUBE[0])
+    before = (tmp_path / "a.fits").read_bytes() if whole_before else b""
+    (tmp_path / "b.fits.gz").write_bytes(gzip.compress(before + start.ljust(2**27).encode(), 9))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match=r"b\.fits\.gz: found (a header without end|bytes that are no header)"):
+        frame_header(tmp_path / "b.fits.gz")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 50 * 1024
+
+
+FITS_NAMES = ["f.fits", "f.fits.gz", "f.fits.fz"]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(FITS_NAMES), st.integers(0, 20_000), st.integers(0, 255))
+def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, place, byte):
+    path = tmp_path_factory.mktemp("frame") / name
+    write_fits(path, CUBE, EXPTIME=1.0, BAYERPAT="RGGB")
+    content = bytearray(path.read_bytes())
+    content[place % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        assert read_pictures(path).dtype == np.uint16
+    except InputError as fault:
+        assert path.name in str(fault)
+
+
 @pytest.mark.parametrize(("name", "package"), [("a.fits", "astropy"), ("a.dng", "rawpy")])
 def test_a_missing_package_is_named_once(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b"whatever")
@@ -340,6 +373,20 @@ def test_a_raw_file_in_a_capture(folder):
     with_frames(folder, band_frames(before, folder), 'frames = ["IMG_0550.dng"]')
     after = load_capture(folder)
     np.testing.assert_array_equal(after.frames(after.band("f450"))[0], image)
+
+
+@pytest.mark.parametrize(("table", "words"), [("", "a sensor without mosaic"), ("GRBG", "the mosaic GRBG")])
+def test_a_mosaic_that_the_file_states_is_noted(folder, table, words):
+    before = load_capture(folder)
+    assert file_mosaic_notes(before) == []
+    write_dng(folder / "box.dng", before.frame(before.band("f450").frames[0]))
+    with_frames(folder, band_frames(before, folder), 'frames = ["box.dng"]')
+    if table:
+        text = (folder / "capture.toml").read_text()
+        text = re.sub(r'quantum_efficiency = (".*?")', r"quantum_efficiency = [\1, \1, \1]", text)
+        (folder / "capture.toml").write_text(f'{text}\n[mosaic]\npattern = "{table}"\n')
+    (note,) = file_mosaic_notes(load_capture(folder))
+    assert "box.dng: the file states the mosaic RGGB" in note and words in note
 
 
 def test_bands_in_one_file_are_no_frames(folder):
