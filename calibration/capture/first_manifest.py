@@ -24,7 +24,7 @@ from pydantic import BaseModel
 from ..frame_readers import suffixes
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, group_frames
+from .frame_classes import FrameGroup, group_frames, numbered_alike
 from .manifest import (
     BandTable,
     BracketTable,
@@ -201,6 +201,9 @@ class _Draft:
             blocks.append(self._table(header, group))
         blocks += self._further_tables()
         self._note_useful_keys(len(bands))
+        for alike in numbered_alike(groups):
+            why = f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table"
+            self.missing.append(MissingKey("[[band]]", "", why, False))
         self.missing += [
             MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
             for kind, without in _WITHOUT

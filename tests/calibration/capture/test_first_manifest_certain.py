@@ -294,3 +294,38 @@ def test_frames_named_as_the_simulated_ones_need_no_renaming(tmp_path):
             b: [f"frames/{word}-{b}-{k}.tif" for k in (0, 1)] for b in ("f450", "open")
         }
     assert [(t["exposure_s"], len(t["frames"])) for t in manifest["dark"]] == [(0.5, 2), (4.0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("names", "noted"),
+    [
+        (("IMG_0550", "IMG_0551", "IMG_0552"), "IMG_0550 to IMG_0552"),
+        (("light_0001", "light_0002"), "light_0001 to light_0002"),
+        (("550", "551"), "550 to 551"),
+        (("box-0", "box-1"), None),
+        (("f450-1s", "f550-1s"), None),
+        (("kitchen", "hall"), None),
+    ],
+)
+def test_numbers_that_may_count_repeats_are_noted(tmp_path, names, noted):
+    tiffs(tmp_path, *names)
+    _, first = written(tmp_path)
+    notes = [key.why for key in first.missing if "differ by a number alone" in key.why]
+    assert notes == [] if noted is None else len(notes) == 1 and notes[0].startswith(noted)
+
+
+@pytest.mark.parametrize("name", ["a\nb.tif", "a\\b.tif", b"f600-\xff.tif".decode("utf-8", "surrogateescape")])
+def test_names_that_a_capture_cannot_list(tmp_path, name):
+    tiffs(tmp_path, "f550-1s")
+    tifffile.imwrite(tmp_path / "x", counts(3))
+    os.rename(tmp_path / "x", tmp_path / name)
+    manifest, first = written(tmp_path)
+    assert frames(manifest) == ["f550-1s.tif"] and "cannot list" in first.left_out[0].why
+
+
+@pytest.mark.parametrize("target", ["absent.tif", "link.tif"], ids=["nothing", "itself"])
+def test_links_that_lead_to_no_file(tmp_path, target):
+    tiffs(tmp_path, "f550-1s")
+    os.symlink(tmp_path / target, tmp_path / "link.tif")
+    _, first = written(tmp_path)
+    assert [(item.file, item.why) for item in first.left_out] == [("link.tif", "a link that leads to no file")]
