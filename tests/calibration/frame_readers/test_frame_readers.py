@@ -389,6 +389,20 @@ def test_a_mosaic_that_the_file_states_is_noted(folder, table, words):
     assert "box.dng: the file states the mosaic RGGB" in note and words in note
 
 
+def test_a_package_that_is_missing_for_many_frames_is_one_fault(folder, monkeypatch):
+    before = load_capture(folder)
+    names = [f"IMG_{k}.dng" for k in range(30)]
+    for name in names:
+        (folder / name).write_bytes(b"whatever")
+    listed = ", ".join(f'"{name}"' for name in names)
+    with_frames(folder, band_frames(before, folder), f"frames = [{listed}]")
+    monkeypatch.setattr(frame_readers, "find_spec", lambda module: None)
+    with pytest.raises(InputError) as refusal:
+        load_capture(folder)
+    message = str(refusal.value)
+    assert message.count("pip install 'cboxlab[readers]'") == 1 and "\n" not in message and "IMG_0.dng" in message
+
+
 def test_bands_in_one_file_are_no_frames(folder):
     before = load_capture(folder)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
