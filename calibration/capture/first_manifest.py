@@ -152,6 +152,7 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     convert_bands(folder, [frame for group in groups for frame in group.frames])
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    left_out = [item for item in left_out if item.file not in tables.labels.values()]
     missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
     return FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
 

@@ -10,6 +10,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.utils.errors import InputError
 from helpers.frame_files import XTRANS, shifted, write_dng, write_fits
+from PIL import Image
 
 SHAPE = (12, 16)
 
@@ -329,3 +330,30 @@ def test_links_that_lead_to_no_file(tmp_path, target):
     os.symlink(tmp_path / target, tmp_path / "link.tif")
     _, first = written(tmp_path)
     assert [(item.file, item.why) for item in first.left_out] == [("link.tif", "a link that leads to no file")]
+
+
+def labelled(folder, shape=SHAPE):
+    tiffs(folder, "f450-1s")
+    Image.fromarray(np.zeros(shape, np.uint8)).save(folder / "patches.png")
+    (folder / "patches.csv").write_text("label,name,column\n1,paper,p1\n2,card,p2\n3,hole,\n")
+    spectra(folder / "spectra" / "paints.csv", "p1", "p2", "p3")
+
+
+def test_labels_of_the_folder_are_used(tmp_path):
+    labelled(tmp_path)
+    manifest, first = written(tmp_path)
+    assert manifest["labels"] == {"image": "patches.png", "names": "patches.csv", "reflectance": "spectra/paints.csv"}
+    assert not first.left_out
+
+
+@pytest.mark.parametrize("spoil", ["size", "second image", "second table", "no table"])
+def test_labels_that_are_not_certain_are_named(tmp_path, spoil):
+    labelled(tmp_path, (5, 5) if spoil == "size" else SHAPE)
+    if spoil == "second image":
+        Image.fromarray(np.ones(SHAPE, np.uint8)).save(tmp_path / "b.png")
+    if spoil == "second table":
+        (tmp_path / "b.csv").write_text((tmp_path / "patches.csv").read_text())
+    if spoil == "no table":
+        (tmp_path / "patches.csv").unlink()
+    manifest, first = written(tmp_path)
+    assert "labels" not in manifest and "patches.png" in {item.file for item in first.left_out}
