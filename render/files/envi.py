@@ -192,6 +192,10 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     if file.stat().st_size != layout.file_bytes:
         size_text = f"{file.stat().st_size} bytes"
         raise InputError(file, size_text, f"{layout.file_bytes} bytes according to its header")
+    if _ORDERS.get(file.suffix[1:].lower(), layout.order) != layout.order:
+        notes.append(
+            f"read as {header.text('interleave')}, as the header states, although the data file is {file.name}"
+        )
     stated_unit = header.text("data units") or None
     factor = spectral_factor(f"{path}: data units", stated_unit, declared)
     wavelength, used, of_file = _wavelengths(header, layout.size["wavelength"], declared)

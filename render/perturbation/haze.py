@@ -93,7 +93,7 @@ class AirTransport:
         Returns
         -------
         NDArray
-            (..., w) light; 0 outside the box next to it, where only the black backs of its walls are seen.
+            (..., w) light; 0 at the sides of the box, where only the black backs of its walls are seen.
         """
         part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
         result, start = np.empty((*part.shape, values.shape[1])), 0

@@ -10,6 +10,7 @@ from helpers.faults import fault_folder
 
 
 def read(tmp_path, *arguments, declared=None, **keywords):
+    tmp_path.mkdir(exist_ok=True)
     return read_cube(write(tmp_path / "cube", *arguments, **keywords), declared or Declared())
 
 
@@ -65,6 +66,14 @@ def test_of_two_data_files_the_one_of_the_headers_size_is_read(tmp_path):
     (tmp_path / "cube" / "x.dat").write_bytes((tmp_path / "cube" / "x.bil").read_bytes())
     with pytest.raises(InputError, match=r"data files x.dat, x.bil of the same size"):
         read_cube(path)
+
+
+def test_an_ending_that_contradicts_the_header_is_noted(tmp_path):
+    cube = read(tmp_path, header_text(interleave="bil"), order="bil", data="x.bsq")
+    np.testing.assert_array_equal(cube["radiance"], LIGHT)
+    assert "read as bil, as the header states, although the data file is x.bsq" in cube.attrs["reading_notes"]
+    cube = read(tmp_path / "other", header_text(interleave="bil"), order="bil", data="x.BIL")
+    assert "reading_notes" not in cube.attrs
 
 
 def test_samples_named_in_place_of_their_header(tmp_path):

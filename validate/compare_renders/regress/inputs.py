@@ -282,7 +282,7 @@ def _camera_and_lamp(camera: Camera | Path | None, size: int | Sequence[int]) ->
 
 
 def _picture_size(side: Side) -> tuple[int, int]:
-    """Rows and columns of the picture that a side is, or is a part of; those of the part where it does not say."""
+    """Rows and columns of the picture that a side is a part of; its own where not stated."""
     display = side.pixels.display
     return side.shape if display is None else (display[3], display[2])
 

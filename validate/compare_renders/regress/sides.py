@@ -135,7 +135,7 @@ def on_common_pixels(first: Side, second: Side) -> tuple[Side, Side, tuple[str, 
     Parameters
     ----------
     first, second
-        Sides of one picture, of which a file may hold a part.
+        Sides of one picture; a file may hold a part of it.
 
     Returns
     -------
