@@ -14,12 +14,15 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 
-from ._effect import AppliedEffect, Effect, Kind, Parameter
+from .effect import AppliedEffect, Effect, Kind, Parameter
 
 __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "catalogue", "names_in"]
 
 #: Entry points of this group are effects of other packages.
 _GROUP = "cboxlab.effects"
+
+#: Modules of this package that hold no effect: the classes, and the blur that two effects share.
+_NO_EFFECTS = frozenset({"effect", "blur"})
 
 
 @lru_cache(maxsize=1)
@@ -28,7 +31,7 @@ def catalogue() -> dict[str, Effect]:
 
     Raises InputError for an entry point that cannot be loaded, is no Effect, or has the identifier of another.
     """
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
+    names = [module.name for module in iter_modules(__path__) if module.name not in _NO_EFFECTS]
     own = [import_module(f"{__name__}.{name}").EFFECT for name in names]
     known: dict[str, Effect] = {effect.id: effect for effect in own}
     for entry in entry_points(group=_GROUP):

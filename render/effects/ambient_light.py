@@ -6,7 +6,7 @@ import numpy as np
 from cboxlab.scenes.spectra import planck
 
 from ..perturbation import PatchLight
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..chain import Counts
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

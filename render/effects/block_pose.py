@@ -7,7 +7,7 @@ from dataclasses import replace
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
 
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from scipy.spatial.transform import Rotation
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..chain import Light
-from ._blur import blurred
-from ._effect import Effect, Parameter
+from .blur import blurred
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

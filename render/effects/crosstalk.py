@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate
 
 from ..chain import Counts
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

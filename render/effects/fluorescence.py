@@ -7,7 +7,7 @@ from cboxlab.scenes.wavelength_grid import trapezoidal_weights
 
 from ..perturbation import PatchLight
 from ..radiosity import solve
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..chain import Light
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

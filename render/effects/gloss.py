@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..device import dr, mi
 from ..perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ..perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

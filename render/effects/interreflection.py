@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..chain import RenderSettings
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

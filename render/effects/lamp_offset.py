@@ -9,7 +9,7 @@ from cboxlab.scenes.scene import Lamp, Scene, Surface
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from cboxlab.scenes.scene import Scene
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

@@ -9,7 +9,7 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

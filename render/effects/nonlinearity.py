@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..chain import Counts
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

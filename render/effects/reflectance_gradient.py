@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..perturbation import PatchLight
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..device import dr, mi
 from ..perturbation import PatchLight, Reflection, with_albedo, with_reflection
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

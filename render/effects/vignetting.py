@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..chain import Light
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 

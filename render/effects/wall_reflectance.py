@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
 
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 

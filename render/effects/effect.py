@@ -150,7 +150,7 @@ class Effect:
             raise ValueError(f"{self.id}: a title of {len(self.title)} characters, at most {_LONGEST_TITLE} fit")
 
     @property
-    def in_few_words(self) -> str:
+    def short_title(self) -> str:
         """The title, or the summary's beginning."""
         return self.title or shorten(self.summary, _LONGEST_TITLE, placeholder="…")
 
@@ -164,7 +164,7 @@ class Effect:
         return {
             "effect": self.id,
             "stage": self.stage,
-            "title": self.in_few_words,
+            "title": self.short_title,
             "summary": self.summary,
             "parameters": [
                 {"name": p.name, "choices": list(p.choices)}
