@@ -1,4 +1,7 @@
-"""What an effect is: an identifier, its parameters, the stage it acts at, a pure function, how to confirm it."""
+"""Effects and their parameters.
+
+An effect is one physical cause. It acts at one stage of the chain, by a pure function of that stage's value.
+"""
 
 from __future__ import annotations
 
@@ -18,54 +21,70 @@ from ..chain import Stage
 
 __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "index_of"]
 
-#: Characters of a title: a list of all effects fits into 80 columns.
+#: Longest title, characters: with the stage and the identifier before it, a line of a list fits into 80 columns.
 _LONGEST_TITLE = 50
 
-
-#: What a name among a parameter's choices stands for: any that the scene or the capture at hand holds will do.
+#: Meaning of the names among a parameter's choices: any such name of the scene or capture is allowed.
 Kind = Literal["material", "surface", "block", "band"]
 
-#: Below this inverse square a number counts as infinite.
+#: Inverse square below which a number counts as infinite, for numbers of order 1: 1e-12 is a number of a million.
 _SMALLEST_INVERSE_SQUARE = 1e-12
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number, or one name out of ``choices`` (then unit, null and bounds mean nothing).
+    """Parameter of an effect: a number with unit and bounds, or a name out of ``choices``.
 
-    null : the value at which the effect does nothing, None for a parameter that has none (a peak's place).
-    null_in : how it is read from a scene, where it is the model's own value; ``null`` is then the published box's.
-    low, high : bounds of what is physically plausible. default : what a model file that leaves it out means.
-    kind : what its names stand for. The choices are then those of the published box; any name of that kind in the
-    scene or capture at hand will do. None where the choices are all there are.
-    scale : in which coordinate the effect grows evenly with the number, and a fit searches: the number itself, or
-    n^-2. step : a small change of that coordinate, for derivatives.
-    starts : where a search starts, for a number without null; by default at ``default``, or else half way between
-    the bounds. example : the value in the effect's picture; by default four steps from null, or the first choice.
-    grows_with_aperture : whether the number is in proportion to the aperture's diameter, as the width of a blur is.
-    tolerance : how far the number may be from null without being a finding, one standard deviation: what setting up
-    and surveying a box leave, or by what two simulators of one box differ.
+    A name has no unit, null value or bounds. A fit does not search in the number itself but in a coordinate in which
+    the effect grows evenly: c = n, or c = n^-2 for ``scale`` "inverse square".
+
+    Raises
+    ------
+    ValueError
+        If a null value at infinity has the linear scale, or a kind has no choices.
+
+    Examples
+    --------
+    >>> from cboxlab.rendering.effects import Parameter
+    >>> index = Parameter("effective_index", null=float("inf"), low=1.05, scale="inverse square")
+    >>> index.to_coordinate(2.0), index.from_coordinate(0.25)
+    (0.25, 2.0)
     """
 
+    #: Name by which model files and the effect's function give it.
     name: str
+    #: Unit of the number; "1" for none.
     unit: str = "1"
     _: KW_ONLY
+    #: Value at which the effect does nothing; None for a number without one, such as the wavelength of a peak.
     null: float | None = None
+    #: Function that reads the null value from a scene; ``null`` is then that of the published box. None if it is fixed.
     null_in: Callable[[Scene], float] | None = None
+    #: Lowest physically plausible value.
     low: float = -np.inf
+    #: Highest physically plausible value.
     high: float = np.inf
+    #: Step of the coordinate for derivatives; it changes the rendering by a fraction of its noise.
     step: float = 1e-3
+    #: Value where a model file gives none; None for the null value.
     default: float | None = None
+    #: Names that may be given; empty for a number.
     choices: tuple[str, ...] = ()
+    #: Meaning of the names; ``choices`` are then those of the published box. None if the choices are complete.
     kind: Kind | None = None
+    #: Coordinate of a fit: the number itself ("linear"), or its inverse square.
     scale: Literal["linear", "inverse square"] = "linear"
+    #: Values at which a search starts, for a number without null value; empty for ``default`` or the bounds' middle.
     starts: tuple[float, ...] = ()
+    #: Value in the effect's picture of the manual; None for four steps from null, or the first choice.
     example: str | float | None = None
+    #: Whether the number is in proportion to the aperture's diameter, as the width of a blur is.
     grows_with_aperture: bool = False
+    #: Deviation from null that is no finding, one standard deviation: what a survey, or a second simulator, leaves.
     tolerance: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raises ValueError for fields that contradict each other."""
+        """Check that the fields agree."""
         if self.null is not None and np.isinf(self.null) and self.scale != "inverse square":
             raise ValueError(f"{self.name}: a null value at infinity needs the scale 'inverse square'")
         if self.kind and not self.choices:
@@ -73,16 +92,38 @@ class Parameter:
 
     @property
     def starting_values(self) -> tuple[float, ...]:
-        """Where a search starts; one value at least."""
+        """Values at which a search starts; at least one."""
         middle = 0.5 * (self.low + self.high) if self.default is None else self.default
         return self.starts or (middle,)
 
     def to_coordinate(self, value: float) -> float:
-        """The number in the coordinate of ``scale``."""
+        """Coordinate of a value.
+
+        Parameters
+        ----------
+        value
+            The number, in ``unit``; not 0 for "inverse square".
+
+        Returns
+        -------
+        float
+            n, or n^-2; 0 for an infinite number on the inverse square.
+        """
         return 1 / value**2 if self.scale == "inverse square" else value
 
     def from_coordinate(self, coordinate: float) -> float:
-        """The number of a coordinate, kept within the bounds."""
+        """Value of a coordinate.
+
+        Parameters
+        ----------
+        coordinate
+            The coordinate; it may lie outside the bounds.
+
+        Returns
+        -------
+        float
+            The number, in ``unit``. A linear one is clipped to the bounds, an inverse square one to ``high`` only.
+        """
         if self.scale == "inverse square":
             if coordinate <= _SMALLEST_INVERSE_SQUARE:
                 return self.high
@@ -98,17 +139,32 @@ class Parameter:
 
     @property
     def null_coordinate(self) -> float:
-        """The coordinate of the null value; 0 where there is none."""
+        """Coordinate of the null value; 0 if there is no null value."""
         return 0.0 if self.null is None else self.to_coordinate(self.null)
 
     @property
     def coordinate_step(self) -> float:
-        """A small step of the coordinate, away from null within bounds where there is a null."""
+        """Step of the coordinate from null; negative if a positive step would leave the bounds."""
         inside = self.null_coordinate + self.step <= self.coordinate_bounds[1]
         return self.step if inside else -self.step
 
     def deviation(self, value: float, coordinate_deviation: float) -> float:
-        """The standard deviation of the number for one of its coordinate: c = n^-2 gives dn = n^3 / 2 dc."""
+        """Standard deviation of the number from that of its coordinate.
+
+        For c = n^-2 it is n^3 / 2 times that of the coordinate, to first order.
+
+        Parameters
+        ----------
+        value
+            The number, in ``unit``.
+        coordinate_deviation
+            Standard deviation of the coordinate.
+
+        Returns
+        -------
+        float
+            Standard deviation, in ``unit``.
+        """
         return coordinate_deviation * (0.5 * value**3 if self.scale == "inverse square" else 1.0)
 
 
@@ -116,51 +172,66 @@ class Parameter:
 class Effect:
     """One physical cause that a model may lack.
 
-    stage : where in the chain it acts (``render.chain``). summary : what happens in the real box, with the formula.
-    title : the same in a few words, for lists (at most 50 characters); the summary's beginning where it is left out.
-    apply : pure function of the stage's value and the parameters by name, to the stage's value. confirm : how a
-    laboratory confirms it or rules it out. sources : where the formula is from.
-    acts_on_charge : of the counts stage: whether it changes charge, before shot noise arises, or else counts as they
-    are read out. spectral_step_nm : of the transport stage: steps of the wavelengths, dividing 300 nm, at which a
-    synthetic capture or cube computes its change; the change is linear in between.
-    imitates_lamp_power : whether the fit of the lamp's power can do all that the effect does to the picture. Then only
-    the lamp's stated uncertainty speaks against the effect. own_to_capture : whether it belongs to one capture and not
-    to box or camera, so that another capture of the same box has numbers of its own. file : of which it was read; None
-    in the catalogue.
+    The same object simulates the effect, predicts it, fits it and describes it to users.
+
+    Raises
+    ------
+    ValueError
+        If the title has more than 50 characters.
     """
 
+    #: Identifier in model files and reports: small letters, digits and hyphens.
     id: str
+    #: Stage of the chain at which it acts, see ``cboxlab.rendering.chain``.
     stage: Stage
+    #: Description for users: what happens in the real box, with the formula.
     summary: str
+    #: Parameters in the order of lists and fits.
     parameters: tuple[Parameter, ...]
+    #: Pure function of the stage's value, and of the parameters by name, to the changed value.
     apply: Callable[..., Any]
+    #: Description of the measurement by which a laboratory confirms the effect or rules it out.
     confirm: str
     _: KW_ONLY
+    #: Description for lists, at most 50 characters; empty for the beginning of the summary.
     title: str = ""
+    #: Publications and standards of the formula.
     sources: tuple[str, ...] = ()
+    #: Counts only: whether it changes charge, before shot noise arises, or counts as they are read out.
     acts_on_charge: bool = True
+    #: Transport only: step, nm, of the wavelengths at which its change is computed; it divides 300. Linear in between.
     spectral_step_nm: int = 20
+    #: Whether a fit of the lamp's power can do the same. Only the lamp's stated uncertainty then speaks against it.
     imitates_lamp_power: bool = False
+    #: Whether it belongs to one capture, so that another capture of the same box has other values.
     own_to_capture: bool = False
+    #: Effect file that it was read from; None in the catalogue.
     file: Path | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a title that does not fit into a list."""
+        """Check that the title fits into a list."""
         if len(self.title) > _LONGEST_TITLE:
             raise ValueError(f"{self.id}: a title of {len(self.title)} characters, at most {_LONGEST_TITLE} fit")
 
     @property
     def short_title(self) -> str:
-        """The title, or the summary's beginning."""
+        """Title, or the beginning of the summary, at most 50 characters."""
         return self.title or shorten(self.summary, _LONGEST_TITLE, placeholder="…")
 
     @property
     def numbers(self) -> tuple[Parameter, ...]:
-        """The parameters that are numbers."""
+        """Parameters that are numbers."""
         return tuple(p for p in self.parameters if not p.choices)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the effect is, ready for JSON. A parameter has bounds or choices; its null value may be infinite."""
+        """Description of the effect, ready for JSON.
+
+        Returns
+        -------
+        dict
+            Identifier, stage, title, summary, parameters, confirm, sources. A parameter has bounds or choices; its
+            null value may be infinite.
+        """
         return {
             "effect": self.id,
             "stage": self.stage,
@@ -184,39 +255,84 @@ class Effect:
         }
 
     def within(self, scene: Scene) -> Effect:
-        """The effect with the null values that it has in a scene."""
-        own = [p if p.null_in is None else replace(p, null=p.null_in(scene)) for p in self.parameters]
-        return replace(self, parameters=tuple(own))
+        """Effect with the null values that it has in a scene.
+
+        Parameters
+        ----------
+        scene
+            The scene of the model.
+
+        Returns
+        -------
+        Effect
+            A copy in which every parameter with ``null_in`` has the null value of the scene.
+        """
+        parameters = [p if p.null_in is None else replace(p, null=p.null_in(scene)) for p in self.parameters]
+        return replace(self, parameters=tuple(parameters))
 
     @property
     def imitates_nuisance(self) -> bool:
-        """Whether the fit of camera or lamp does to the picture what the effect does, or a part of it."""
+        """Whether the fit of camera or lamp can do the same to the rendering, or a part of it."""
         return self.imitates_lamp_power or self.stage == "camera"
 
 
-def index_of(name: str, known: Iterable[str], key: str) -> int:
-    """Index of a name among those of scene or capture. Raises InputError (at ``key``) for a name that is not there."""
-    names = list(known)
-    if name not in names:
-        raise InputError(f"effect {key}", f"'{name}', which is not there", f"one of {', '.join(names)}")
-    return names.index(name)
+def index_of(name: str, names: Iterable[str], where: str) -> int:
+    """Index of a name among the names of a scene or capture.
+
+    Parameters
+    ----------
+    name
+        The name that an effect's parameter gives.
+    names
+        Names of the scene or capture, in order.
+    where
+        Effect and parameter for the error, such as "gloss: material".
+
+    Returns
+    -------
+    int
+        Position of the name, from 0.
+
+    Raises
+    ------
+    InputError
+        If the name is not among them.
+    """
+    allowed = list(names)
+    if name not in allowed:
+        raise InputError(f"effect {where}", f"'{name}', which is not there", f"one of {', '.join(allowed)}")
+    return allowed.index(name)
 
 
 @dataclass(frozen=True, eq=False)
 class AppliedEffect(OwnMappings):
-    """An effect with values for all of its parameters. sigma : standard deviations of those fitted to a capture."""
+    """Effect with values for all of its parameters."""
 
+    #: The effect.
     effect: Effect
+    #: Value of every parameter by name, numbers in the parameter's unit.
     values: Mapping[str, str | float]
+    #: Standard deviations by name, of the numbers that were fitted to a capture.
     sigma: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def id(self) -> str:
-        """The effect's identifier."""
+        """Identifier of the effect."""
         return self.effect.id
 
     def name_below(self, folder: Path | None) -> str:
-        """How files in a folder name the effect: its identifier, or the way to its own file; whole without folder."""
+        """Name of the effect in the files of a folder.
+
+        Parameters
+        ----------
+        folder
+            The folder; None for absolute paths.
+
+        Returns
+        -------
+        str
+            The identifier, or the path of the effect file relative to ``folder``, with forward slashes.
+        """
         file = self.effect.file
         if file is None:
             return self.id
@@ -224,14 +340,38 @@ class AppliedEffect(OwnMappings):
 
     @property
     def stage(self) -> Stage:
-        """Where in the chain it acts."""
+        """Stage of the chain at which the effect acts."""
         return self.effect.stage
 
     def apply(self, value: Any, *context: Any) -> Any:
-        """The stage's value, changed."""
+        """Value of the stage after the effect.
+
+        Parameters
+        ----------
+        value
+            Value of the stage before it; it stays unchanged.
+        *context
+            Further arguments of the stage's functions, if it has any.
+
+        Returns
+        -------
+        Any
+            The changed value, of the same type.
+        """
         return self.effect.apply(value, *context, **self.values)
 
     def at_aperture(self, factor: float) -> AppliedEffect:
-        """The effect with the aperture's diameter times a factor."""
+        """Effect at another aperture.
+
+        Parameters
+        ----------
+        factor
+            Diameter of the aperture, relative to that of the values.
+
+        Returns
+        -------
+        AppliedEffect
+            A copy with the numbers that grow with the aperture scaled; the same object if there are none.
+        """
         growing = {p.name: factor * float(self.values[p.name]) for p in self.effect.numbers if p.grows_with_aperture}
         return replace(self, values={**self.values, **growing}) if growing else self
