@@ -268,8 +268,8 @@ FAULTS = (
         "shift-sign",
         "pass bands that move to longer wavelengths",
         "render/effects/filter_shift.py",
-        "looked_up = grid / np.sqrt",
-        "looked_up = grid * np.sqrt",
+        "wavelength_at_normal_nm = grid / np.sqrt",
+        "wavelength_at_normal_nm = grid * np.sqrt",
         ("render/effects",),
     ),
     Fault(

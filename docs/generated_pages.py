@@ -110,7 +110,7 @@ def effects() -> str:
 
 def _effect(effect: Effect) -> Iterator[str]:
     yield f"## {effect.id}\n"
-    yield f"*{effect.in_few_words}* · acts on: {effect.stage}\n"
+    yield f"*{effect.short_title}* · acts on: {effect.stage}\n"
     yield _plain(effect.summary) + "\n"
     if (FIGURES / f"{effect.id}.png").exists():
         yield f"![Relative change of the picture by {effect.id}, band by band](../figures/effects/{effect.id}.png)\n"

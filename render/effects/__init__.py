@@ -1,4 +1,7 @@
-"""The catalogue: one small file per effect. Users add their own through the entry point ``cboxlab.effects``."""
+"""Catalogue of effects: one file each, and those of other packages.
+
+Other packages add effects through the entry point group ``cboxlab.effects``.
+"""
 
 from __future__ import annotations
 
@@ -14,49 +17,80 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 
-from ._effect import AppliedEffect, Effect, Kind, Parameter
+from .effect import AppliedEffect, Effect, Kind, Parameter
 
 __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "catalogue", "names_in"]
 
 #: Entry points of this group are effects of other packages.
 _GROUP = "cboxlab.effects"
 
+#: Modules of this package that hold no effect: the classes, and the blur that two effects share.
+_NO_EFFECTS = frozenset({"effect", "blur"})
+
 
 @lru_cache(maxsize=1)
 def catalogue() -> dict[str, Effect]:
-    """All effects by identifier, those of other packages included.
+    """All effects by identifier, including those of other packages.
 
-    Raises InputError for an entry point that cannot be loaded, is no Effect, or has the identifier of another.
+    Returns
+    -------
+    dict[str, Effect]
+        Effects in the alphabetical order of their identifiers. The result is cached.
+
+    Raises
+    ------
+    InputError
+        If an entry point cannot be loaded, is no Effect, or has the identifier of another effect.
+
+    Examples
+    --------
+    >>> from cboxlab.rendering.effects import catalogue
+    >>> catalogue()["veiling-glare"].short_title
+    'a part of all light spreads over the image'
     """
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    own = [import_module(f"{__name__}.{name}").EFFECT for name in names]
-    known: dict[str, Effect] = {effect.id: effect for effect in own}
+    names = [module.name for module in iter_modules(__path__) if module.name not in _NO_EFFECTS]
+    modules = [import_module(f"{__name__}.{name}") for name in names]
+    effects: dict[str, Effect] = {module.EFFECT.id: module.EFFECT for module in modules}
     for entry in entry_points(group=_GROUP):
         effect = _loaded(entry)
-        if effect.id in known:
-            raise InputError(_where(entry), f"'{effect.id}', which is there already", "an identifier of its own")
-        known[effect.id] = effect
-    return dict(sorted(known.items()))
+        if effect.id in effects:
+            raise InputError(_where(entry), f"'{effect.id}', which is there already", "another identifier")
+        effects[effect.id] = effect
+    return dict(sorted(effects.items()))
 
 
 def _where(entry: EntryPoint) -> str:
+    """Place of an entry point in messages."""
     return f"entry point {_GROUP}: {entry.name} = {entry.value}"
 
 
 def _loaded(entry: EntryPoint) -> Effect:
+    """Effect of an entry point."""
     try:
-        found = entry.load()
+        effect = entry.load()
     except Exception as error:  # whatever the other package's import raises
         hint = "Mend or uninstall the package that has this entry point"
         raise InputError(_where(entry), f"{type(error).__name__}: {error}", "an Effect", hint) from error
-    if not isinstance(found, Effect):
-        raise InputError(_where(entry), f"a {type(found).__name__}", "an Effect")
-    return found
+    if not isinstance(effect, Effect):
+        raise InputError(_where(entry), f"a {type(effect).__name__}", "an Effect")
+    return effect
 
 
 def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str, ...]]:
-    """What effects may name in a scene and in a capture of these bands. A block is a surface whose name ends in
-    -block. Without bands any name of a band will do."""
+    """Names that effects may give in a scene, and in a capture of some bands.
+
+    Parameters
+    ----------
+    scene
+        The scene. A block is a surface whose name ends in "-block".
+    bands
+        Names of the capture's bands; empty to allow any name of a band.
+
+    Returns
+    -------
+    dict[Kind, tuple[str, ...]]
+        Names by kind; without "band" if there are no bands.
+    """
     surfaces = tuple(surface.name for surface in scene.surfaces)
     blocks = tuple(name.removesuffix("-block") for name in surfaces if name.endswith("-block"))
     names: dict[Kind, tuple[str, ...]] = {
@@ -68,11 +102,12 @@ def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str,
 
 
 def _in_catalogue(identifier: object, where: str) -> Effect:
-    known = catalogue()
-    if not isinstance(identifier, str) or identifier not in known:
-        allowed = f"one of {', '.join(known)}"
-        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), known))
-    return known[identifier]
+    """Effect of an identifier."""
+    effects = catalogue()
+    if not isinstance(identifier, str) or identifier not in effects:
+        allowed = f"one of {', '.join(effects)}"
+        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), effects))
+    return effects[identifier]
 
 
 def apply_checked(
@@ -81,12 +116,29 @@ def apply_checked(
     where: str,
     names: Mapping[Kind, Sequence[str]] = MappingProxyType({}),
 ) -> AppliedEffect:
-    """An effect with checked values; parameters left out take their default, or else their null value.
+    """Effect with checked values.
 
-    identifier : of the catalogue, or an effect that a file holds.
-    names : what a parameter of a kind may name (see ``names_in``); where it says nothing, any name will do.
+    Parameters
+    ----------
+    identifier
+        Identifier in the catalogue, or an effect that a file holds.
+    values
+        Values by parameter. A missing number is its default, or else its null value; a missing name is the first one.
+    where
+        File and key, or function, at which errors are reported.
+    names
+        Names that a parameter of a kind may give, see ``names_in``; a kind without an entry allows any name.
 
-    Raises InputError (at ``where``) for an unknown effect or parameter, a wrong type, a value out of bounds.
+    Returns
+    -------
+    AppliedEffect
+        The effect with a value for every parameter.
+
+    Raises
+    ------
+    InputError
+        If the effect or a parameter is unknown, a value has the wrong type or is out of bounds, or a number without
+        default and null value is missing.
     """
     effect = identifier if isinstance(identifier, Effect) else _in_catalogue(identifier, where)
     parameters = [p.name for p in effect.parameters]

@@ -1,4 +1,12 @@
-"""Camera pose: the camera moved after its calibration."""
+"""Camera pose: the camera moved after its calibration.
+
+R' = Rod(r) R and C' = C + t. R is the rotation from world to camera axes, C the centre of projection in the scene's
+axes. Rod is Rodrigues' formula of the rotation vector r, along the camera's right, down and forward axes. The cause is
+a push against the tripod between the survey and the scene.
+
+Parameters: rx_deg, ry_deg, rz_deg, degrees, null value 0; tx_mm, ty_mm, tz_mm, mm, null value 0.
+Sources: Rodrigues' formula; OpenCV's convention of world to camera.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +16,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from scipy.spatial.transform import Rotation
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -26,14 +34,14 @@ EFFECT = Effect(
     stage="camera",
     title="the camera moved after its calibration",
     summary="The camera moved after its calibration: R_new = Rod(r) R with R world to camera (r along right, "
-    "down, forward), its centre shifted by t in the scene's axes.",
+    "down, forward). Its centre shifts by t in the scene's axes.",
     parameters=(
         *(Parameter(f"r{axis}_deg", "deg", null=0.0, low=-5.0, high=5.0, step=0.02) for axis in "xyz"),
         *(Parameter(f"t{axis}_mm", "mm", null=0.0, low=-50.0, high=50.0, step=0.5) for axis in "xyz"),
     ),
     apply=_apply,
     own_to_capture=True,
-    confirm="Photograph the surveyed points again: their images now want another camera than the old ones. "
-    "The picture's edges and the points disagree in the same way in all bands.",
+    confirm="Photograph the surveyed points again: the new images fit another camera than the old ones. "
+    "Edges in the photograph and surveyed points disagree in the same way in all bands.",
     sources=("Rodrigues' formula; OpenCV's convention of world to camera",),
 )

@@ -1,21 +1,28 @@
-"""Chromatic focus: blur that grows away from one wavelength."""
+"""Chromatic focus: blur that grows away from one wavelength.
+
+The blur of a band is a Gaussian of standard deviation s |lambda - 550 nm| / 100 nm, lambda the mean wavelength of the
+band's signal. The cause is longitudinal chromatic aberration: the focal length changes with wavelength.
+
+Parameters: sigma_px_per_100nm, s, px per 100 nm, null value 0; it grows with the aperture's diameter.
+Source: Born and Wolf, Principles of Optics: longitudinal chromatic aberration.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..chain import Light
-from ._blur import blurred
-from ._effect import Effect, Parameter
+from .blur import blurred
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
-#: Where the lens is in focus, nm.
+#: Wavelength at which the lens is in focus, nm: the middle of 400 to 700 nm.
 IN_FOCUS_NM = 550.0
 
 
 def _apply(light: Light, sigma_px_per_100nm: float) -> Light:
-    """Each band's blur is that of its signal's mean wavelength."""
+    """Light with each band blurred as at its signal's mean wavelength."""
     sigma = sigma_px_per_100nm * np.abs(light.effective_nm - IN_FOCUS_NM) / 100.0
     return blurred(light, sigma)
 
@@ -24,8 +31,8 @@ EFFECT = Effect(
     id="chromatic-focus",
     stage="optics",
     title="blur that grows away from 550 nm",
-    summary="Blur by a Gaussian whose standard deviation grows linearly away from 550 nm; each band takes "
-    "that of its mean wavelength.",
+    summary="The lens blurs by a Gaussian whose standard deviation grows linearly away from 550 nm. "
+    "Each band has the blur of its mean wavelength.",
     parameters=(
         Parameter(
             "sigma_px_per_100nm",

@@ -1,4 +1,11 @@
-"""Crosstalk: each pixel gives a part of its charge to its four neighbours."""
+"""Crosstalk: each pixel gives a part of its charge to its four neighbours.
+
+S'(y, x) = (1 - f) S(y, x) + f / 4 times the sum of S over the four neighbours, in scene, flats and reference, before
+counts are cut off at full scale. The cause is charge that diffuses sideways before a pixel collects it.
+
+Parameters: fraction f, without unit, null value 0.
+Source: Janesick 2001, Scientific Charge-Coupled Devices: charge diffusion.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate
 
 from ..chain import Counts
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
 
 def _shared(frame: NDArray[np.float64], fraction: float) -> NDArray[np.float64]:
-    """What would leave by the border comes back to the border's pixels, so that no charge is lost.
+    """Frame in which pixels share charge; charge at the border returns to the border's pixels.
 
-    The dark level is alike in all pixels and stays as it is.
+    So no charge is lost. The dark level is the same in all pixels and stays as it is.
     """
     q = fraction / 4
     weights = np.array([[0, q, 0], [q, 1 - fraction, q], [0, q, 0]])
@@ -38,10 +45,10 @@ EFFECT = Effect(
     stage="counts",
     title="pixels share charge with their neighbours",
     summary="Each pixel gives a fraction of its charge to its four neighbours, a quarter each, before counts "
-    "are cut off; in flats and reference too. No charge leaves by the border.",
+    "are cut off. Flats and reference are affected too. No charge leaves by the border.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=2e-3),),
     apply=_apply,
     confirm="Light single pixels through a pinhole, or look at hot pixels of long darks: their neighbours "
-    "are brighter. The noise of neighbours in a flat is correlated, which blur in the lens does not do.",
+    "are brighter. In a flat the noise of neighbours is correlated; blur in the lens causes no such correlation.",
     sources=("Janesick 2001, Scientific Charge-Coupled Devices: charge diffusion",),
 )

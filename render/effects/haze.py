@@ -1,4 +1,12 @@
-"""Haze: the air scatters, everywhere between camera and back wall."""
+"""Haze: the air scatters, everywhere between camera and back wall.
+
+Radiance falls along each path of length l as exp(-sigma l). The air's radiance source is albedo sigma times the mean
+radiance that arrives, alike in all directions. All orders of scattering between cells of air, patches and lamp are
+counted. The cause is dust, smoke or fog in the box.
+
+Parameters: extinction_per_m, sigma, m^-1, null value 0; albedo of single scattering, without unit, no null value.
+Sources: Chandrasekhar, 'Radiative Transfer', 1950; Hottel and Sarofim, 'Radiative Transfer', 1967 (zones of gas).
+"""
 
 from __future__ import annotations
 
@@ -10,26 +18,31 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ..perturbation import STEPS, AirTransport, PatchLight, PatchTransport, air_transport
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
-#: Light from the air onto a surface is interpolated from so many of the nearest patches.
+#: Number of nearest patches from which light from the air onto a fragment is interpolated.
 _NEIGHBOURS = 4
 
-#: Rounds of exchange between air and surfaces; each adds about extinction times path length of the one before. They
-#: end before that where the air's light changes by less than a part of it.
-_ROUNDS, _SETTLED = 6, 1e-5
+#: Most rounds of exchange between air and surfaces. Each adds about extinction times path length of the one before.
+_ROUNDS = 6
+
+#: Relative change of the air's light below which the rounds end: far below the noise of a rendering, 0.3 %.
+_SETTLED = 1e-5
 
 #: Rows of a table of distances that are computed at once: their numbers stay in the processor's cache.
 _ROWS = 64
 
-#: Fragments whose distances to the patches that they see are computed at once.
+#: Fragments whose distances to their patches are computed at once, to bound the memory of the distances.
 _FRAGMENTS = 1024
 
 
 def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLight:
-    """Attenuation along every path; all orders of scattering between cells of air, patches and lamp."""
+    """Light with attenuation along every path, and all orders of scattering.
+
+    Light is exchanged between cells of air, patches and lamps in rounds, until the air's radiance has settled.
+    """
     if extinction_per_m == 0:
         return light
     sigma = extinction_per_m * 1e-3
@@ -39,9 +52,9 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     hazy = _attenuated(transport, [lamp.centre for lamp in air.lamps], sigma)
     changed = light.change(transport=hazy)
 
-    seen = air.seen * _passed(air.centres, patches.centre, sigma)
-    # by reciprocity, from how much of each patch a cell of air sees
-    onto_patches = 4 * (air.volume[:, None] * seen).T / patches.area[:, None]
+    from_patches = air.seen * _passed(air.centres, patches.centre, sigma)
+    # by reciprocity, from the part of its view that each patch fills for a cell of air
+    onto_patches = 4 * (air.volume[:, None] * from_patches).T / patches.area[:, None]
     from_each = [lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps]
     from_lamps = np.stack(from_each, axis=1) @ light.lamp_shares
     surround = np.outer(air.escape, light.surround)
@@ -49,20 +62,23 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     source = np.zeros((len(air.volume), len(light.surround)))
     for _ in range(_ROUNDS):
         arriving = onto_patches @ source
-        lit = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
-        smooth = surround + seen @ lit.patch_radiance() + between @ source
+        exchanged = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
+        smooth = surround + from_patches @ exchanged.patch_radiance() + between @ source
         before, source = source, sigma * albedo * (from_lamps + smooth)
         if np.abs(source - before).max() <= _SETTLED * source.max():
             break
     onto_fragments = _between_patches(transport, onto_patches @ source)
-    lit = lit.change(fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments)
+    hazy_light = exchanged.change(
+        fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments
+    )
     scattered = albedo * sigma * _towards_camera(light, air, smooth, sigma)
-    picture = lit.picture()
+    picture = hazy_light.picture()
     added = picture * (np.exp(-sigma * air.depth) - 1) + np.moveaxis(scattered, -1, 0)
-    return lit.change(added=lit.added + added)
+    return hazy_light.change(added=hazy_light.added + added)
 
 
 def _attenuated(transport: PatchTransport, lamp_centres: list[NDArray], sigma: float) -> PatchTransport:
+    """Transport whose exchange and direct light are attenuated; sigma in mm^-1."""
     field = transport.light
     centre = field.patches.centre
 
@@ -85,8 +101,8 @@ def _attenuated(transport: PatchTransport, lamp_centres: list[NDArray], sigma: f
 
 def _attenuated_gather(transport: PatchTransport, sigma: float) -> csr_array:
     """G of the fragments, each entry times the share of the light that passes the air between."""
-    given = transport.gather
-    gather = csr_array((given.data.copy(), given.indices, given.indptr), shape=given.shape)
+    clear = transport.gather
+    gather = csr_array((clear.data.copy(), clear.indices, clear.indptr), shape=clear.shape)
     position = transport.position.astype(np.float32)
     centre = transport.light.patches.centre.astype(np.float32)
     for first in range(0, len(position), _FRAGMENTS):
@@ -99,7 +115,7 @@ def _attenuated_gather(transport: PatchTransport, sigma: float) -> csr_array:
 
 
 def _passed(a: NDArray, b: NDArray, sigma: float) -> NDArray[np.float32]:
-    """(n, m) share of the light that passes from one of the points a (n, 3) to one of b (m, 3), mm."""
+    """(n, m) transmittance of the air between points a (n, 3) and points b (m, 3), mm."""
     a, b = a.astype(np.float32), b.astype(np.float32)
     result = np.empty((len(a), len(b)), np.float32)
     squares = (b**2).sum(axis=1)
@@ -113,23 +129,28 @@ def _passed(a: NDArray, b: NDArray, sigma: float) -> NDArray[np.float32]:
 
 
 def _between_patches(transport: PatchTransport, values: NDArray) -> NDArray[np.float64]:
-    """(f, w) at the fragments from (p, w) at the patches of the same face, nearer ones more."""
+    """(f, w) values at the fragments from values (p, w) at patches of the same face.
+
+    The nearest patches are weighted by the inverse square of their distance, at least 1 mm.
+    """
     patches = transport.light.patches
     result = np.zeros((len(transport.face), values.shape[1]))
     for face in np.unique(transport.face):
-        own, here = transport.face == face, np.flatnonzero(patches.facet == face)
-        distance, nearest = KDTree(patches.centre[here]).query(transport.position[own], min(_NEIGHBOURS, len(here)))
-        distance, nearest = distance.reshape(own.sum(), -1), nearest.reshape(own.sum(), -1)
+        on_face, facing = transport.face == face, np.flatnonzero(patches.facet == face)
+        neighbours = min(_NEIGHBOURS, len(facing))
+        distance, nearest = KDTree(patches.centre[facing]).query(transport.position[on_face], neighbours)
+        distance, nearest = distance.reshape(on_face.sum(), -1), nearest.reshape(on_face.sum(), -1)
         weight = 1 / np.maximum(distance, 1.0) ** 2
         weight /= weight.sum(axis=1, keepdims=True)
-        result[own] = np.einsum("fk,fkw->fw", weight, values[here[nearest]])
+        result[on_face] = np.einsum("fk,fkw->fw", weight, values[facing[nearest]])
     return result
 
 
 def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma: float) -> NDArray[np.float64]:
-    """(y, x, w) mean radiance in the air times path length, mm, attenuated on its path to the camera.
+    """(y, x, w) integral of the air's mean radiance along each ray, attenuated on its path.
 
-    smooth : (v, w) of it all that is not the lamps' own.
+    In mm times the radiance's unit. ``smooth`` (v, w) is the mean radiance without the direct light of the lamps, which
+    is evaluated at every step because it varies fast.
     """
     eye = light.transport.camera.position_mm
     total = np.zeros((*air.depth.shape, smooth.shape[1]))
@@ -137,10 +158,10 @@ def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma
     for step in range(STEPS):
         along = (step + 0.5) * length
         point = eye + along[..., None] * air.direction
-        lit = [
+        direct = [
             lamp.rays[..., step] * np.exp(-sigma * np.linalg.norm(point - lamp.centre, axis=-1)) for lamp in air.lamps
         ]
-        radiance = air.at(point, smooth) + np.stack(lit, axis=-1) @ light.lamp_shares
+        radiance = air.at(point, smooth) + np.stack(direct, axis=-1) @ light.lamp_shares
         total += radiance * (np.exp(-sigma * along) * length)[..., None]
     return total
 
@@ -149,15 +170,15 @@ EFFECT = Effect(
     id="haze",
     stage="transport",
     title="the air scatters light",
-    summary="The air scatters, isotropically, everywhere between camera and back wall: extinction per metre, "
-    "albedo of single scattering.",
+    summary="The air scatters light equally in all directions, everywhere between camera and back wall. "
+    "The parameters are the extinction per metre and the albedo of single scattering.",
     parameters=(
         Parameter("extinction_per_m", "m^-1", null=0.0, low=0.0, high=2.0, step=0.01),
         Parameter("albedo", "1", low=0.0, high=1.0, step=0.05, default=0.9),
     ),
     apply=_apply,
-    confirm="Photograph a black trap near the camera and one at the back wall: haze makes the far one brighter, "
-    "glare in the lens both alike.",
+    confirm="Photograph a black trap near the camera and one at the back wall. Haze makes the far one brighter; "
+    "glare in the lens makes both equally bright.",
     sources=(
         "Chandrasekhar, 'Radiative Transfer', 1950",
         "zones of gas and surface: Hottel and Sarofim, 'Radiative Transfer', 1967",

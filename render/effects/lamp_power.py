@@ -1,4 +1,10 @@
-"""Lamp power: the lamp is brighter or dimmer than its table, at all wavelengths alike."""
+"""Lamp power: the lamp is brighter or dimmer than its table, at all wavelengths alike.
+
+L' = scale L. Causes are another voltage or age of the lamp, and the scale of the radiometer that measured the table.
+
+Parameters: scale, without unit, null value 1.
+Source: linearity of light; no publication.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,7 @@ from dataclasses import replace
 
 from cboxlab.scenes.scene import Scene
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -19,12 +25,11 @@ EFFECT = Effect(
     id="lamp-power",
     stage="scene",
     title="the lamp is brighter or dimmer than its table",
-    summary="The lamp is brighter or dimmer than its table: radiance times scale, at all wavelengths alike.",
+    summary="The lamp is brighter or dimmer than its table: its radiance is multiplied by scale at all wavelengths.",
     parameters=(Parameter("scale", "1", null=1.0, low=0.05, high=20.0, step=1e-2),),
     apply=_apply,
     own_to_capture=True,
     imitates_lamp_power=True,
-    confirm="Measure the lamp again with the spectroradiometer, warm and at the voltage of the capture, and "
-    "compare the radiometer's own scale with the reference source. It shows only beyond the lamp's stated "
-    "uncertainty.",
+    confirm="Measure the warm lamp again with the spectroradiometer, at the voltage of the capture. Compare the "
+    "radiometer's scale with the reference source. The effect shows only beyond the lamp's stated uncertainty.",
 )

@@ -1,4 +1,11 @@
-"""Lamp reflectance: the lamp's own surface reflects more or less than the model says."""
+"""Lamp reflectance: the lamp's surface reflects more or less than in the model.
+
+The lamps' reflectance tables are scaled by one factor, so that their mean over 400 to 700 nm and over the lamps' area
+is the given one; values stay at most 1. The cause is a diffuser whose reflectance nobody measured.
+
+Parameters: reflectance, without unit, null value that of the scene, 0.78 in the published box.
+Source: the published Cornell Box, a lamp of reflectance 0.78.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +16,23 @@ from cboxlab.scenes.scene import Lamp, Scene
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
 
 def _level(scene: Scene) -> float:
-    """The lamps' mean reflectance over 400 to 700 nm and over their area."""
+    """Mean reflectance of the lamps over 400 to 700 nm and over their area."""
     weights = INTEGRAL_GRID.weights
     each = [float(weights @ lamp.reflectance.at(WAVELENGTH_NM) / weights.sum()) for lamp in scene.lamps]
     return float(scene.lamp_areas @ each)
 
 
 def _apply(scene: Scene, reflectance: float) -> Scene:
-    """The tables times a factor, at most 1, that makes ``reflectance`` their mean; black lamps become grey."""
+    """Scene with the lamps' tables scaled so that ``reflectance`` is their mean.
+
+    Values are clipped at 1. The table of a black lamp becomes constant, as does every table if all lamps are black.
+    """
     before = _level(scene)
     if reflectance == before:
         return scene
@@ -39,11 +49,11 @@ EFFECT = Effect(
     id="lamp-reflectance",
     stage="scene",
     title="the lamp's surface reflects more or less",
-    summary="The lamp's own surface reflects more or less than the model says: its mean reflectance over 400 to "
-    "700 nm is the given one, the shape of its spectrum kept. It does nothing at the model's own value.",
+    summary="The lamp's surface reflects more or less than in the model. Its mean reflectance over 400 to "
+    "700 nm is the given one; the shape of its spectrum is kept. The effect does nothing at the model's value.",
     parameters=(Parameter("reflectance", "1", null=0.78, null_in=_level, low=0.0, high=1.0, step=0.05),),
     apply=_apply,
-    confirm="Measure the lamp's surface, switched off, with a spectrophotometer. In the picture all surfaces "
-    "brighten by less than a percent, more where the paint is bright: bands differ more than places.",
+    confirm="Switch the lamp off and measure its surface with a spectrophotometer. In the photograph all surfaces "
+    "brighten by less than a percent, more where the paint is bright. Bands differ more than places.",
     sources=("the published Cornell Box: a lamp of reflectance 0.78",),
 )

@@ -1,14 +1,21 @@
-"""Reflectance gradient: one surface is dirtier at one end."""
+"""Reflectance gradient: one surface is darker at one end.
+
+rho' = rho (1 - a s), s from 0 to 1 along a positive axis over the surface's extent. The cause is dirt or uneven paint.
+
+Parameters: surface, its name; axis, x, y or z; amplitude a, without unit, null value 0.
+Source: linear model of uneven paint or dirt; no publication.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..perturbation import PatchLight
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
+#: Surfaces of the published box; other scenes name their surfaces otherwise.
 _SURFACES = ("floor", "ceiling", "back", "left", "right", "short-block", "tall-block")
 
 
@@ -20,9 +27,9 @@ def _apply(light: PatchLight, surface: str, axis: str, amplitude: float) -> Patc
     extent = scene.surfaces[index].vertices_mm[:, along]
     length = max(float(np.ptp(extent)), 1e-9)
 
-    def factor(position: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def factor(position: np.ndarray, on_surface: np.ndarray) -> np.ndarray:
         s = np.clip((position[:, along] - extent.min()) / length, 0, 1)
-        return np.where(own, 1 - amplitude * s, 1.0)[:, None]
+        return np.where(on_surface, 1 - amplitude * s, 1.0)[:, None]
 
     return light.change(
         patch_reflectance=light.patch_reflectance * factor(patches.centre, patches.surface == index),
@@ -34,8 +41,8 @@ EFFECT = Effect(
     id="reflectance-gradient",
     stage="transport",
     title="a surface is darker at one end",
-    summary="The table's reflectance times 1 - amplitude s, s from 0 to 1 along the positive axis over the "
-    "surface's extent.",
+    summary="One surface reflects less at one end: the table's reflectance times 1 - amplitude s, s from 0 to 1 along "
+    "the positive axis over the surface's extent.",
     parameters=(
         Parameter("surface", choices=_SURFACES, kind="surface"),
         Parameter("axis", choices=("x", "y", "z")),

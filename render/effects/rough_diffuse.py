@@ -1,4 +1,12 @@
-"""Rough-diffuse: one material is rough, Oren and Nayar's reflection instead of Lambert's."""
+"""Rough-diffuse: one material is rough and reflects by Oren and Nayar's model.
+
+f = rho / pi (A + B max(0, cos phi) sin(alpha) tan(beta)). Alpha is the larger and beta the smaller of the two polar
+angles, phi the difference of the azimuths. A = 1 - 0.5 s^2 / (s^2 + 0.33) and B = 0.45 s^2 / (s^2 + 0.09). The term
+of interreflection is left out. The cause is a surface of facets with tilts of standard deviation s.
+
+Parameters: material, name of the paint; sigma_rad s, rad, null value 0 (Lambert's law).
+Source: Oren and Nayar, 'Generalization of Lambert's reflectance model', SIGGRAPH 1994.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +17,17 @@ from numpy.typing import NDArray
 
 from ..device import dr, mi
 from ..perturbation import PatchLight, Reflection, with_albedo, with_reflection
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
-
+#: Cosines of the angle of incidence at which the lobe's albedo is tabulated; linear in between.
 _COSINES = np.linspace(0.01, 1.0, 60)
 
 
 @lru_cache(maxsize=1)
 def _lobe_albedo() -> NDArray[np.float64]:
-    """Mean over the cosine-weighted hemisphere of max(0, cos phi) sin(larger) tan(smaller angle), at _COSINES."""
+    """(60,) albedo of the lobe max(0, cos phi) sin(alpha) tan(beta), at the angles of _COSINES."""
     nodes, weights = np.polynomial.legendre.leggauss(96)
     angle, weight = (nodes + 1) * np.pi / 4, weights * np.pi / 4
     a, b = np.meshgrid(np.arccos(_COSINES), angle, indexing="ij")
@@ -31,19 +39,19 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     if sigma_rad == 0:
         return light
     materials = light.scene.materials
-    own = index_of(material, materials, "rough-diffuse: material")
+    index = index_of(material, materials, "rough-diffuse: material")
     square = sigma_rad**2
     a, b = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
     lobe = _lobe_albedo()
     mean = 2 * float(np.trapezoid(lobe * _COSINES, _COSINES))
     changed = with_albedo(
         light,
-        own,
+        index,
         lambda rho: rho * (a + b * mean),
         lambda rho, cosine: rho * (a + b * np.interp(cosine, _COSINES, lobe)),
     )
 
-    # opaque numbers are no part of a kernel's code, which is thus compiled once
+    # an opaque number is not part of a kernel's code, so one kernel serves all values
     constant, back = dr.opaque(mi.Float, a), dr.opaque(mi.Float, b)
 
     def base(incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
@@ -59,15 +67,15 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
     table = mi.Float(lobe.astype(np.float32))
 
     def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
-        place = dr.clip((cosine - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)
-        index = mi.UInt32(place)
-        part = place - mi.Float(index)
-        low, high = dr.gather(mi.Float, table, index), dr.gather(mi.Float, table, index + 1)
+        row = dr.clip((cosine - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)
+        below = mi.UInt32(row)
+        part = row - mi.Float(below)
+        low, high = dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1)
         return constant + back * (low + part * (high - low)), mi.Float(0)
 
     return with_reflection(
         changed,
-        own,
+        index,
         Reflection(base, albedo=means),
         of=("rough-diffuse", sigma_rad),
         samples=(light.samples, light.samples),
@@ -78,13 +86,14 @@ EFFECT = Effect(
     id="rough-diffuse",
     stage="transport",
     title="a paint is rough, not Lambertian",
-    summary="Oren and Nayar's qualitative model (A, B from sigma in radians), without the interreflection term.",
+    summary="The paint reflects by Oren and Nayar's qualitative model (A, B from sigma in radians), without the "
+    "interreflection term.",
     parameters=(
         Parameter("material", choices=("white", "red", "green"), kind="material"),
         Parameter("sigma_rad", "rad", null=0.0, low=0.0, high=1.2, step=0.1),
     ),
     apply=_apply,
-    confirm="Measure the paint's reflection at two angles under one lamp: Lambert's radiance is the same, a rough "
-    "paint's grows towards the lamp's own direction.",
+    confirm="Measure the paint's radiance at two angles under one lamp. A Lambertian paint has the same radiance at "
+    "both; the radiance of a rough paint grows towards the lamp's direction.",
     sources=("Oren and Nayar, 'Generalization of Lambert's reflectance model', SIGGRAPH 1994",),
 )

@@ -1,4 +1,11 @@
-"""Smear: each column carries a part of its own mean."""
+"""Smear: each pixel receives a part of its column's mean signal.
+
+DN' = DN + f times the column's mean signal above dark, before counts are cut off at full scale, in flats and reference
+too. The cause is light that arrives while charge is shifted along the columns.
+
+Parameters: fraction f, without unit, null value 0.
+Source: Janesick 2001, Scientific Charge-Coupled Devices: frame-transfer smear.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..chain import Counts
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
@@ -29,12 +36,12 @@ def _apply(counts: Counts, fraction: float) -> Counts:
 EFFECT = Effect(
     id="smear",
     stage="counts",
-    title="columns carry a part of their own mean",
-    summary="Light that falls in while charge is shifted along the columns: plus the fraction times the "
-    "column's mean signal, before counts are cut off; in flats and reference too.",
+    title="columns receive a part of their mean",
+    summary="Light arrives while charge is shifted along the columns. It adds the fraction times the column's mean "
+    "signal, before counts are cut off. Flats and reference are affected too.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
     apply=_apply,
-    confirm="Take the scene with a shutter that closes before readout, or at twice the exposure: smear by "
-    "readout halves against the signal. The columns through the lamp show it above and below the lamp.",
+    confirm="Take the scene with a shutter that closes before readout. Or double the exposure: smear over signal "
+    "halves. The columns through the lamp show it above and below the lamp.",
     sources=("Janesick 2001, Scientific Charge-Coupled Devices: frame-transfer smear",),
 )

@@ -1,17 +1,24 @@
-"""Vignetting: a radial fall-off that the flat field did not see."""
+"""Vignetting: a radial fall-off that the flat field did not show.
+
+L' = L (1 - e r^2), r the distance from the image's centre over that of a corner pixel's centre. It acts on frames of
+the scene only. The cause is a flat field that was taken at another aperture or focus, or without the hood.
+
+Parameters: edge_loss e, without unit, null value 0.
+Source: first term of an even polynomial in r; no publication.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..chain import Light
-from ._effect import Effect, Parameter
+from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
 
 def _apply(light: Light, edge_loss: float) -> Light:
-    """r is measured from the image's centre to the pixels' centres and is 1 at that of a corner pixel."""
+    """Light with the fall-off; r runs to the pixels' centres and is 1 at that of a corner pixel."""
     height, width = light.signal.shape[1:]
     y, x = np.arange(height) - (height - 1) / 2, np.arange(width) - (width - 1) / 2
     square = y[:, None] ** 2 + x**2
@@ -21,10 +28,10 @@ def _apply(light: Light, edge_loss: float) -> Light:
 EFFECT = Effect(
     id="vignetting",
     stage="optics",
-    title="a fall-off that the flat field did not see",
-    summary="A fall-off by 1 - edge_loss r^2, r = 1 in the image's corner, in frames of the scene only: the "
-    "flat field was taken at another aperture, focus or without the hood.",
+    title="a fall-off that the flat field did not show",
+    summary="Frames of the scene fall off by 1 - edge_loss r^2, r = 1 in the image's corner. The flat field does not "
+    "show it: it was taken at another aperture or focus, or without the hood.",
     parameters=(Parameter("edge_loss", "1", null=0.0, low=-0.5, high=0.9, step=5e-3),),
     apply=_apply,
-    confirm="Take the flat field again at the very aperture, focus and hood of the scene's frames.",
+    confirm="Take the flat field again with the aperture, focus and hood of the scene's frames.",
 )

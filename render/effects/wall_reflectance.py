@@ -1,4 +1,11 @@
-"""Wall reflectance: one material reflects more or less than its table."""
+"""Wall reflectance: one material reflects more or less than its table.
+
+rho' = min(scale rho, 1) at every wavelength; a texture is scaled pixel by pixel. The cause is another batch of paint, a
+second coat, or the geometry of the spectrophotometer.
+
+Parameters: material, name of the paint; scale, without unit, null value 1.
+Source: no formula from a publication.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +15,13 @@ import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.spectra import Spectrum
 
-from ._effect import Effect, Parameter, index_of
+from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
 
 
 def _apply(scene: Scene, material: str, scale: float) -> Scene:
-    """Reflectances stay below or at 1. Raises InputError for an unknown material."""
+    """Scene with the material's reflectance scaled; InputError for an unknown material."""
     index_of(material, scene.materials, "wall-reflectance: material")
     before = scene.materials[material]
     table = before.reflectance
@@ -34,7 +41,6 @@ EFFECT = Effect(
         Parameter("scale", "1", null=1.0, low=0.5, high=1.5, step=1e-2),
     ),
     apply=_apply,
-    confirm="Measure a fresh sample of the paint beside the wall's own, with a spectrophotometer of the "
-    "table's geometry. In the picture all surfaces of the paint change, and what they light changes with "
-    "them.",
+    confirm="Measure a fresh sample of the paint and the wall itself with a spectrophotometer of the "
+    "table's geometry. In the photograph all surfaces of the paint change, and the surfaces that they light.",
 )

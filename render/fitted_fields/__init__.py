@@ -1,4 +1,7 @@
-"""Fields fitted to what the catalogue leaves, as effects: maps on the sensor or on surfaces, kept in small files."""
+"""Fields fitted to what the catalogue does not explain, as effects in small files.
+
+A field is a set of maps on the sensor or on surfaces, with coefficients in each band.
+"""
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file

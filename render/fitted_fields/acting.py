@@ -1,4 +1,7 @@
-"""What a fitted field does at its stage of the chain, times an amplitude: 1 as found, 0 nothing."""
+"""Effects of fitted fields: the change at their stage of the chain, times an amplitude.
+
+At amplitude 1 the change is the fitted one, at 0 there is none.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,13 @@ from .levels import parts_of_levels
 
 __all__ = ["AMPLITUDE", "field_effect"]
 
+#: The one parameter of a fitted field: 0 is its null value, 1 the fitted strength.
 AMPLITUDE = Parameter("amplitude", "1", null=0.0, low=-5.0, high=5.0, step=0.02, default=1.0)
 
-#: Step of the camera by which displacements are found, px.
+#: Shift of the camera, px, whose difference quotient is the change of the picture per px: small against a pixel.
 _STEP_PX = 0.05
 
+#: Stage of the chain at which a field acts.
 _STAGES: dict[Acts, Stage] = {
     "offset": "counts",
     "levels": "counts",
@@ -47,7 +52,25 @@ _STAGES: dict[Acts, Stage] = {
 
 
 def field_effect(name: str, field: FittedField, title: str, summary: str) -> Effect:
-    """The effect of a field, with one parameter, the amplitude."""
+    """Effect of a field, with the amplitude as its only parameter.
+
+    Parameters
+    ----------
+    name
+        Identifier of the effect.
+    field
+        The fitted field.
+    title
+        Description for lists, at most 50 characters; empty for the beginning of the summary.
+    summary
+        Description for users.
+
+    Returns
+    -------
+    Effect
+        The effect. Its function raises InputError for a picture of another size, or a band or surface that the field
+        does not have.
+    """
     acting: Mapping[Stage, Callable[..., Any]] = {
         "counts": _on_counts,
         "optics": _on_light,
@@ -62,92 +85,107 @@ def field_effect(name: str, field: FittedField, title: str, summary: str) -> Eff
         summary=summary,
         parameters=(AMPLITUDE,),
         apply=partial(acting[stage], field, name),
-        confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude there.",
+        confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude then.",
         acts_on_charge=field.acts in ("gain", "previous"),
     )
 
 
 def _images(field: FittedField, name: str, shape: tuple[int, int], rows: list[int]) -> NDArray[np.float64]:
-    """(band, times, y, x) the maps' sums; ``rows`` are the field's bands. Raises InputError for another size."""
+    """(band, uses, y, x) sums of the maps in the field's bands ``rows``; see ``number_of_uses``.
+
+    Raises
+    ------
+    InputError
+        If the picture has another size than the field.
+    """
     if field.image is None:
         raise TypeError("a field on the sensor has maps")
     if shape != field.size:
-        found, expected = (f"{size[1]} x {size[0]} px" for size in (shape, field.size))
-        raise InputError(f"effect {name}", f"a picture of {found}", f"{expected}, for which it was fitted")
-    each = [field.image.at(field.nm[row]) for row in rows]
-    matrices = {maps: maps.matrix(shape) for maps in set(each)}
-    own = zip(_coefficients(field)[rows], each, strict=True)
-    sums = [part.reshape(-1, matrices[maps].shape[0]) @ matrices[maps] for part, maps in own]
+        actual, expected = (f"{size[1]} x {size[0]} px" for size in (shape, field.size))
+        raise InputError(f"effect {name}", f"a picture of {actual}", f"{expected}, for which it was fitted")
+    maps_by_band = [field.image.at(field.nm[row]) for row in rows]
+    matrices = {maps: maps.matrix(shape) for maps in set(maps_by_band)}
+    pairs = zip(_coefficients(field)[rows], maps_by_band, strict=True)
+    sums = [part.reshape(-1, matrices[maps].shape[0]) @ matrices[maps] for part, maps in pairs]
     return np.array(sums).reshape(len(rows), -1, *shape)
 
 
 def _coefficients(field: FittedField) -> NDArray[np.float64]:
+    """(band, k) coefficients, which every field on the sensor has."""
     if field.coefficients is None:
         raise TypeError("a field on the sensor has coefficients")
     return field.coefficients
 
 
 def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) -> Counts:
+    """Counts of the scene's frames changed by a field on the sensor."""
     missing = [band for band in counts.bands if band not in field.bands]
     if missing:
         raise InputError(f"effect {name}", f"band '{missing[0]}'", f"one of {', '.join(field.bands)}")
     rows, columns = counts.scene.shape[1:]
-    own = [field.bands.index(band) for band in counts.bands]
+    indices = [field.bands.index(band) for band in counts.bands]
     dark = counts.dark_scene[:, None, None]
     if field.acts == "previous":
-        parts = _coefficients(field)[np.ix_(own, own)]
+        parts = _coefficients(field)[np.ix_(indices, indices)]
         return replace(counts, scene=counts.scene + amplitude * np.tensordot(parts, counts.scene - dark, 1))
     if field.acts == "levels":
-        each = zip(_coefficients(field)[own], counts.scene - dark, strict=True)
-        added = [part @ parts_of_levels(one.ravel(), field.most_dn) for part, one in each]
+        pairs = zip(_coefficients(field)[indices], counts.scene - dark, strict=True)
+        added = [part @ parts_of_levels(frame.ravel(), field.most_dn) for part, frame in pairs]
         return replace(counts, scene=counts.scene + amplitude * np.reshape(added, counts.scene.shape))
-    change = amplitude * _images(field, name, (rows, columns), own)[:, 0]
+    change = amplitude * _images(field, name, (rows, columns), indices)[:, 0]
     if field.acts == "offset":
         return replace(counts, scene=counts.scene + change)
     return replace(counts, scene=dark + (1 + change) * (counts.scene - dark))
 
 
 def _nearest(field: FittedField, nm: NDArray[np.float64]) -> list[int]:
-    """Of each wavelength, the field's band next to it."""
-    return [int(np.argmin(np.abs(field.nm - one))) for one in nm]
+    """Index of the field's band nearest to each wavelength."""
+    return [int(np.argmin(np.abs(field.nm - wavelength))) for wavelength in nm]
 
 
 def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> Light:
+    """Light on the pixels changed by displacements, or by light that pixels exchange."""
     rows, columns = light.signal.shape[1:]
     fields = _images(field, name, (rows, columns), _nearest(field, light.effective_nm))
     if field.acts == "displacement":
-        change = np.sum(np.moveaxis(fields, 1, 0) * _moved(light), axis=0)
+        change = np.sum(np.moveaxis(fields, 1, 0) * _change_per_px(light), axis=0)
     else:
         exchanged = np.array([exchanges(field.acts, image, field.radius, field.angle_deg) for image in light.signal])
         change = np.sum(fields * exchanged, axis=1)
     return light.with_signal(light.signal + amplitude * change)
 
 
-def _moved(light: Light) -> NDArray[np.float64]:
-    """(2, band, y, x) DN per px that the picture moves to the right and down."""
+def _change_per_px(light: Light) -> NDArray[np.float64]:
+    """(2, band, y, x) change of the picture, DN, per px of motion to the right and down."""
     if light.moved is None:
         down, right = np.gradient(light.signal, axis=(1, 2))
         return -np.array([right, down])
     u, v = light.camera.principal_point_px
-    found = []
-    for way in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
+    changes = []
+    for step in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
         ends = [
-            light.moved(replace(light.camera, principal_point_px=np.array([u + sign * way[0], v + sign * way[1]])))
+            light.moved(replace(light.camera, principal_point_px=np.array([u + sign * step[0], v + sign * step[1]])))
             for sign in (1, -1)
         ]
-        found.append((ends[0] - ends[1]) / (2 * _STEP_PX))
-    return np.array(found)
+        changes.append((ends[0] - ends[1]) / (2 * _STEP_PX))
+    return np.array(changes)
 
 
 def _spectrum(field: FittedField, nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(w,) what was found in the band next to each wavelength: between the bands nothing is known."""
+    """(w,) the field's spectrum at wavelengths ``nm``: that of the nearest band.
+
+    It is not interpolated, because nothing was measured between the bands.
+    """
     if field.spectrum is None:
         raise TypeError("a field of the scene has a spectrum")
     return np.asarray(field.spectrum[_nearest(field, nm)])
 
 
 def _on_scene(field: FittedField, _: str, scene: Scene, amplitude: float) -> Scene:
-    """The lamps' tables, sampled every 1 nm beside their own samples."""
+    """Scene with the lamps' radiance scaled by the field.
+
+    The factor is sampled every 1 nm, and at the wavelengths of the tables.
+    """
 
     def changed(lamp: Lamp) -> Lamp:
         table = lamp.radiance
@@ -160,6 +198,7 @@ def _on_scene(field: FittedField, _: str, scene: Scene, amplitude: float) -> Sce
 
 
 def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: float) -> PatchLight:
+    """Light on patches and fragments changed by a field on surfaces."""
     patches, fragments = _values(field, name, light)
     spectrum = _spectrum(field, light.wavelength_nm)
     reflectance = light.fragment_reflectance
@@ -185,18 +224,19 @@ def _on_surfaces(field: FittedField, name: str, light: PatchLight, amplitude: fl
 
 
 def _values(field: FittedField, name: str, light: PatchLight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(p, w), (f, w) the maps' values. Raises InputError for a surface that the scene lacks."""
+    """Maps' values on patches (p, w) and fragments (f, w); InputError for an unknown surface."""
     transport, patches = light.transport, light.transport.light.patches
-    known = [surface.name for surface in light.scene.surfaces]
+    names = [surface.name for surface in light.scene.surfaces]
     shapes = ((len(patches), len(light.wavelength_nm)), (len(transport.pixel), len(light.wavelength_nm)))
     on_patches, on_fragments = (np.zeros(shape) for shape in shapes)
     nearest = _nearest(field, light.wavelength_nm)
-    for one in field.surfaces:
-        if one.surface not in known:
-            raise InputError(f"effect {name}", f"surface '{one.surface}'", f"one of {', '.join(known)}")
-        index = known.index(one.surface)
-        here, there = transport.surface == index, patches.surface == index
-        own = np.ones(len(nearest)) if one.spectrum is None else one.spectrum[nearest]
-        on_fragments[here] += np.outer(one.at(transport.position[here]), own)
-        on_patches[there] += np.outer(one.over_patches(patches.centre[there], transport.position[here]), own)
+    for surface_map in field.surfaces:
+        if surface_map.surface not in names:
+            raise InputError(f"effect {name}", f"surface '{surface_map.surface}'", f"one of {', '.join(names)}")
+        index = names.index(surface_map.surface)
+        fragment, patch = transport.surface == index, patches.surface == index
+        spectrum = np.ones(len(nearest)) if surface_map.spectrum is None else surface_map.spectrum[nearest]
+        position = transport.position[fragment]
+        on_fragments[fragment] += np.outer(surface_map.at(position), spectrum)
+        on_patches[patch] += np.outer(surface_map.over_patches(patches.centre[patch], position), spectrum)
     return on_patches, on_fragments

@@ -1,4 +1,7 @@
-"""Effect files (TOML): a fitted field as an effect of one amplitude, that a model names by the file's path."""
+"""Effect files (TOML): a fitted field as an effect with one parameter, its amplitude.
+
+A model names the effect by the path of the file.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,13 @@ from .fitted_field import field_of_record
 
 __all__ = ["effect_text", "load_effect_file", "write_effect_file"]
 
+#: Format and version of effect files, the value of their key ``format``.
 _FORMAT = "effect/1"
 
 
 class _EffectFile(BaseModel):
+    """Content of an effect file."""
+
     model_config = ConfigDict(extra="forbid")
 
     format: str
@@ -33,9 +39,22 @@ class _EffectFile(BaseModel):
 
 
 def load_effect_file(path: Path) -> Effect:
-    """The effect of a file; its identifier is the file's name without the ending.
+    """Effect of an effect file.
 
-    Raises InputError naming every fault.
+    Parameters
+    ----------
+    path
+        The file, TOML of format "effect/1".
+
+    Returns
+    -------
+    Effect
+        The effect. Its identifier is the file's name without the ending.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or faulty; all faults of its keys are named.
     """
     content = read_toml(path, "an effect file in TOML, made from a diagnosis")
     try:
@@ -50,31 +69,65 @@ def load_effect_file(path: Path) -> Effect:
 
 
 def effect_text(title: str, summary: str, record: Mapping[str, Any]) -> str:
-    """The content of an effect file. record : of its field, see ``field_record``."""
-    lines = ["# An effect of one number, amplitude: 1 as found, 0 nothing. A model names it by this file's path."]
+    """Content of an effect file.
+
+    Parameters
+    ----------
+    title
+        Description for lists, at most 50 characters; may be empty.
+    summary
+        Description for users; may be empty.
+    record
+        The field as ``field_record`` gives it.
+
+    Returns
+    -------
+    str
+        TOML, with a comment that explains the amplitude.
+    """
+    lines = ["# An effect of one number, amplitude: 1 as fitted, 0 nothing. A model names it by this file's path."]
     lines += [
         f"format = {json.dumps(_FORMAT)}",
         f"title = {json.dumps(title)}",
         f"summary = {json.dumps(summary)}",
     ]
-    own = {key: value for key, value in record.items() if key not in ("image", "surfaces")}
-    lines += ["", "[field]", *_pairs(own)]
+    plain = {key: value for key, value in record.items() if key not in ("image", "surfaces")}
+    lines += ["", "[field]", *_pairs(plain)]
     if "image" in record:
         lines += ["", "[field.image]", *_pairs(record["image"])]
-    for one in record.get("surfaces", ()):
-        lines += ["", "[[field.surfaces]]", *_pairs(one)]
+    for surface_map in record.get("surfaces", ()):
+        lines += ["", "[[field.surfaces]]", *_pairs(surface_map)]
     return "\n".join(lines) + "\n"
 
 
 def _pairs(values: Mapping[str, Any]) -> list[str]:
-    """Numbers, texts and lists look alike in JSON and TOML."""
+    """Lines of TOML; numbers, texts and lists are written in TOML as in JSON."""
     return [f"{key} = {json.dumps(value)}" for key, value in values.items()]
 
 
 def write_effect_file(path: Path, title: str, summary: str, record: Mapping[str, Any]) -> Effect:
     """Write an effect file, complete or not at all, and read it back.
 
-    Raises InputError where the record is no field.
+    Parameters
+    ----------
+    path
+        The effect file, .toml. An existing file is replaced.
+    title
+        Description for lists, at most 50 characters; may be empty.
+    summary
+        Description for users; may be empty.
+    record
+        The field as ``field_record`` gives it.
+
+    Returns
+    -------
+    Effect
+        The effect of the file.
+
+    Raises
+    ------
+    InputError
+        If the record is not a field.
     """
     field_of_record(record, path)
     with replacing(path) as temporary:

@@ -1,4 +1,7 @@
-"""Light that a pixel exchanges with others: neighbours on opposite sides, wide Gaussians, and those along a line."""
+"""Light that pixels exchange: with opposite neighbours, in wide Gaussians, or along a line.
+
+An exchange moves light between pixels and adds none, except at the border, where the outermost pixels are repeated.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,37 @@ from scipy.ndimage import gaussian_filter, shift
 
 __all__ = ["exchanges", "number_of_exchanges", "with_moments", "with_streak"]
 
-#: Standard deviations of the Gaussians of a halo, px.
+#: Standard deviations of a halo's Gaussians, px: each twice the one before, so that sums fit any smooth halo.
 _HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 
-#: The same of a streak, along its line.
+#: Standard deviations of a streak's Gaussians along its line, px.
 _STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
 
-#: A streak's Gaussian ends at so many standard deviations.
+#: Width of the repeated border, in standard deviations of a streak: 0.3 % of a Gaussian lies beyond.
 _STREAK_ENDS = 3.0
 
 
 def exchanges(
     acts: str, signal: NDArray[np.float64], radius: int = 1, angle_deg: float = 0.0
 ) -> list[NDArray[np.float64]]:
-    """(y, x) each, what a picture changes by a unit of each exchange of a field that acts so, in the order of its
-    coefficients. radius, angle_deg : see ``FittedField``."""
+    """Changes of a picture by a unit of each exchange of a field.
+
+    Parameters
+    ----------
+    acts
+        "neighbours", "moments", "halo" or "streak", see ``Acts``.
+    signal
+        (y, x) the picture, DN.
+    radius
+        Largest distance of neighbours along rows and columns, px.
+    angle_deg
+        Angle of a streak from the rows downwards, degrees.
+
+    Returns
+    -------
+    list[NDArray]
+        (y, x) each, DN, in the order of the field's coefficients.
+    """
     if acts == "neighbours":
         return [_with_neighbours(signal, step) for step in _neighbour_steps(radius)]
     if acts == "moments":
@@ -33,7 +52,20 @@ def exchanges(
 
 
 def number_of_exchanges(acts: str, radius: int) -> int:
-    """How many of them there are; 1 for a field that exchanges nothing."""
+    """Number of exchanges of a field.
+
+    Parameters
+    ----------
+    acts
+        Action of the field, see ``Acts``.
+    radius
+        Largest distance of neighbours along rows and columns, px.
+
+    Returns
+    -------
+    int
+        Length of the list of ``exchanges``; 1 for a field that exchanges no light.
+    """
     several = {
         "neighbours": len(_neighbour_steps(radius)),
         "moments": 3,
@@ -44,20 +76,34 @@ def number_of_exchanges(acts: str, radius: int) -> int:
 
 
 def _neighbour_steps(radius: int) -> list[tuple[int, int]]:
-    """(down, right) to half of the neighbours within a square; the others are opposite to them."""
+    """Steps (down, right) to half of the neighbours within a square; the others are opposite."""
     return [(i, j) for i in range(radius + 1) for j in range(-radius, radius + 1) if i > 0 or j > 0]
 
 
 def _with_neighbours(signal: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
-    """(y, x) mean of the two neighbours at a step less the pixel: such an exchange moves nothing."""
+    """(y, x) mean of the two neighbours at plus and minus a step, minus the pixel.
+
+    The two are opposite, so the exchange blurs the picture but does not shift it.
+    """
     ends = [shift(signal, np.multiply(sign, step), order=0, mode="nearest") for sign in (1, -1)]
     return np.asarray(sum(ends) / 2 - signal)
 
 
 def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, y, x) exchange all around, along rows less along columns, along the falling less along the rising diagonal.
+    """Exchanges of the three second moments of a small blur.
 
-    Three numbers make any small blur of the whole picture, to second order in its width.
+    With three coefficients they give any small blur of the picture, to second order in its width.
+
+    Parameters
+    ----------
+    signal
+        (y, x) the picture, DN.
+
+    Returns
+    -------
+    NDArray
+        (3, y, x), DN: along rows plus along columns, along rows minus along columns, along the falling minus along the
+        rising diagonal.
     """
     across, down = (_with_neighbours(signal, step) for step in ((0, 1), (1, 0)))
     falling, rising = (_with_neighbours(signal, step) for step in ((1, 1), (1, -1)))
@@ -65,12 +111,27 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:
-    """(y, x) the picture blurred by a Gaussian less itself."""
+    """(y, x) picture blurred by a round Gaussian, minus the picture."""
     return np.asarray(gaussian_filter(signal, width_px, mode="nearest") - signal)
 
 
 def with_streak(signal: NDArray[np.float64], angle_deg: float, width_px: float) -> NDArray[np.float64]:
-    """(y, x) the picture blurred by a Gaussian along a line, at an angle from the rows, downwards, less itself."""
+    """Change of a picture by blur along a line.
+
+    Parameters
+    ----------
+    signal
+        (y, x) the picture, DN. Beyond the border the outermost pixels are repeated.
+    angle_deg
+        Angle of the line from the rows downwards, degrees.
+    width_px
+        Standard deviation of the Gaussian along the line, px.
+
+    Returns
+    -------
+    NDArray
+        (y, x) blurred picture minus the picture, DN.
+    """
     rows, columns = signal.shape
     border = int(np.ceil(_STREAK_ENDS * width_px))
     wide = np.pad(signal, border, mode="edge")

@@ -1,4 +1,4 @@
-"""A fitted field: what it acts on, its maps, and how strong it is in each band."""
+"""Fitted fields: their action, their maps and their strength in each band."""
 
 from __future__ import annotations
 
@@ -18,14 +18,21 @@ from .image_maps import ImageMaps
 from .levels import LEVELS
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
-__all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"]
+__all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record", "number_of_uses"]
 
-#: offset: DN added to counts. levels: the same by the count above dark. gain: counts above dark. previous: counts above
-#: dark of the frames before, as listed in the fitted capture. displacement: px to the right, then down. neighbours:
-#: light exchanged with pixels on opposite sides. moments: around, and along lines. halo: light exchanged with
-#: Gaussians. streak: the same along a line. lamp: its radiance. reflectance: of surfaces, relative. irradiance: over
-#: pi, relative to the lamp's radiance. radiance: of surfaces, relative to the lamp's, that lights nothing else. front:
-#: the part hidden by a thing, whose radiance is relative to the lamp's.
+#: Quantity that a field changes.
+#:
+#: - offset: DN added to counts; levels: DN added to counts by the count above dark
+#: - gain: relative change of counts above dark
+#: - previous: parts of the counts above dark of the frames before, as listed in the fitted capture
+#: - displacement: px to the right, then px down
+#: - neighbours: light exchanged with pixels on opposite sides; moments: the second moments of a small blur
+#: - halo: light exchanged in round Gaussians; streak: light exchanged in Gaussians along a line
+#: - lamp: relative change of the lamp's radiance
+#: - reflectance: relative change of surfaces' reflectance
+#: - irradiance: irradiance over pi on surfaces, relative to the lamp's radiance
+#: - radiance: radiance of surfaces, relative to the lamp's, that lights nothing else
+#: - front: part of the surfaces hidden by an object, whose radiance is relative to the lamp's
 Acts = Literal[
     "offset",
     "levels",
@@ -43,7 +50,7 @@ Acts = Literal[
     "front",
 ]
 
-#: What acts on the picture or on counts, by maps over the picture.
+#: Actions on the picture or on counts, by maps over the picture.
 ON_SENSOR: tuple[Acts, ...] = (
     "offset",
     "levels",
@@ -56,42 +63,47 @@ ON_SENSOR: tuple[Acts, ...] = (
     "streak",
 )
 
-#: Significant digits of numbers in records.
+#: Significant digits of numbers in records: a relative rounding of 1e-6, far below the noise of a fit.
 _DIGITS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class FittedField:
-    """A linear field with its coefficients.
+    """Linear field: maps over the picture with coefficients, or maps on surfaces and a spectrum."""
 
-    acts : see ``Acts``. bands, nm : names and mean wavelengths of the bands it was fitted in. size : rows and columns
-    of the picture. image : maps over the picture, None for a field of the scene; radius : of "neighbours", px.
-    angle_deg : of "streak", from the rows downwards. most_dn : of "levels", the highest count above dark.
-    coefficients : (band, k) of image maps, where displacements have those to the right before those down, and
-    exchanges all of one neighbour, moment or width before those of the next, levels and previous frames one each;
-    empty for a field of the scene.
-    surfaces : maps on surfaces. spectrum : (band,) by which they are multiplied, the relative change of a lamp, or the
-    radiance of a thing in front.
-    """
-
+    #: Quantity that the field changes.
     acts: Acts
+    #: Names of the bands in which it was fitted.
     bands: tuple[str, ...]
+    #: (band,) mean wavelengths of the bands, nm.
     nm: NDArray[np.float64]
+    #: Rows and columns of the picture.
     size: tuple[int, int]
+    #: Maps over the picture; None for a field of the scene.
     image: ImageMaps | None = None
+    #: Largest distance of "neighbours" along rows and columns, px.
     radius: int = 1
+    #: Angle of a "streak" from the rows downwards, degrees.
     angle_deg: float = 0.0
+    #: Highest count above dark of "levels", DN.
     most_dn: float = 1.0
+    #: (band, uses x maps) coefficients of the image maps, uses outermost; see ``number_of_uses``. None without maps.
     coefficients: NDArray[np.float64] | None = None
+    #: Maps on surfaces; empty for a field on the sensor or on a lamp.
     surfaces: tuple[SurfaceMap, ...] = ()
+    #: (band,) factor of the maps on surfaces, relative change of a lamp, or radiance of an object in front.
     spectrum: NDArray[np.float64] | None = None
 
 
 class _Strict(BaseModel):
+    """Table without unknown keys and without infinite numbers."""
+
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class _Image(_Strict):
+    """Image maps of a record, see ``ImageMaps``."""
+
     kind: Literal["rows", "columns", "cosines", "wave", "bells"]
     order: int = Field(0, ge=0, le=40)
     per_px: tuple[float, float] = (0.0, 0.0)
@@ -102,6 +114,8 @@ class _Image(_Strict):
 
 
 class _Surface(_Strict):
+    """Map on a surface of a record: waves with ``low`` and ``extent``, or points."""
+
     surface: str
     low: tuple[float, float, float] | None = None
     extent: tuple[float, float, float] | None = None
@@ -112,6 +126,8 @@ class _Surface(_Strict):
 
 
 class _Field(_Strict):
+    """Record of a field, see ``FittedField``."""
+
     acts: Acts
     bands: list[str] = Field(min_length=1)
     nm: list[float] = Field(min_length=1)
@@ -126,11 +142,25 @@ class _Field(_Strict):
 
 
 class _Holder(_Strict):
+    """Table around the record, so that messages name keys as ``field.KEY``."""
+
     field: _Field
 
 
 def field_record(field: FittedField) -> dict[str, Any]:
-    """The field as numbers, strings, lists and dicts, ready for JSON and TOML; what is not used is left out."""
+    """Record of a field, ready for JSON and TOML.
+
+    Parameters
+    ----------
+    field
+        The field.
+
+    Returns
+    -------
+    dict
+        Numbers, strings, lists and dicts, numbers to 6 significant digits. Values that the field does not use are
+        missing.
+    """
     record: dict[str, Any] = {
         "acts": field.acts,
         "bands": list(field.bands),
@@ -149,11 +179,12 @@ def field_record(field: FittedField) -> dict[str, Any]:
     if field.spectrum is not None:
         record["spectrum"] = _rounded(field.spectrum)
     if field.surfaces:
-        record["surfaces"] = [_surface_record(one) for one in field.surfaces]
+        record["surfaces"] = [_surface_record(surface_map) for surface_map in field.surfaces]
     return record
 
 
 def _image_record(maps: ImageMaps) -> dict[str, Any]:
+    """Record of image maps, with the values that their kind uses."""
     if maps.kind == "cosines":
         return {"kind": maps.kind, "order": maps.order}
     if maps.kind == "wave":
@@ -170,19 +201,38 @@ def _image_record(maps: ImageMaps) -> dict[str, Any]:
     return {"kind": maps.kind}
 
 
-def _surface_record(one: SurfaceMap) -> dict[str, Any]:
-    if isinstance(one, PointMap):
-        own: dict[str, Any] = {"points": [_rounded(point) for point in one.points]}
+def _surface_record(surface_map: SurfaceMap) -> dict[str, Any]:
+    """Record of a map on a surface."""
+    if isinstance(surface_map, PointMap):
+        record: dict[str, Any] = {"points": [_rounded(point) for point in surface_map.points]}
     else:
-        waves = [_rounded(wave) for wave in one.waves]
-        own = {"low": _rounded(one.low), "extent": _rounded(one.extent), "waves": waves}
-    if one.spectrum is not None:
-        own["spectrum"] = _rounded(one.spectrum)
-    return {"surface": one.surface, **own, "values": _rounded(one.values)}
+        waves = [_rounded(wave) for wave in surface_map.waves]
+        record = {"low": _rounded(surface_map.low), "extent": _rounded(surface_map.extent), "waves": waves}
+    if surface_map.spectrum is not None:
+        record["spectrum"] = _rounded(surface_map.spectrum)
+    return {"surface": surface_map.surface, **record, "values": _rounded(surface_map.values)}
 
 
 def field_of_record(record: Any, path: Path) -> FittedField:
-    """The field of a record of the file ``path``. Raises InputError naming every fault."""
+    """Field of a record.
+
+    Parameters
+    ----------
+    record
+        Table ``field`` of an effect file, see ``field_record``.
+    path
+        The file, for messages.
+
+    Returns
+    -------
+    FittedField
+        The field.
+
+    Raises
+    ------
+    InputError
+        If the record is not a field; all faults of its keys are named.
+    """
     try:
         entry = _Holder.model_validate({"field": record}).field
     except ValidationError as error:
@@ -194,11 +244,11 @@ def field_of_record(record: Any, path: Path) -> FittedField:
     if entry.acts in ON_SENSOR:
         return _image_field(entry, where)
     if entry.spectrum is None or len(entry.spectrum) != bands:
-        found = "nothing" if entry.spectrum is None else f"{len(entry.spectrum)} numbers"
-        raise InputError(f"{where}.spectrum", found, f"{bands} numbers, one for each band")
+        size = "nothing" if entry.spectrum is None else f"{len(entry.spectrum)} numbers"
+        raise InputError(f"{where}.spectrum", size, f"{bands} numbers, one for each band")
     if not entry.surfaces and entry.acts != "lamp":
         raise InputError(f"{where}.surfaces", "nothing", "one map or more")
-    surfaces = tuple(_surface_map(one, f"{where}.surfaces[{i}]", bands) for i, one in enumerate(entry.surfaces))
+    surfaces = tuple(_surface_map(table, f"{where}.surfaces[{i}]", bands) for i, table in enumerate(entry.surfaces))
     return FittedField(
         entry.acts,
         tuple(entry.bands),
@@ -210,18 +260,19 @@ def field_of_record(record: Any, path: Path) -> FittedField:
 
 
 def _image_field(entry: _Field, where: str) -> FittedField:
+    """Field on the sensor, of a record."""
     if entry.image is None or entry.coefficients is None:
         raise InputError(where, "no image or no coefficients", f"both, as acts = '{entry.acts}' needs them")
     image = entry.image
     maps = ImageMaps(
         image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch, image.nm
     )
-    times = _times(entry.acts, entry.radius, len(entry.bands))
-    wanted = (len(entry.bands), times * maps.count(entry.size))
-    found = (len(entry.coefficients), *{len(row) for row in entry.coefficients})
-    if found != wanted:
-        expected = f"{wanted[0]} rows, one for each band, of {wanted[1]} numbers"
-        raise InputError(f"{where}.coefficients", f"shape {found}", expected)
+    uses = number_of_uses(entry.acts, entry.radius, len(entry.bands))
+    required = (len(entry.bands), uses * maps.count(entry.size))
+    shape = (len(entry.coefficients), *{len(row) for row in entry.coefficients})
+    if shape != required:
+        expected = f"{required[0]} rows, one for each band, of {required[1]} numbers"
+        raise InputError(f"{where}.coefficients", f"shape {shape}", expected)
     return FittedField(
         entry.acts,
         tuple(entry.bands),
@@ -235,17 +286,33 @@ def _image_field(entry: _Field, where: str) -> FittedField:
     )
 
 
-def _times(acts: Acts, radius: int, bands: int) -> int:
-    """How often the image maps are used: once, or for every direction, neighbour, moment, width or band."""
+def number_of_uses(acts: Acts, radius: int, bands: int) -> int:
+    """Number of times that a field uses its image maps, each time with other coefficients.
+
+    Parameters
+    ----------
+    acts
+        Action of the field.
+    radius
+        Largest distance of neighbours along rows and columns, px.
+    bands
+        Number of bands.
+
+    Returns
+    -------
+    int
+        2 for displacements (to the right, then down), one for each exchange, level or previous frame, otherwise 1.
+    """
     several = {"displacement": 2, "previous": bands, "levels": LEVELS}
     return several.get(acts, number_of_exchanges(acts, radius))
 
 
 def _surface_map(entry: _Surface, where: str, bands: int) -> SurfaceMap:
+    """Map on a surface, of a record."""
     values = np.array(entry.values)
-    places = entry.points if entry.points is not None else entry.waves
-    if places is None or len(places) != len(values) or (entry.points is None) == (entry.waves is None):
-        raise InputError(where, "values without places", "as many points or waves as values")
+    arguments = entry.points if entry.points is not None else entry.waves
+    if arguments is None or len(arguments) != len(values) or (entry.points is None) == (entry.waves is None):
+        raise InputError(where, "values without points or waves", "as many points or waves as values")
     spectrum = None if entry.spectrum is None else np.array(entry.spectrum)
     if spectrum is not None and len(spectrum) != bands:
         expected = f"{bands} numbers, one for each band"
@@ -259,4 +326,5 @@ def _surface_map(entry: _Surface, where: str, bands: int) -> SurfaceMap:
 
 
 def _rounded(values: Sequence[float] | NDArray[np.float64]) -> list[float]:
+    """Numbers rounded to the significant digits of records."""
     return [float(f"{float(value):.{_DIGITS}g}") for value in values]

@@ -1,4 +1,8 @@
-"""Maps over the picture, fixed on the sensor: rows, columns, smooth waves, one wave, bells."""
+"""Maps over the picture, fixed on the sensor: rows, columns, smooth waves, one wave, bells.
+
+A wave follows the two-beam interference of a plate or wedge: cos(2 pi (f . x + c |x|^2)), f and c in waves per px and
+per px^2.
+"""
 
 from __future__ import annotations
 
@@ -11,48 +15,90 @@ from scipy.sparse import csr_matrix, identity, kron, lil_matrix
 
 __all__ = ["ImageMaps"]
 
-#: Order beyond which cosines are scaled down: the prior width of smooth fields falls there.
+#: Order beyond which cosines are scaled down as 1 / (1 + (order / 3)^2): smooth fields are more likely.
 _CORNER = 3.0
 
-#: A bell has this width in units of the distance between bells, and is cut off at so many widths.
-_BELL, _CUT = 0.6, 5.0
+#: Standard deviation of a bell, in units of the distance between bells: sums of bells are then smooth.
+_BELL = 0.6
+
+#: Distance at which a bell is cut off, in standard deviations: it is 4e-6 of its height there.
+_CUT = 5.0
 
 
 @dataclass(frozen=True)
 class ImageMaps:
     """A number k of maps over a picture.
 
-    kind : "rows" and "columns" (one map each), "cosines" (products with up to ``order`` half waves together), "wave"
-    (cosine and sine of ``per_px``, waves per px downwards and to the right, and of ``curvature`` times the squared
-    distance from the first pixel, waves per px^2: rings about some centre; each times the cosines up to ``order``),
-    "bells" (about ``centres``, (x, y) px, ``pitch`` px apart). nm : the wavelength for which a wave is given where it
-    goes as the inverse of the wavelength, as interference in one gap does; 0 where it is the same in all bands.
+    - "rows" and "columns": one map for each row or column, 1 in it and 0 elsewhere
+    - "cosines": products of cosines along rows and columns with up to ``order`` half waves together
+    - "wave": cosine and sine of one wave, each times the cosines up to ``order``
+    - "bells": Gaussians about ``centres``
     """
 
+    #: Kind of the maps.
     kind: Literal["rows", "columns", "cosines", "wave", "bells"]
+    #: Most half waves of "cosines", and of the strength of a "wave".
     order: int = 0
+    #: Frequency of a "wave" downwards and to the right, waves per px.
     per_px: tuple[float, float] = (0.0, 0.0)
+    #: Curvature of a "wave", waves per px^2 of the squared distance from the first pixel: rings about some centre.
     curvature: float = 0.0
+    #: Centres (x, y) of "bells", px.
     centres: tuple[tuple[float, float], ...] = ()
+    #: Distance between "bells", px.
     pitch: float = 1.0
+    #: Wavelength of ``per_px`` and ``curvature``, nm, if they are proportional to its inverse; 0 if not.
     nm: float = 0.0
 
     def at(self, nm: float) -> ImageMaps:
-        """The maps of a band of this mean wavelength."""
+        """Maps in a band.
+
+        Parameters
+        ----------
+        nm
+            Mean wavelength of the band, nm.
+
+        Returns
+        -------
+        ImageMaps
+            A wave whose frequency is scaled by the inverse of the wavelength; the same maps if ``nm`` is 0.
+        """
         if not self.nm:
             return self
         down, right = (self.nm / nm * f for f in self.per_px)
         return replace(self, per_px=(down, right), curvature=self.nm / nm * self.curvature, nm=nm)
 
     def count(self, shape: tuple[int, int]) -> int:
-        """Their number k in a picture of rows and columns."""
+        """Number k of the maps.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns of the picture.
+
+        Returns
+        -------
+        int
+            The number of rows of ``matrix``.
+        """
         if self.kind == "bells":
             return len(self.centres)
         products = (self.order + 1) * (self.order + 2) // 2
         return {"rows": shape[0], "columns": shape[1], "cosines": products, "wave": 2 * products}[self.kind]
 
     def matrix(self, shape: tuple[int, int]) -> NDArray[np.float64] | csr_matrix:
-        """(k, pixel) the maps' values in a picture of rows and columns."""
+        """Values of the maps.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns of the picture.
+
+        Returns
+        -------
+        NDArray or csr_matrix
+            (k, pixel) values, pixels row by row; sparse for rows, columns and bells.
+        """
         if self.kind == "rows":
             return csr_matrix(kron(identity(shape[0]), np.ones((1, shape[1]))))
         if self.kind == "columns":
@@ -69,21 +115,23 @@ class ImageMaps:
 
 
 def _cosines(shape: tuple[int, int], order: int) -> NDArray[np.float64]:
+    """(k, pixel) products of cosines, those of high order scaled down."""
     y, x = ((np.arange(n) + 0.5) / n for n in shape)
-    found = []
+    maps = []
     for i in range(order + 1):
         for j in range(order + 1 - i):
             size = 1 / (1 + (np.hypot(i, j) / _CORNER) ** 2)
-            found.append(size * np.outer(np.cos(np.pi * i * y), np.cos(np.pi * j * x)).ravel())
-    return np.array(found)
+            maps.append(size * np.outer(np.cos(np.pi * i * y), np.cos(np.pi * j * x)).ravel())
+    return np.array(maps)
 
 
 def _bells(shape: tuple[int, int], centres: tuple[tuple[float, float], ...], pitch: float) -> csr_matrix:
+    """(k, pixel) Gaussians about centres, 1 there and 0 beyond the cut."""
     y, x = np.indices(shape)
     wide = _BELL * pitch
-    found = lil_matrix((len(centres), shape[0] * shape[1]))
+    bells = lil_matrix((len(centres), shape[0] * shape[1]))
     for index, (u, v) in enumerate(centres):
         square = ((y - v) ** 2 + (x - u) ** 2).ravel()
         near = np.flatnonzero(square < (_CUT * wide) ** 2)
-        found[index, near] = np.exp(-square[near] / (2 * wide**2))
-    return csr_matrix(found)
+        bells[index, near] = np.exp(-square[near] / (2 * wide**2))
+    return csr_matrix(bells)

@@ -98,7 +98,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
             "What the photograph shows": pooled(diagnosis.residual),
             f"What {first.effect} would show": pooled(first.signature),
         }
-    meaning = [f"{e.id}: {e.effect.in_few_words}." for e in diagnosis.path[-1].effects]
+    meaning = [f"{e.id}: {e.effect.short_title}." for e in diagnosis.path[-1].effects]
     details = [
         *meaning,
         *unexplained_sentences(diagnosis),

@@ -28,7 +28,11 @@ PARAMETERS = sorted({p.name for e in catalogue().values() for p in e.parameters 
 
 
 def strings(source: str) -> list[str]:
-    return [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+    """String constants of a module; docstrings, whose examples may name an effect, are none."""
+    tree = ast.parse(source)
+    statements = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    constants = [n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in statements]
+    return [n.value for n in constants if isinstance(n.value, str)]
 
 
 def named_in(source: str) -> set[str]:

@@ -88,7 +88,7 @@ def _print_list(known: Mapping[str, Effect]) -> None:
     width = max(len(name) for name in known)
     for stage in STAGES:
         for index, effect in enumerate(e for e in known.values() if e.stage == stage):
-            say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.in_few_words}")
+            say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.short_title}")
     say("One effect with its parameters: cbox effects ID")
 
 
@@ -99,7 +99,7 @@ def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
     with options(**{"name of the effect": "--new"}):
         effect, caution = effect_of_diagnosis(path, diagnosis)
     give_json(json, {"file": path, "caution": caution, **effect.to_dict()})
-    say(f"{path}: {effect.in_few_words}")
+    say(f"{path}: {effect.short_title}")
     if caution:
         say(caution)
     say(f"Add it, its amplitude fitted: cbox add model.toml {path} --fit CAPTURE")

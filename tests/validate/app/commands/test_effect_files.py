@@ -80,7 +80,7 @@ def test_an_explanation_without_a_field_gives_no_effect(record, changes, words, 
 def test_names_that_are_none_or_taken_are_refused(record, name, tmp_path, monkeypatch, cbox):
     monkeypatch.chdir(tmp_path)
     outcome = cbox("effects", "--new", name, "--from", _diagnosis(tmp_path, record))
-    assert_one_line_of_help(outcome, ["--new", "a name of its own"])
+    assert_one_line_of_help(outcome, ["--new", "an unused name"])
 
 
 def test_nothing_is_overwritten(written, cbox):
@@ -97,7 +97,7 @@ def test_what_cannot_be_told_apart_is_said(record, tmp_path, monkeypatch, cbox):
     diagnosis = _diagnosis(tmp_path, {**record, "told_apart": False, "runner_up": "sensor-gain"})
     code, out, _ = cbox("effects", "--new", "rows", "--from", diagnosis)
     assert code == 0
-    assert "cannot tell sensor-offset from sensor-gain" in " ".join(out.split())
+    assert "does not distinguish sensor-offset from sensor-gain" in " ".join(out.split())
 
 
 @pytest.mark.parametrize(
