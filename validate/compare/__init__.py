@@ -19,12 +19,13 @@ from .pipeline import (
     validate_capture,
     validate_prepared,
 )
-from .prepared import Prepared, prepare, solved_light, under_model, with_picture
+from .prepared import CalibratedCapture, prepare, solved_light, with_model, with_picture
 from .regions import INTERIOR_DISTANCE_PX
 
 __all__ = [
     "INTERIOR_DISTANCE_PX",
     "OUTSIDE",
+    "CalibratedCapture",
     "ChiSquare",
     "Comparison",
     "DifferenceStatistics",
@@ -33,7 +34,6 @@ __all__ = [
     "Nuisances",
     "Part",
     "Predicted",
-    "Prepared",
     "Region",
     "RelativeDifference",
     "Rendered",
@@ -53,9 +53,9 @@ __all__ = [
     "solved_light",
     "srgb_matrix",
     "srgb_preview",
-    "under_model",
     "validate_capture",
     "validate_prepared",
+    "with_model",
     "with_picture",
     "write_map",
     "write_maps",

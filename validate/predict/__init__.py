@@ -1,6 +1,6 @@
 """The model's expected signals for one capture, with any effects."""
 
-from .foreign import ForeignPicture, foreign_picture, require_level
+from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
 from .picture_errors import PictureErrors, picture_errors
 from .plain_rendering import render_plainly
@@ -12,7 +12,7 @@ from .transported import transported
 
 __all__ = [
     "CONVERGENCE",
-    "ForeignPicture",
+    "ExternalPicture",
     "Picture",
     "PictureErrors",
     "Predictor",
@@ -20,7 +20,7 @@ __all__ = [
     "cached_picture",
     "default_cache",
     "digest_of",
-    "foreign_picture",
+    "external_picture",
     "picture_errors",
     "render_plainly",
     "render_to_noise",

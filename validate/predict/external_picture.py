@@ -16,7 +16,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-__all__ = ["ForeignPicture", "foreign_picture", "require_level"]
+__all__ = ["ExternalPicture", "external_picture", "require_level"]
 
 #: Of our pictures from the two cameras; they share their random numbers.
 _SAMPLES, _BATCHES = 256, 4
@@ -29,7 +29,7 @@ _WRONG_LEVEL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class ForeignPicture:
+class ExternalPicture:
     """image : through ``camera``. light : the same scene's, solved by us. path : the file that it was read from.
     declared : what that file does not state. estimated : whether its noise is that of neighbouring pixels' scatter.
     """
@@ -55,9 +55,9 @@ class ForeignPicture:
         )
 
 
-def foreign_picture(
+def external_picture(
     path: Path, scene: Scene, camera: Camera, light: LightField, declared: Declared = AS_STATED
-) -> ForeignPicture:
+) -> ExternalPicture:
     """The cube at ``path`` as a rendered image on WAVELENGTH_NM.
 
     scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors count as fully
@@ -99,7 +99,7 @@ def foreign_picture(
         facet_surface=tracer.facet_surface,
         surface_names=tuple(surface.name for surface in scene.surfaces),
     )
-    return ForeignPicture(image, camera, light, path, declared, "standard_error" not in cube)
+    return ExternalPicture(image, camera, light, path, declared, "standard_error" not in cube)
 
 
 def _between(wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage) -> NDArray[np.float32]:
