@@ -11,7 +11,7 @@ from uuid import uuid4
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
-from ..compare import Validation, failures, validate_capture
+from ..compare import HEADLINE, Validation, failures, validate_capture
 from ..report import chi2_by_place, validation_record, verdict, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
 from .inputs import CaptureLike, ModelLike, as_capture, as_model
@@ -48,8 +48,9 @@ class ValidationResult(Result):
         name = manifest.manifest.name or manifest.folder.name
         lines = [
             f"{name} against {found.model.name}: {verdict(c).headline}",
-            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean ΔE*ab "
-            f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}), lamp × {found.fit.lamp_scale:.4f}",
+            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
+            f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
+            f"lamp × {found.fit.lamp_scale:.4f}",
         ]
         ranked = failures(found)[1][:_MOST_FAILURES]
         return lines + [f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)]

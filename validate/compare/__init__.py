@@ -1,7 +1,7 @@
 """Comparison of measured and modelled images: nuisances, residuals, colour differences, where the model fails."""
 
-from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
-from .comparison import ChiSquare, Comparison, RelativeDifference
+from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
+from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
 from .edge_alignment import refine_geometry
 from .excess import Region, regions_of
 from .failure import OUTSIDE, Failure, Part
@@ -23,6 +23,8 @@ from .prepared import CalibratedCapture, prepare, solved_light, with_model, with
 from .regions import INTERIOR_DISTANCE_PX
 
 __all__ = [
+    "COLOUR_DIFFERENCES",
+    "HEADLINE",
     "INTERIOR_DISTANCE_PX",
     "OUTSIDE",
     "CalibratedCapture",
@@ -37,6 +39,7 @@ __all__ = [
     "Region",
     "RelativeDifference",
     "Rendered",
+    "SurfaceRow",
     "Validation",
     "band_centres",
     "camera_jacobian",

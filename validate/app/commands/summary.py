@@ -6,7 +6,7 @@ import math
 
 from cboxlab.calibration.result import Calibration
 
-from ...compare import Validation, failures
+from ...compare import HEADLINE, Validation, failures
 from ...diagnose import Diagnosis
 from ...report import chi2_by_place, finding_sentences, named_bands, ranked_values, step_name, verdict
 from .console import console, data_table, print_table, say
@@ -20,8 +20,8 @@ def print_validation(result: Validation) -> None:
     c = result.comparison
     console.print(verdict(c).headline, style="bold")
     say(
-        f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}); mean ΔE*ab "
-        f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}); "
+        f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}); mean {HEADLINE.label} "
+        f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}); "
         f"render/sensor noise {c.render_sigma_over_sensor_sigma:.2f}; "
         f"lamp × {result.fit.lamp_scale:.4f}; {result.seconds:.0f} s"
     )
@@ -31,14 +31,14 @@ def print_validation(result: Validation) -> None:
         "bands in nm",
         "surface",
         *(name.removesuffix(" nm") for _, name in bands),
-        "ΔE*ab",
+        HEADLINE.label,
         "χ²/dof",
     )
     for name, row in c.by_surface.items():
         table.add_row(
             name,
             *(_known(100 * row.relative[i], "+.2f") for i, _ in bands),
-            _known(row.delta_e_ab, ".2f"),
+            _known(row.colour[HEADLINE.id], ".2f"),
             _known(row.chi2.per_dof, ".2f"),
         )
     print_table(table)
@@ -77,14 +77,16 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
         "Above, χ²/dof counts what the render itself may be wrong by as noise, and camera and lamp are refitted with "
         "each effect; below it counts the noise alone."
     )
-    path = data_table("Error after each step", "model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ")
+    path = data_table(
+        "Error after each step", "model", "χ²/dof", HEADLINE.label, "noise alone", "camera, lamp from survey, σ"
+    )
     for step in diagnosis.path:
         c = step.comparison
         path.add_row(
             step_name(step),
             f"{c.chi2.per_dof:.3f}",
-            f"{c.delta_e_ab.mean:.3f}",
-            f"{c.delta_e_ab_noise.mean:.3f}",
+            f"{c.colour[HEADLINE.id].mean:.3f}",
+            f"{c.colour_noise[HEADLINE.id].mean:.3f}",
             f"{step.prior_pull:.1f}",
         )
     print_table(path)
