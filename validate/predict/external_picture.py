@@ -1,4 +1,8 @@
-"""Another renderer's picture in place of ours."""
+"""Picture of an external renderer, used in place of our rendering.
+
+The cube is read as a rendered image on our wavelengths. Between the cube's wavelengths it follows the shape of our
+spectra. A picture from a slightly different camera is the cube changed by what our rendering changes.
+"""
 
 from __future__ import annotations
 
@@ -18,31 +22,54 @@ from numpy.typing import NDArray
 
 __all__ = ["ExternalPicture", "external_picture", "require_level"]
 
-#: Of our pictures from the two cameras; they share their random numbers.
-_SAMPLES, _BATCHES = 256, 4
+#: Samples per batch of our pictures from the two cameras: they share their random numbers, so that few suffice.
+_SAMPLES = 256
 
-#: Of our picture, for the shape of each pixel's spectrum; part of its largest value below which it is dark.
-_SHAPE_SAMPLES, _DARK = 256, 0.01
+#: Batches of our pictures from the two cameras: from their scatter comes the error of the change.
+_BATCHES = 4
 
-#: A picture that many times as bright as the capture shows another lamp.
-_WRONG_LEVEL = 2.0
+#: Samples of our picture for the shape of each pixel's spectrum.
+_SHAPE_SAMPLES = 256
+
+#: Share of the largest value below which our spectrum counts as dark: a ratio to it would be noise.
+_DARK = 0.01
+
+#: Largest ratio of brightness between picture and capture: beyond it the picture shows another lamp or unit.
+_MAX_LEVEL_RATIO = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class ExternalPicture:
-    """image : through ``camera``. light : the same scene's, solved by us. path : the file that it was read from.
-    declared : what that file does not state. estimated : whether its noise is that of neighbouring pixels' scatter.
-    """
+    """A cube of another renderer as a rendered image."""
 
+    #: The picture through ``camera`` on WAVELENGTH_NM.
     image: RenderedImage
+    #: The capture's calibrated camera.
     camera: Camera
+    #: Our radiosity solution of the same scene.
     light: LightField
+    #: File of the cube.
     path: Path
+    #: Units and wavelengths that the file does not state.
     declared: Declared = AS_STATED
+    #: Whether its noise is estimated from the scatter of neighbouring pixels, for want of standard errors in the file.
     estimated: bool = False
 
     def through(self, camera: Camera, seed: int) -> RenderedImage:
-        """The picture from another camera: changed by as much as ours changes."""
+        """The picture from another camera, changed by as much as our rendering changes.
+
+        Parameters
+        ----------
+        camera
+            The other camera; the picture itself is returned for its own camera.
+        seed
+            Seed of our two renderings.
+
+        Returns
+        -------
+        RenderedImage
+            Picture with the change as further coefficients and spectra.
+        """
         if camera is self.camera:
             return self.image
         before, after = (gather(self.light, c, _SAMPLES, _BATCHES, seed) for c in (self.camera, camera))
@@ -58,14 +85,33 @@ class ExternalPicture:
 def external_picture(
     path: Path, scene: Scene, camera: Camera, light: LightField, declared: Declared = AS_STATED
 ) -> ExternalPicture:
-    """The cube at ``path`` as a rendered image on WAVELENGTH_NM.
+    """Cube of an external renderer as a rendered image on WAVELENGTH_NM.
 
-    scene, camera : what it shows and through which camera, for what each pixel sees. Its standard errors count as fully
-    correlated between wavelengths; where it has none they are those of the scatter of neighbouring pixels.
-    light : our solution of the scene on WAVELENGTH_NM; between its wavelengths a pixel's ratio to our spectrum there
-    is linear. declared : what the file does not state.
+    Its standard errors count as fully correlated between wavelengths. A cube without standard errors has those of the
+    scatter of neighbouring pixels. Between its wavelengths the ratio of a pixel to our spectrum is linear.
 
-    Raises InputError for another size than the camera's, or wavelengths that do not span 400 to 700 nm.
+    Parameters
+    ----------
+    path
+        File of the cube.
+    scene
+        Scene of the cube, for the surfaces that each pixel sees.
+    camera
+        Camera of the cube.
+    light
+        Our solution of the scene on WAVELENGTH_NM.
+    declared
+        Units and wavelengths that the file does not state.
+
+    Returns
+    -------
+    ExternalPicture
+        The picture through ``camera``.
+
+    Raises
+    ------
+    InputError
+        If the size is not the camera's, the wavelengths do not span 400 to 700 nm, or a radiance is not finite.
     """
     read = read_cube(path, declared)
     require_used(declared, declared_for(read), stated_in(read))
@@ -73,14 +119,14 @@ def external_picture(
     wavelength = cube["wavelength"].values.astype(float)
     radiance = cube["radiance"].values.astype(float)
     if radiance.shape[:2] != (camera.height_px, camera.width_px):
-        found = f"{radiance.shape[1]} x {radiance.shape[0]} px"
+        size = f"{radiance.shape[1]} x {radiance.shape[0]} px"
         expected = f"the capture's {camera.width_px} x {camera.height_px} px, through its calibrated camera"
         raise InputError(
-            path, found, expected, "A cube of our own render through the capture's camera shows how it looks."
+            path, size, expected, "A cube of our own render through the capture's camera shows how it looks."
         )
     if wavelength[0] > WAVELENGTH_NM[0] or wavelength[-1] < WAVELENGTH_NM[-1]:
-        found = f"wavelengths from {wavelength[0]:g} to {wavelength[-1]:g} nm"
-        raise InputError(path, found, "400 to 700 nm: the sensor equation is an integral over them")
+        span = f"wavelengths from {wavelength[0]:g} to {wavelength[-1]:g} nm"
+        raise InputError(path, span, "400 to 700 nm: the sensor equation is an integral over them")
     if not np.all(np.isfinite(radiance)):
         raise InputError(path, "radiance that is not finite", "W m^-2 sr^-1 nm^-1 in every pixel")
     tracer = build_tracer(scene)
@@ -103,33 +149,47 @@ def external_picture(
 
 
 def _between(wavelength: NDArray[np.float64], values: NDArray[np.float64], ours: RenderedImage) -> NDArray[np.float32]:
-    """(b, y, x, n) on WAVELENGTH_NM of values (b, y, x, w), whose ratio to our picture's spectra is linear between.
+    """Values (b, y, x, w) interpolated to (b, y, x, n) by the shape of our spectra.
 
-    A pixel that is dark in our picture at any wavelength has its mean spectrum in place of its own. Where that is dark
-    the ratio is that of the next wavelength.
+    The ratio of a value to our spectrum is linear between the wavelengths of the values. For a pixel that is dark in
+    our picture at any wavelength, the mean spectrum replaces the pixel's spectrum. Where the mean is dark, the ratio
+    of the next wavelength holds.
     """
     shape = values.shape[1:3]
     spectra, mixing = ours.coefficients[0], ours.spectra
     mean = spectra[ours.surface >= 0].mean(axis=0, dtype=np.float64) @ mixing
     at = _linear(WAVELENGTH_NM, wavelength)
-    lit = mean @ at > _DARK * mean.max()
-    between = _linear(wavelength[lit], WAVELENGTH_NM)
-    found = np.empty((len(values), *shape, WAVELENGTH_NM.size), dtype=np.float32)
+    bright = mean @ at > _DARK * mean.max()
+    between = _linear(wavelength[bright], WAVELENGTH_NM)
+    interpolated = np.empty((len(values), *shape, WAVELENGTH_NM.size), dtype=np.float32)
     for row in range(shape[0]):  # all rows at once would take a gigabyte at 512 pixels a side
-        own = spectra[row] @ mixing
-        own = np.where(np.any(own < _DARK * mean, axis=1, keepdims=True), mean, own)
-        found[:, row] = (values[:, row][..., lit] / (own @ at)[:, lit] @ between) * own
-    return found
+        spectrum = spectra[row] @ mixing
+        spectrum = np.where(np.any(spectrum < _DARK * mean, axis=1, keepdims=True), mean, spectrum)
+        interpolated[:, row] = (values[:, row][..., bright] / (spectrum @ at)[:, bright] @ between) * spectrum
+    return interpolated
 
 
-def _linear(given: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(given, wanted) linear interpolation, constant beyond the ends."""
-    return np.stack([np.interp(wanted, given, row) for row in np.eye(given.size)])
+def _linear(nodes: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nodes, targets) matrix of linear interpolation, constant beyond the ends."""
+    return np.stack([np.interp(targets, nodes, row) for row in np.eye(nodes.size)])
 
 
 def require_level(picture: Path, lamp_scale: float) -> None:
-    """Raises InputError where the lamp had to be scaled out of all reason to fit the capture."""
-    if not 1 / _WRONG_LEVEL < lamp_scale < _WRONG_LEVEL:
+    """Refuse a picture whose brightness cannot be that of the capture.
+
+    Parameters
+    ----------
+    picture
+        File of the picture.
+    lamp_scale
+        Light of the capture over that of the picture.
+
+    Raises
+    ------
+    InputError
+        If the ratio is beyond a factor of two in either direction.
+    """
+    if not 1 / _MAX_LEVEL_RATIO < lamp_scale < _MAX_LEVEL_RATIO:
         raise InputError(
             picture,
             f"a picture {1 / lamp_scale:.3g} times as bright as the capture",
