@@ -13,7 +13,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from cboxlab.utils.table import Table
 
 from .. import diagnose as engine
-from ..compare import Validation, failures
+from ..compare import HEADLINE, Validation, failures
 from ..report import (
     diagnosis_record,
     finding_sentences,
@@ -107,8 +107,8 @@ class DiagnosisResult(Result):
             (
                 step_name(step),
                 f"{step.comparison.chi2.per_dof:.3f}",
-                f"{step.comparison.delta_e_ab.mean:.3f}",
-                f"{step.comparison.delta_e_ab_noise.mean:.3f}",
+                f"{step.comparison.colour[HEADLINE.id].mean:.3f}",
+                f"{step.comparison.colour_noise[HEADLINE.id].mean:.3f}",
                 f"{step.prior_pull:.1f}",
             )
             for step in self.diagnosis.path
@@ -122,7 +122,7 @@ class DiagnosisResult(Result):
             ),
             Table(
                 "Error after each step; χ²/dof counts the noise alone",
-                ("model", "χ²/dof", "ΔE*ab", "noise alone", "camera, lamp from survey, σ"),
+                ("model", "χ²/dof", HEADLINE.label, "noise alone", "camera, lamp from survey, σ"),
                 steps,
             ),
         ]

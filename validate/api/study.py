@@ -15,7 +15,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
-from ..compare import Prepared, Validation, prepare, under_model, validate_prepared
+from ..compare import CalibratedCapture, Validation, prepare, validate_prepared, with_model
 from ..diagnose import diagnose as diagnosed
 from ..diagnose import fit_effects
 from ..report import write_validation
@@ -38,7 +38,7 @@ _CALIBRATION = 0.05
 class _Pictures:
     """Pictures rendered so far, by the effects that they were rendered with; shared by all states of a study."""
 
-    def __init__(self, prepared: tuple[Prepared, ...], model: Model) -> None:
+    def __init__(self, prepared: tuple[CalibratedCapture, ...], model: Model) -> None:
         self.prepared, self.model = prepared, model
         self._bases: OrderedDict[tuple, tuple[Base, ...]] = OrderedDict()
         self.predictions: OrderedDict[tuple, tuple[Prediction, ...]] = OrderedDict()
@@ -138,7 +138,7 @@ class Study(Result):
             else {capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)}
         )
         prepared = tuple(
-            under_model(calibrated[each], file.model)
+            with_model(calibrated[each], file.model)
             if each in calibrated
             else replace(prepare(load_capture(each), file.model), cache=kept)
             for each in file.captures
@@ -150,7 +150,7 @@ class Study(Result):
     def with_model(self, model: ModelLike, progress: Progress = NO_PROGRESS) -> Study:
         """A new study of the same captures, which are not calibrated again, and another model."""
         chosen = as_model(model, self.captures)
-        prepared = tuple(under_model(each, chosen) for each in self._pictures.prepared)
+        prepared = tuple(with_model(each, chosen) for each in self._pictures.prepared)
         study = Study(History((State(chosen.effects, chosen.effects),)), _Pictures(prepared, chosen))
         study._bases(progress)
         return study
@@ -161,7 +161,7 @@ class Study(Result):
         return tuple(each.calibration.capture for each in self._pictures.prepared)
 
     @property
-    def prepared(self) -> tuple[Prepared, ...]:
+    def prepared(self) -> tuple[CalibratedCapture, ...]:
         """The captures, calibrated."""
         return self._pictures.prepared
 

@@ -15,7 +15,7 @@ from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from cboxlab.utils.table import Table
 
-from ..compare import Validation, failures, validate_capture
+from ..compare import HEADLINE, Validation, failures, validate_capture
 from ..report import chi2_by_place, named_bands, validation_record, verdict, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
 from .calibration import suspicion_lines
@@ -77,9 +77,9 @@ class ValidationResult(Result):
         ranked = failures(result)[1][:MAX_FAILURES]
         return [
             f"{name} against {result.model.name}: {verdict(c).headline}",
-            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean ΔE*ab "
-            f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}), rendering noise over sensor noise "
-            f"{c.render_sigma_over_sensor_sigma:.2f}, lamp × {result.fit.lamp_scale:.4f}, {result.seconds:.0f} s",
+            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
+            f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
+            f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, lamp × {result.fit.lamp_scale:.4f}, {result.seconds:.0f} s",
             *suspicion_lines(result.prepared.calibration),
             *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),
         ]
@@ -98,12 +98,12 @@ class ValidationResult(Result):
             (
                 name,
                 *(_cell(100 * row.relative[index], "+.2f") for index, _ in bands),
-                _cell(row.delta_e_ab, ".2f"),
+                _cell(row.colour[HEADLINE.id], ".2f"),
                 _cell(row.chi2.per_dof, ".2f"),
             )
             for name, row in comparison.by_surface.items()
         )
-        columns = ("surface", *(label.removesuffix(" nm") for _, label in bands), "ΔE*ab", "χ²/dof")
+        columns = ("surface", *(label.removesuffix(" nm") for _, label in bands), HEADLINE.label, "χ²/dof")
         folder = self.validation.prepared.calibration.capture.folder.name
         return [Table(f"{folder}: (measured − rendered) / rendered, interiors, %; bands in nm", columns, rows)]
 

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from .colour_difference import (
+    COLOUR_DIFFERENCES,
     DifferenceStatistics,
     White,
-    delta_e_2000,
-    delta_e_ab,
     expected_from_noise,
     lab,
     statistics,
@@ -78,12 +77,12 @@ class BandRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceRow:
+class SurfaceRow(OwnMappings):
     """One surface. chi2 covers all its pixels, all other values its interior.
 
     measured, rendered, sigma : (band,) interior means in DN and the standard error of their difference.
     relative, relative_sigma : (band,) (measured - rendered) / rendered and its standard error.
-    delta_e_noise : mean Delta E*ab between these means expected from noise alone.
+    colour, colour_noise : differences of the colours of these means by identifier, and their mean from noise alone.
     xyz_measured, xyz_rendered : (3,) X, Y, Z of these means, Y in cd m^-2. All NaN without interior pixels.
     """
 
@@ -94,9 +93,8 @@ class SurfaceRow:
     sigma: NDArray[np.float64]
     relative: NDArray[np.float64]
     relative_sigma: NDArray[np.float64]
-    delta_e_ab: float
-    delta_e_2000: float
-    delta_e_noise: float
+    colour: Mapping[str, float]
+    colour_noise: Mapping[str, float]
     xyz_measured: NDArray[np.float64]
     xyz_rendered: NDArray[np.float64]
 
@@ -106,7 +104,7 @@ class Comparison(OwnMappings):
     """The outcome of one comparison; immutable.
 
     maps : Dataset of (band, y, x) measured, rendered, sigma (DN), residual_over_sigma, mask; (y, x, xyz)
-        xyz_measured, xyz_rendered; (y, x) delta_e_ab, delta_e_2000, luminance_relative_difference, surface,
+        xyz_measured, xyz_rendered; (y, x) each of COLOUR_DIFFERENCES, luminance_relative_difference, surface,
         edge_distance_px. NaN where a pixel was left out, except for signals and XYZ.
     xyz_per_dn : (3, band) X, Y, Z per count.
     share_of_excess_at_edges : 0 to 1, of the excess chi2; NaN without excess.
@@ -123,10 +121,8 @@ class Comparison(OwnMappings):
     share_of_excess_at_edges: float
     by_band: Mapping[str, BandRow]
     by_surface: Mapping[str, SurfaceRow]
-    delta_e_ab: DifferenceStatistics
-    delta_e_2000: DifferenceStatistics
-    delta_e_ab_noise: DifferenceStatistics
-    delta_e_2000_noise: DifferenceStatistics
+    colour: Mapping[str, DifferenceStatistics]
+    colour_noise: Mapping[str, DifferenceStatistics]
     luminance: RelativeDifference
     render_sigma_over_sensor_sigma: float
     pixels_used: int
@@ -160,9 +156,20 @@ def _surface(
 ) -> SurfaceRow:
     n = int(inside.sum())
     if n == 0:
-        nothing, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
+        no_signal, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
+        no_colour = dict.fromkeys(COLOUR_DIFFERENCES, float("nan"))
         return SurfaceRow(
-            chi2, 0, nothing, nothing, nothing, nothing, nothing, np.nan, np.nan, np.nan, no_light, no_light
+            chi2,
+            0,
+            measured=no_signal,
+            rendered=no_signal,
+            sigma=no_signal,
+            relative=no_signal,
+            relative_sigma=no_signal,
+            colour=no_colour,
+            colour_noise=no_colour,
+            xyz_measured=no_light,
+            xyz_rendered=no_light,
         )
     mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
     sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
@@ -170,8 +177,8 @@ def _surface(
         relative = np.where(mean_rendered > 0, mean_measured / mean_rendered - 1.0, np.nan)
         relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
     xyz_measured, xyz_rendered = xyz_per_dn @ mean_measured, xyz_per_dn @ mean_rendered
-    seen, expected = lab(xyz_measured, white), lab(xyz_rendered, white)
-    noise, _ = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
+    lab_measured, lab_rendered = lab(xyz_measured, white), lab(xyz_rendered, white)
+    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
     return SurfaceRow(
         chi2,
         n,
@@ -180,9 +187,8 @@ def _surface(
         sigma,
         relative,
         relative_sigma,
-        float(delta_e_ab(seen, expected)),
-        float(delta_e_2000(seen, expected)),
-        noise.mean,
+        {name: float(d.between(lab_measured, lab_rendered)) for name, d in COLOUR_DIFFERENCES.items()},
+        {name: figures.mean for name, figures in noise.items()},
         xyz_measured,
         xyz_rendered,
     )
@@ -267,10 +273,8 @@ def compare(
     white = white_of(lamp_xyz, xyz_model[bright, 1])
     lab_seen, lab_model = lab(xyz_seen, white), lab(xyz_model, white)
     blank = np.where(coloured, 0.0, np.nan)
-    e_ab, e_2000 = (blank + f(lab_seen, lab_model) for f in (delta_e_ab, delta_e_2000))
-    e_ab_noise, e_2000_noise = expected_from_noise(
-        model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed
-    )
+    colour_maps = {name: blank + d.between(lab_seen, lab_model) for name, d in COLOUR_DIFFERENCES.items()}
+    colour_noise = expected_from_noise(model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed)
     luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, variance)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = xyz_seen[..., 1] / xyz_model[..., 1]
@@ -310,8 +314,7 @@ def compare(
             "mask": (stack, mask, measured.mask.attrs),
             "xyz_measured": ((*image, "xyz"), xyz_seen),
             "xyz_rendered": ((*image, "xyz"), xyz_model),
-            "delta_e_ab": (image, e_ab, {"units": "1"}),
-            "delta_e_2000": (image, e_2000, {"units": "1"}),
+            **{name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colour_maps.items()},
             "luminance_relative_difference": (image, luminance_map, {"units": "1"}),
             "surface": (image, surface.astype(np.int16)),
             "edge_distance_px": (image, distance, {"units": "px"}),
@@ -330,10 +333,8 @@ def compare(
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
         by_band=by_band,
         by_surface=by_surface,
-        delta_e_ab=statistics(e_ab),
-        delta_e_2000=statistics(e_2000),
-        delta_e_ab_noise=e_ab_noise,
-        delta_e_2000_noise=e_2000_noise,
+        colour={name: statistics(values) for name, values in colour_maps.items()},
+        colour_noise=colour_noise,
         luminance=_relative(xyz_seen[..., 1], xyz_model[..., 1], luminance_variance, coloured),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
         pixels_used=int(whole.sum()),

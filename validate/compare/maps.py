@@ -14,7 +14,7 @@ from cboxlab.utils.files import replacing
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from .colour_difference import srgb_preview
+from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, srgb_preview
 from .comparison import Comparison
 
 __all__ = ["read_map", "write_map", "write_maps"]
@@ -104,12 +104,14 @@ def write_maps(
     text = "CIE 1931 2-degree XYZ through the filter weights"
     save("xyz_measured.exr", list("XYZ"), measured, [xyz_unit] * 3, text)
     save("xyz_rendered.exr", list("XYZ"), rendered, [xyz_unit] * 3, text)
-    relative = [maps[name].values for name in ("luminance_relative_difference", "delta_e_ab", "delta_e_2000")]
+    colours = [COLOUR_DIFFERENCES[name] for name in comparison.colour]
+    luminance = maps["luminance_relative_difference"].values
     save(
         "difference.exr",
-        ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"],
-        [*(measured - rendered + 0 * relative[1]), *relative],
-        [xyz_unit] * 3 + ["1"] * 3,
+        ["dX", "dY", "dZ", "dY_relative", *(d.channel for d in colours)],
+        # the map of a colour difference is NaN where a pixel is left out
+        [*(measured - rendered + 0 * maps[HEADLINE.id].values), luminance, *(maps[d.id].values for d in colours)],
+        [xyz_unit] * 3 + ["1"] + [d.unit for d in colours],
         "measured minus rendered; dY_relative is (measured - rendered) / rendered; NaN where left out",
     )
     names = ", ".join(f"{i}={name}" for i, name in enumerate(maps.attrs["surface_names"]))

@@ -40,7 +40,7 @@ from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
 from .kept_fits import kept_fit
 from .nuisances import NuisanceFit, Nuisances, held_lamp_scale
-from .prepared import Prepared, prepare, solved_light, with_picture
+from .prepared import CalibratedCapture, prepare, solved_light, with_picture
 
 __all__ = [
     "Predicted",
@@ -103,7 +103,7 @@ class Predicted(Rendered):
 class Validation:
     """The result of ``validate``. rendered : a ``Predicted`` under a compiled variant. seconds : wall time."""
 
-    prepared: Prepared
+    prepared: CalibratedCapture
     model: Model
     rendered: Rendered
     comparison: Comparison
@@ -148,7 +148,7 @@ def validate_capture(
     return replace(validate_prepared(prepared, model, progress), seconds=time.perf_counter() - start)
 
 
-def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_PROGRESS) -> Validation:
+def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progress = NO_PROGRESS) -> Validation:
     """Render a model of a prepared capture's scene, fit the nuisances, compare.
 
     progress : called with shares from 0.05 on; what comes before is the calibration.
@@ -192,7 +192,12 @@ def _pull(fit: NuisanceFit, surveyed: Camera) -> float:
 
 
 def _fitted_to_draft(
-    prepared: Prepared, model: Model, light: LightField, camera: Camera, pilot: float | None, progress: Progress
+    prepared: CalibratedCapture,
+    model: Model,
+    light: LightField,
+    camera: Camera,
+    pilot: float | None,
+    progress: Progress,
 ) -> tuple[Camera, float | None]:
     """The camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
@@ -203,7 +208,7 @@ def _fitted_to_draft(
     return refitted(prepared, draft, model.effects).camera, draft.pilot
 
 
-def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
+def _rendered_plainly(prepared: CalibratedCapture, model: Model, progress: Progress) -> Rendered:
     calibration, effects = prepared.calibration, model.effects
     camera = prepared.expected_camera(effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
@@ -217,7 +222,9 @@ def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> R
     return _scaled(prepared, image, camera, signal, bands)
 
 
-def _scaled(prepared: Prepared, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset) -> Rendered:
+def _scaled(
+    prepared: CalibratedCapture, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset
+) -> Rendered:
     used = prepared.usable & (bands.mask.values == 0)
     if not (signal[used] > 0).any():
         hint = "Set max_bounces in the model file to 1 or more, or leave it out"
@@ -228,7 +235,7 @@ def _scaled(prepared: Prepared, image: RenderedImage, camera: Camera, signal: ND
 
 
 def rendered_from(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     light: LightField,
     camera: Camera,
     settings: RenderSettings,
@@ -266,7 +273,11 @@ def rendered_from(
 
 
 def _own_picture(
-    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect]
+    prepared: CalibratedCapture,
+    light: LightField,
+    camera: Camera,
+    settings: RenderSettings,
+    effects: Sequence[AppliedEffect],
 ) -> tuple[Picture, float, float]:
     """What makes our picture, to which noise, and the power of the samples by which its error falls."""
     if prepared.gathered:
@@ -280,11 +291,11 @@ def _own_picture(
     return traced, max(settings.noise, _TRACED_NOISE), _TRACED_CONVERGENCE
 
 
-def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
+def refitted(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
     """Camera and lamp fitted to the measured picture, starting from a render with these effects."""
     predictor = rendered.predictor
     signal = predictor.signal(effects)
-    variance = prepared.calibration.predicted_variance(prepared.lit(signal)) + rendered.variance
+    variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + rendered.variance
     return kept_fit(
         prepared.cache,
         measured=prepared.measured,
@@ -297,7 +308,7 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     )
 
 
-def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
+def refitted_picture(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
     """Refit camera and lamp, and warp the picture to this camera (about 0.01 px) instead of rendering it again."""
     fit = refitted(prepared, rendered, effects)
     signal = rendered.predictor.signal(effects) + warp_change(rendered.predictor.warp, fit.camera)
@@ -307,7 +318,7 @@ def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[
     return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal, predictor=at_lamp)
 
 
-def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
+def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
     """Comparison of the measured picture with a modelled ``signal`` (band, y, x) in DN, lamp scale included."""
     calibration, image, responses = prepared.calibration, rendered.image, prepared.responses
     variance = rendered.variance * rendered.fit.lamp_scale**2

@@ -24,10 +24,10 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..capture_checks import with_scene_checks
-from ..predict import ForeignPicture, foreign_picture
+from ..predict import ExternalPicture, external_picture
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
-__all__ = ["Prepared", "prepare", "solved_light", "under_model", "with_picture"]
+__all__ = ["CalibratedCapture", "prepare", "solved_light", "with_model", "with_picture"]
 
 
 #: Where the measured signal is so many times the model's, and this part of the picture's median, the model lacks light.
@@ -35,7 +35,7 @@ _LACKING, _LIT = 2.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class CalibratedCapture:
     """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
 
     camera_fit, responses, weights : of the calibration, which has them all. lamp_sigma : relative standard deviation
@@ -51,7 +51,7 @@ class Prepared:
     scene: Scene
     lamp_sigma: float | None
     complete: Scene
-    picture: ForeignPicture | None = None
+    picture: ExternalPicture | None = None
     cache: Path | None = None
 
     @property
@@ -80,7 +80,7 @@ class Prepared:
         """(band, y, x) True for pixels that the capture does not mask."""
         return self.calibration.images.mask.values == 0
 
-    def lit(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def noise_reference_signal(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
         """(band, y, x) DN, whose noise the measured picture has: the modelled signal, or the measured one where the
         model lacks light. By a model without interreflection black surfaces would have the noise of reading alone."""
         measured = np.where(self.usable, self.measured, 0.0)
@@ -93,7 +93,7 @@ class Prepared:
         return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
 
 
-def prepare(capture: Capture, model: Model) -> Prepared:
+def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     """Calibrate a capture and put its lamp into the model's scene.
 
     Raises InputError if the capture lacks data that a comparison with a render needs.
@@ -119,26 +119,30 @@ def prepare(capture: Capture, model: Model) -> Prepared:
             "A calibration does not need them.",
         )
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
-    return Prepared(calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene)
+    return CalibratedCapture(
+        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
+    )
 
 
-def under_model(prepared: Prepared, model: Model) -> Prepared:
+def with_model(prepared: CalibratedCapture, model: Model) -> CalibratedCapture:
     """The same calibrated capture with another model's scene."""
     scene = model.scene.with_lamp(prepared.scene.lamp.radiance)
     return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
 
 
-def solved_light(prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]) -> LightField:
+def solved_light(prepared: CalibratedCapture, settings: RenderSettings, effects: Sequence[AppliedEffect]) -> LightField:
     """The radiosity solution of the scene with the effects that act on scene or settings."""
     scene = after_stage(prepared.scene, effects, "scene")
     settings = after_stage(settings, effects, "settings")
     return solve_light(scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
 
 
-def with_picture(prepared: Prepared, path: Path, declared: Declared, settings: RenderSettings) -> Prepared:
+def with_picture(
+    prepared: CalibratedCapture, path: Path, declared: Declared, settings: RenderSettings
+) -> CalibratedCapture:
     """The capture with another renderer's cube in place of our picture.
 
     settings : of our own picture, by whose spectra the cube is brought to all wavelengths.
     """
     light, camera = solved_light(prepared, settings, ()), prepared.calibrated_camera
-    return replace(prepared, picture=foreign_picture(path, prepared.scene, camera, light, declared))
+    return replace(prepared, picture=external_picture(path, prepared.scene, camera, light, declared))

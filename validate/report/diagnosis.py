@@ -12,6 +12,7 @@ import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.utils.files import replacing
 
+from ..compare import HEADLINE
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step
 from .blocks import with_error
 from .explanation import explanation_record, explanation_sentence
@@ -84,7 +85,7 @@ def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
 def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
     """The path of the diagnosis for metrics.json."""
     return [
-        PathStep(tuple(e.id for e in s.effects), s.comparison.chi2.per_dof, s.comparison.delta_e_ab.mean)
+        PathStep(tuple(e.id for e in s.effects), s.comparison.chi2.per_dof, s.comparison.colour[HEADLINE.id].mean)
         for s in diagnosis.path
     ]
 
@@ -138,12 +139,16 @@ def separation_sentence(s: Separation) -> str:
 def error_sentence(diagnosis: Diagnosis) -> str:
     """The error of the model as given, and how it falls where effects were found."""
     first, last = diagnosis.path[0].comparison, diagnosis.path[-1].comparison
-    noise = f"(noise alone {last.delta_e_ab_noise.mean:.2f})"
+    noise = f"(noise alone {last.colour_noise[HEADLINE.id].mean:.2f})"
     if len(diagnosis.path) == 1:
-        return f"χ² per degree of freedom is {first.chi2.per_dof:.3g}, mean ΔE*ab {first.delta_e_ab.mean:.2f} {noise}."
+        return (
+            f"χ² per degree of freedom is {first.chi2.per_dof:.3g}, mean {HEADLINE.label} "
+            f"{first.colour[HEADLINE.id].mean:.2f} {noise}."
+        )
     return (
-        f"χ² per degree of freedom falls from {first.chi2.per_dof:.4g} to {last.chi2.per_dof:.4g}, mean ΔE*ab from "
-        f"{first.delta_e_ab.mean:.2f} to {last.delta_e_ab.mean:.2f} {noise}."
+        f"χ² per degree of freedom falls from {first.chi2.per_dof:.4g} to {last.chi2.per_dof:.4g}, "
+        f"mean {HEADLINE.label} from {first.colour[HEADLINE.id].mean:.2f} to "
+        f"{last.colour[HEADLINE.id].mean:.2f} {noise}."
     )
 
 

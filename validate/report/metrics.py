@@ -15,7 +15,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
-from ..compare import ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
+from ..compare import HEADLINE, ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
@@ -71,9 +71,9 @@ def _relative(difference: RelativeDifference) -> dict[str, Any]:
     }
 
 
-def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
+def _colour(figures: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
     expected = {"mean": noise.mean, "p95": noise.p95, "max": noise.maximum}
-    return {"mean": seen.mean, "p95": seen.p95, "max": seen.maximum, "expected_from_noise": expected}
+    return {"mean": figures.mean, "p95": figures.p95, "max": figures.maximum, "expected_from_noise": expected}
 
 
 def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
@@ -139,9 +139,8 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             name: {
                 "relative_difference": dict(zip(c.bands, row.relative, strict=True)),
                 "relative_difference_sigma": dict(zip(c.bands, row.relative_sigma, strict=True)),
-                "delta_e_ab": row.delta_e_ab,
-                "delta_e_2000": row.delta_e_2000,
-                "delta_e_ab_expected_from_noise": row.delta_e_noise,
+                **row.colour,
+                f"{HEADLINE.id}_expected_from_noise": row.colour_noise[HEADLINE.id],
                 "measured": _light(row.xyz_measured),
                 "rendered": _light(row.xyz_rendered),
                 "interior_pixels": row.interior_pixels,
@@ -149,8 +148,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             }
             for name, row in c.by_surface.items()
         },
-        "delta_e_ab": _delta_e(c.delta_e_ab, c.delta_e_ab_noise),
-        "delta_e_2000": _delta_e(c.delta_e_2000, c.delta_e_2000_noise),
+        **{name: _colour(figures, c.colour_noise[name]) for name, figures in c.colour.items()},
         "luminance": _relative(c.luminance),
         "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
         "edges": {"share_of_excess": c.share_of_excess_at_edges, **_chi2(c.chi2_edges)},
@@ -167,7 +165,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             for kind, rows in regions_of(c).items()
         },
         "failures": [asdict(failure) for failure in run.failures],
-        "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.delta_e_ab.mean)]],
+        "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.colour[HEADLINE.id].mean)]],
     }
     for key, value in (extra or {}).items():
         if key in content:

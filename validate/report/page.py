@@ -14,7 +14,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from ..compare import Comparison, band_centres
+from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
 from .bands import named_bands
 from .blocks import Cell, ReportSection, Story, Table
 from .metrics import Run
@@ -61,8 +61,14 @@ def _figures(c: Comparison) -> list[tuple[str, str, str]]:
     """(what, value, note) of the headline figures."""
     return [
         ("χ² per degree of freedom", f"{c.chi2.per_dof:.3g}", f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
-        ("mean ΔE*ab", f"{c.delta_e_ab.mean:.2f}", f"noise alone {c.delta_e_ab_noise.mean:.2f}"),
-        ("mean CIEDE2000", f"{c.delta_e_2000.mean:.2f}", f"noise alone {c.delta_e_2000_noise.mean:.2f}"),
+        *(
+            (
+                f"mean {COLOUR_DIFFERENCES[name].label}",
+                f"{figures.mean:.2f}",
+                f"noise alone {c.colour_noise[name].mean:.2f}",
+            )
+            for name, figures in c.colour.items()
+        ),
         (
             "mean luminance difference",
             f"{100 * c.luminance.mean:+.2f} %".replace("-", "−"),

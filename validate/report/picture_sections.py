@@ -13,7 +13,7 @@ from cboxlab.calibration.instrument import BandResponse
 from matplotlib.colors import LogNorm
 from scipy.stats import norm
 
-from ..compare import Comparison
+from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from .bands import NamedBand, named_bands
 from .blocks import ReportSection, Table, number, significant
 from .plots import (
@@ -45,7 +45,7 @@ def maps_section(c: Comparison) -> ReportSection:
     maps = c.maps
     relative = 100 * maps["luminance_relative_difference"].values
     xyz = np.where(
-        np.isfinite(maps["delta_e_ab"].values)[..., None],
+        np.isfinite(maps[HEADLINE.id].values)[..., None],
         100 * (maps["xyz_measured"].values - maps["xyz_rendered"].values) / c.white.luminance,
         np.nan,
     )
@@ -57,7 +57,7 @@ def maps_section(c: Comparison) -> ReportSection:
         ),
         (
             map_row(
-                {"ΔE*ab (1976)": maps["delta_e_ab"].values, "CIEDE2000": maps["delta_e_2000"].values},
+                {COLOUR_DIFFERENCES[name].title: maps[name].values for name in c.colour},
                 Scale(0.0, COLOUR, "colour difference ΔE", "cividis"),
             ),
             map_row(

@@ -237,11 +237,13 @@ def _svg(figure: Figure) -> str:
 
 
 @matplotlib.rc_context(STYLE)
-def falling_curve(labels: Sequence[str], chi2_per_dof: Sequence[float], delta_e: Sequence[float]) -> Drawing:
+def falling_curve(
+    labels: Sequence[str], chi2_per_dof: Sequence[float], colour: Sequence[float], colour_label: str
+) -> Drawing:
     """The error after each added effect. labels : what was added at each step."""
     figures = []
     steps = np.arange(len(labels))
-    for values, title in ((chi2_per_dof, "χ² per degree of freedom"), (delta_e, "mean ΔE*ab")):
+    for values, title in ((chi2_per_dof, "χ² per degree of freedom"), (colour, f"mean {colour_label}")):
         figure, ax = new_figure(2.9)
         ax.plot(steps, values, "-o", color=LINE, markersize=5)
         ax.set_title(title)

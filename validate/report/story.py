@@ -10,7 +10,7 @@ import numpy as np
 from cboxlab.rendering.effects import catalogue
 from numpy.typing import NDArray
 
-from ..compare import Comparison
+from ..compare import HEADLINE, Comparison
 from ..diagnose import Cause, Diagnosis
 from .bands import NamedBand
 from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
@@ -250,7 +250,8 @@ def _falling(diagnosis: Diagnosis) -> ReportSection:
     curve: Drawing = falling_curve(
         labels,
         [s.comparison.chi2.per_dof for s in diagnosis.path],
-        [s.comparison.delta_e_ab.mean for s in diagnosis.path],
+        [s.comparison.colour[HEADLINE.id].mean for s in diagnosis.path],
+        HEADLINE.label,
     )
     maps = [pooled(s.comparison.maps["residual_over_sigma"].values) for s in diagnosis.path]
     scale = residual_scale("difference / σ, all bands together")

@@ -9,7 +9,18 @@ from cboxlab.calibration.instrument import chromaticity
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 
-from ..compare import OUTSIDE, ChiSquare, Comparison, Failure, Part, Region, regions_of
+from ..compare import (
+    COLOUR_DIFFERENCES,
+    HEADLINE,
+    OUTSIDE,
+    ChiSquare,
+    Comparison,
+    Failure,
+    Part,
+    Region,
+    SurfaceRow,
+    regions_of,
+)
 from .bands import NamedBand
 from .blocks import Cell, ReportSection, Table, number, percent, significant, to_error
 from .metrics import Run
@@ -94,7 +105,12 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
         "excess of noise, relative to the rms signal.",
     )
     surfaces = Table(
-        ("surface", *(f"{name}, %" for _, name in bands), "ΔE*ab", "CIEDE2000", "interior px"),
+        (
+            "surface",
+            *(f"{name}, %" for _, name in bands),
+            *(COLOUR_DIFFERENCES[name].label for name in c.colour),
+            "interior px",
+        ),
         [
             (
                 name,
@@ -106,21 +122,24 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
                     )
                     for i, _ in bands
                 ),
-                Cell(
-                    number(row.delta_e_ab),
-                    f"noise {number(row.delta_e_noise)}",
-                    bool(row.delta_e_ab > 3 * row.delta_e_noise),
-                ),
-                number(row.delta_e_2000),
+                *_colours(row),
                 f"{row.interior_pixels}",
             )
             for name, row in c.by_surface.items()
         ],
         "By surface: relative difference of the means over the interior (at least three pixels from any edge) with its "
         "standard error from pixel noise, and ΔE between these means. Bold: significant differences (p < 0.001), and "
-        "ΔE*ab above three times its expectation from noise.",
+        f"{HEADLINE.label} above three times its expectation from noise.",
     )
     return ReportSection("Differences by surface and by band", (), (surfaces, _luminances(c), band_table))
+
+
+def _colours(row: SurfaceRow) -> list[str | Cell]:
+    """Colour differences of a surface; the headline's with its expectation from noise, bold where significant."""
+    cells: dict[str, str | Cell] = {name: number(value) for name, value in row.colour.items()}
+    value, noise = row.colour[HEADLINE.id], row.colour_noise[HEADLINE.id]
+    cells[HEADLINE.id] = Cell(number(value), f"noise {number(noise)}", bool(value > 3 * noise))
+    return list(cells.values())
 
 
 def _luminances(c: Comparison) -> Table:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..compare import Comparison, Region, regions_of
+from ..compare import HEADLINE, Comparison, Region, regions_of
 from .bands import NamedBand
 from .metrics import Run
 
@@ -42,10 +42,11 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
         "nearly": "Noise explains nearly all of the difference.",
         "unexplained": "Noise does not explain the difference.",
     }[level]
-    e, noise = c.delta_e_ab, c.delta_e_ab_noise
+    colour, noise = c.colour[HEADLINE.id], c.colour_noise[HEADLINE.id]
     details = [
         f"χ² per degree of freedom is {c.chi2.per_dof:.3g}; noise alone gives 1 ± {c.chi2.per_dof_sigma:.2g}.",
-        f"The mean colour difference per pixel is ΔE*ab {e.mean:.2f}; noise alone gives {noise.mean:.2f}.",
+        f"The mean colour difference per pixel is {HEADLINE.label} {colour.mean:.2f}; "
+        f"noise alone gives {noise.mean:.2f}.",
     ]
     if significant:
         beyond = np.array([row.beyond_noise for row in c.by_band.values()])

@@ -12,7 +12,7 @@ import numpy as np
 from cboxlab.calibration.instrument import Mask
 from numpy.typing import ArrayLike, NDArray
 
-from ...compare import Comparison, Validation, band_centres, srgb_matrix
+from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, band_centres, srgb_matrix
 from .light import filter_curves, light_parts, pixel_spectra
 
 __all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
@@ -141,6 +141,17 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
         "xyz_unit": "cd m⁻²",
         "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
         "srgb": srgb_matrix(c.white).tolist(),
+        "colour_differences": [
+            {
+                "id": d.id,
+                "label": d.label,
+                "title": d.title,
+                "unit": "" if d.unit == "1" else d.unit,
+                "script": d.script,
+            }
+            for d in (COLOUR_DIFFERENCES[name] for name in c.colour)
+            if d.script is not None
+        ],
         "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
         "light": None,
         "spectrum": None,

@@ -16,10 +16,10 @@
  *   "cbox-view"   detail: viewer.state after a change by the user or by set()
  *
  * options: the state to begin with, e.g. {mode: "slider", a: "measured", b: "rendered", c: "residual"}.
- * Layers: measured, rendered, residual, delta_e_ab, delta_e_2000, luminance, masks, and the ids in data.maps.
+ * Layers: measured, rendered, residual, luminance, masks, and the ids in data.colour_differences and data.maps.
  * band: number of a band; -1 all bands (pictures as sRGB); -2, -3, -4 for X, Y, Z.
  *
- * data (validate/viewer/payload.py makes it; bands stand in the order of their wavelengths):
+ * data (validate/report/viewer/payload.py makes it; bands stand in the order of their wavelengths):
  *   width, height       px; block   side of the blocks of the capture's pixels that one of these is the mean of
  *   bands               [{id, nm}], nm null where not known
  *   measured, rendered, sigma   (band, y, x) DN      mask   (band, y, x) sum of the bits of `reasons`
@@ -27,6 +27,7 @@
  *   surface             (y, x) index into `surfaces`, -1 the lamp, -2 outside the box; surfaces  [name]
  *   xyz_per_dn          3 rows of one number per band; xyz_unit   its unit; white  {x, y, luminance}
  *   srgb                3 x 3, XYZ over the white's luminance to linear sRGB, adapted to the white
+ *   colour_differences  [{id, label, title, unit, script}], script a name in COLOUR_DIFFERENCES of colour.js
  *   colours             {diverging, sequential}: hexadecimal stops
  *   light               null or {names, share: (k, y, x)}
  *   spectrum            null or {wavelength_nm, basis: (k, w), coefficients: (k, y, x), rank, unit}
