@@ -91,7 +91,7 @@ def test_several_effects_are_fitted_together(study):
 def test_two_captures_know_an_effect_better_than_one(study, fitted):
     """The same capture twice: the same effect, its standard deviation smaller by the root of two."""
     pictures = study_module._Pictures(2 * study._pictures.prepared, study.model)
-    pictures._bases[()] = 2 * study._bases(NO_PROGRESS)
+    pictures._bases.get((), lambda: 2 * study._bases(NO_PROGRESS))
     twice = replace(study, _pictures=pictures).add("veiling-glare", fraction=0.01).fit()
     one, both = fitted.effects[0], twice.effects[0]
     assert both.values["fraction"] == pytest.approx(one.values["fraction"], rel=1e-3)
