@@ -1,7 +1,8 @@
-"""How far a physically based rendering is from photographs of the real box, where, and why.
+"""Validation of physically based rendering against photographs of a real Cornell Box.
 
-The stable interface (docs/api.md). Names are loaded when they are first used; ``import cboxlab`` itself loads neither
-NumPy nor Mitsuba.
+A capture is compared with the rendering of a model, and the difference is explained by physical causes. This is the
+stable interface, described in docs/api.md. Names are loaded when they are first used; ``import cboxlab`` itself loads
+neither NumPy nor Mitsuba.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ __all__ = [
     "validate",
 ]
 
-#: The package that each name comes from.
+#: Package of each name, below ``cboxlab``.
 _HOMES = {
     "Cancelled": "utils.progress",
     "Declared": "rendering.files",
@@ -61,6 +62,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    """Load a name of the interface when it is first used (PEP 562)."""
     if name == "__version__":
         from importlib.metadata import version
 
@@ -71,4 +73,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
+    """Names of the module, including those not loaded yet."""
     return sorted({*globals(), *__all__})

@@ -1,10 +1,10 @@
-"""A pytest plugin: the fixture ``same_light`` compares pictures with references stored beside the test.
+"""Pytest plugin: the fixture ``same_light`` compares renderings with references next to the test.
 
     def test_box(same_light):
         same_light("box", "box.nc", seed=2, samples=512, versions={"ourrenderer": "3.2"})
 
-compares the means over surfaces and bands with ``references/box.json``. A missing reference is an error. References
-are written by ``pytest --update-light-references`` alone.
+compares the means over surfaces and bands with ``references/box.json``. A missing reference is an error. Only
+``pytest --update-light-references`` writes references.
 """
 
 from __future__ import annotations
@@ -16,20 +16,39 @@ import pytest
 
 __all__ = ["same_light"]
 
+#: Option of pytest by which ``same_light`` writes references instead of comparing with them.
 _OPTION = "--update-light-references"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The explicit command by which references change."""
+    """Add the option that writes references.
+
+    Parameters
+    ----------
+    parser
+        Parser of pytest's command line.
+    """
     group = parser.getgroup("cboxlab")
-    group.addoption(_OPTION, action="store_true", help="Write the references of same_light anew.")
+    group.addoption(_OPTION, action="store_true", help="Replace the references of same_light.")
 
 
 @pytest.fixture
 def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """A function (name, pictures, *, seed, samples, versions): AssertionError where the mean light has changed.
+    """Function (name, pictures, *, seed, samples, versions) that compares renderings with a reference.
 
-    pictures : a spectral cube, several joined by commas, or a folder of them (independent cubes of one picture).
+    It raises AssertionError if the mean light of a surface in a band has changed. Its arguments are the name of the
+    reference; a spectral cube, several joined by commas, or a folder of independent cubes of one scene; the seed, the
+    samples per pixel and the versions of the renderer, which the reference states.
+
+    Parameters
+    ----------
+    request
+        The test that asks for the fixture; references lie in the folder ``references`` next to its file.
+
+    Returns
+    -------
+    Callable
+        The function.
     """
     folder = request.path.parent / "references"
     update = bool(request.config.getoption(_OPTION))
@@ -37,6 +56,7 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
     def check(
         name: str, pictures: str | Path, *, seed: int, samples: int, versions: Mapping[str, str] | None = None
     ) -> None:
+        """Compare with the reference, or write it under the option."""
         from cboxlab.validation.compare_renders.regress import cube_paths, read_side
         from cboxlab.validation.compare_renders.stored_references import (
             measured_reference,

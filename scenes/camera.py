@@ -1,4 +1,4 @@
-"""The pinhole camera with one radial distortion term, and what else a lens may do, in OpenCV's conventions.
+"""Pinhole camera with radial and further distortion, in OpenCV's conventions.
 
 Pixel (0, 0) is the centre of the top-left pixel, u runs right, v down. ``rotation`` takes world to
 camera axes (x right, y down, z forward). A point at normalised image coordinates (x, y) appears at
@@ -33,36 +33,51 @@ PARAMETER_NAMES = (
     "k1",
 )
 
-#: Each round of the inverse leaves the part of the error by which displacements change over the displacement's length.
+#: Rounds of the fixed-point iteration in ``undisplaced``. Each multiplies the error by the displacement's gradient.
 _INVERSION_ROUNDS = 6
 
-#: Accuracy of the radius without distortion, tangent of the field angle.
+#: Accuracy of the radius without distortion, tangent of the field angle: a few roundings of a double.
 _RADIUS_ACCURACY = 1e-15
 
-#: Positions across and down by which cameras are compared, rounds of Gauss-Newton, and its steps of the parameters.
-_GRID, _CLOSEST_ROUNDS, _PARAMETER_STEP = 15, 4, 1e-4
+#: Image positions across and down at which cameras are compared in ``closest_parameters``.
+_GRID = 15
+
+#: Rounds of Gauss-Newton in ``closest_parameters``: its equations are almost linear for a few pixels.
+_CLOSEST_ROUNDS = 4
+
+#: Step of the parameters for derivatives in ``closest_parameters``, in degrees, px and the unit of k1.
+_PARAMETER_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with one radial distortion term.
+    """Pinhole camera with one radial distortion term.
 
-    width_px, height_px : size of the image. focal_length_px : > 0. principal_point_px : (2,) u, v.
-    k1 : radial distortion coefficient, without unit; negative is barrel distortion.
-    position_mm : (3,) centre of projection. rotation : (3, 3) world to camera axes.
-    covariance : (10, 10) of ``parameters`` in the order of PARAMETER_NAMES, or None where unknown.
-    further_distortion : what the ten parameters do not describe, None for nothing: a smooth function of the image
-    positions (n, 2), px, that they give, to the displacements (n, 2), px, at most a few pixels.
+    Examples
+    --------
+    >>> from cboxlab.scenes import cornell_camera
+    >>> cornell_camera(100).project([[278.0, 273.0, 0.0]]).round(2)
+    array([[49.5, 49.5]])
     """
 
+    #: Width of the image, px.
     width_px: int
+    #: Height of the image, px.
     height_px: int
+    #: Focal length, px, above 0.
     focal_length_px: float
+    #: (2,) principal point u, v, px.
     principal_point_px: NDArray[np.float64]
+    #: Radial distortion coefficient, without unit; negative is barrel distortion.
     k1: float
+    #: (3, 3) rotation from world to camera axes.
     rotation: NDArray[np.float64]
+    #: (3,) centre of projection, mm.
     position_mm: NDArray[np.float64]
+    #: (10, 10) covariance of ``parameters``; None if unknown.
     covariance: NDArray[np.float64] | None = None
+    #: Smooth function of image positions (n, 2), px, by the ten parameters, to further displacements (n, 2), px.
+    #: They are at most a few pixels; None for no further distortion.
     further_distortion: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     @property
@@ -72,15 +87,27 @@ class Camera:
 
     @property
     def parameters(self) -> NDArray[np.float64]:
-        """(10,) position (mm), Rodrigues vector of R R0^T (degrees), focal length and principal point (px), k1.
+        """(10,) parameters in the order of PARAMETER_NAMES.
 
-        R is ``rotation``, R0 is REFERENCE_ROTATION.
+        Position (mm), Rodrigues vector of R R0^T (degrees), focal length and principal point (px), and k1, with R the
+        ``rotation`` and R0 REFERENCE_ROTATION.
         """
         turn = Rotation.from_matrix(self.rotation @ REFERENCE_ROTATION.T).as_rotvec(degrees=True)
         return np.concatenate([self.position_mm, turn, [self.focal_length_px], self.principal_point_px, [self.k1]])
 
     def with_parameters(self, values: ArrayLike) -> Camera:
-        """The same image size with other parameters (10,), in the order of PARAMETER_NAMES."""
+        """Camera of the same image size with other parameters.
+
+        Parameters
+        ----------
+        values
+            (10,) parameters in the order and units of PARAMETER_NAMES.
+
+        Returns
+        -------
+        Camera
+            The camera, with the same covariance and further distortion.
+        """
         p = np.asarray(values, float)
         rotation = Rotation.from_rotvec(p[3:6], degrees=True).as_matrix() @ REFERENCE_ROTATION
         return replace(
@@ -93,7 +120,18 @@ class Camera:
         )
 
     def project(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Image positions (n, 2) in px of world points (n, 3); NaN for points behind the camera."""
+        """Image positions of world points.
+
+        Parameters
+        ----------
+        points_mm
+            (n, 3) points, mm.
+
+        Returns
+        -------
+        NDArray
+            (n, 2) positions u, v, px; NaN for points behind the camera. They may lie outside the image.
+        """
         local = (np.asarray(points_mm, float) - self.position_mm) @ self.rotation.T
         with np.errstate(divide="ignore", invalid="ignore"):
             xy = np.where(local[:, 2:] > 0, local[:, :2] / local[:, 2:], np.nan)
@@ -101,25 +139,65 @@ class Camera:
         return self.displaced(self.focal_length_px * radial * xy + self.principal_point_px)
 
     def motion_px(self, other: Camera, points_mm: ArrayLike) -> float:
-        """How far the points (n, 3) that both cameras see lie apart in their pictures: px, rms per coordinate."""
+        """Distance between the images of points in two cameras.
+
+        Parameters
+        ----------
+        other
+            The other camera.
+        points_mm
+            (n, 3) points, mm; those behind a camera are left out.
+
+        Returns
+        -------
+        float
+            Root mean square difference of the coordinates, px.
+        """
         return float(np.sqrt(np.nanmean((other.project(points_mm) - self.project(points_mm)) ** 2)))
 
     def displaced(self, image_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where image positions (n, 2), px, that the ten parameters give appear after the further distortion."""
+        """Image positions after the further distortion.
+
+        Parameters
+        ----------
+        image_px
+            (n, 2) positions that the ten parameters give, px.
+
+        Returns
+        -------
+        NDArray
+            (n, 2) positions, px.
+        """
         if self.further_distortion is None:
             return image_px
         return image_px + self.further_distortion(image_px)
 
     def distorted_further(self, shift: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Camera:
-        """With ``shift``, a function such as ``further_distortion``, added to the further distortion."""
+        """Camera with one more displacement in its further distortion.
+
+        Parameters
+        ----------
+        shift
+            Function of image positions (n, 2), px, to displacements (n, 2), px.
+
+        Returns
+        -------
+        Camera
+            The camera; displacements add, both at the positions of the ten parameters.
+        """
         first = self.further_distortion
         both = shift if first is None else lambda image_px: first(image_px) + shift(image_px)
         return replace(self, further_distortion=both)
 
     def closest_parameters(self) -> Camera:
-        """The same camera, its ten parameters so that the further distortion is least over the image (rms).
+        """Camera that projects alike, with the parameters that leave the least further distortion.
 
-        Where the camera stands remains as it is. A camera without further distortion is returned as it is.
+        The sum of squares over the image is minimised by Gauss-Newton. The position of the camera is kept.
+
+        Returns
+        -------
+        Camera
+            The camera; itself if it has no further distortion.
         """
         first = self.further_distortion
         if first is None:
@@ -128,26 +206,37 @@ class Camera:
         u, v = np.meshgrid(np.linspace(0, self.width_px - 1, _GRID), np.linspace(0, self.height_px - 1, _GRID))
         image = np.stack([u.ravel(), v.ravel()], axis=-1)
         points, target = plain.position_mm + plain.directions(*image.T), image + first(image)
-        seen = np.isfinite(points).all(axis=1)
-        points, target = points[seen], target[seen]
+        finite = np.isfinite(points).all(axis=1)
+        points, target = points[finite], target[finite]
         closest = plain
         steps = _PARAMETER_STEP * np.eye(10)[3:]
         for _ in range(_CLOSEST_ROUNDS):
-            here = closest.project(points)
-            moved = [closest.with_parameters(closest.parameters + s).project(points) - here for s in steps]
+            image = closest.project(points)
+            moved = [closest.with_parameters(closest.parameters + s).project(points) - image for s in steps]
             design = np.array([m.ravel() for m in moved]).T
             size = np.linalg.norm(design, axis=0)
-            times = np.linalg.lstsq(design / size, (target - here).ravel(), rcond=None)[0] / size
+            times = np.linalg.lstsq(design / size, (target - image).ravel(), rcond=None)[0] / size
             closest = closest.with_parameters(closest.parameters + times @ steps)
 
-        def left(image_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        def remaining(image_px: NDArray[np.float64]) -> NDArray[np.float64]:
             before = plain.project(plain.position_mm + closest.directions(*image_px.T))
             return before + first(before) - image_px
 
-        return replace(closest, further_distortion=left)
+        return replace(closest, further_distortion=remaining)
 
     def undisplaced(self, image_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The inverse of ``displaced``, by fixed-point iteration: good where displacements change slowly."""
+        """Inverse of ``displaced``, by fixed-point iteration.
+
+        Parameters
+        ----------
+        image_px
+            (n, 2) image positions, px.
+
+        Returns
+        -------
+        NDArray
+            (n, 2) positions before the further distortion, px. They are accurate where displacements change slowly.
+        """
         if self.further_distortion is None:
             return image_px
         before = image_px
@@ -156,16 +245,37 @@ class Camera:
         return before
 
     def directions(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
-        """Unit world directions (..., 3) of the rays through pixel positions (px); NaN as of ``slopes``."""
+        """Directions of the rays through pixel positions.
+
+        Parameters
+        ----------
+        u_px, v_px
+            Pixel positions, px, of shapes that broadcast to (...).
+
+        Returns
+        -------
+        NDArray
+            (..., 3) unit vectors in world axes; NaN where no ray exists, see ``slopes``.
+        """
         slopes = self.slopes(u_px, v_px)
         world = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1) @ self.rotation
         return world / np.sqrt(np.einsum("...i,...i", world, world))[..., None]
 
     def slopes(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
-        """x / z and y / z (..., 2), in the camera's axes, of the rays through pixel positions (px); the distortion is
-        inverted.
+        """Slopes of the rays through pixel positions, with the distortion inverted.
 
-        NaN where no ray exists: with k1 < 0 the largest image radius is 2 f / (3 sqrt(-3 k1)).
+        Newton's method solves r (1 + k1 r^2) = R, with R the distorted radius over the focal length.
+
+        Parameters
+        ----------
+        u_px, v_px
+            Pixel positions, px, of shapes that broadcast to (...).
+
+        Returns
+        -------
+        NDArray
+            (..., 2) x / z and y / z in the camera's axes. NaN where no ray exists: with k1 < 0 the largest image radius
+            is 2 f / (3 sqrt(-3 k1)).
         """
         u, v = np.broadcast_arrays(np.asarray(u_px, float), np.asarray(v_px, float))
         image = np.stack([u, v], -1)

@@ -14,14 +14,30 @@ __all__ = ["cornell_box", "cornell_camera"]
 
 
 def cornell_box() -> Scene:
-    """The box as measured at Cornell (source: scenes/data/README.md). The lamp's spectrum is relative."""
+    """Cornell Box as measured at Cornell University (source: scenes/data/README.md).
+
+    Returns
+    -------
+    Scene
+        The packaged scene "cornell-box". Its lamp's spectrum is relative.
+    """
     return load_scene("cornell-box")
 
 
 def cornell_camera(size_px: int) -> Camera:
-    """The published camera with size_px x size_px square pixels: a centred pinhole without distortion.
+    """Published camera of the Cornell Box: a centred pinhole without distortion.
 
-    Film 25 mm wide at 35 mm from the pinhole: the full field is 39.31 degrees (a lens focused at infinity).
+    Its film is 25 mm wide, 35 mm from the pinhole. The full field is 39.31 degrees (a lens focused at infinity).
+
+    Parameters
+    ----------
+    size_px
+        Width and height of the image, px.
+
+    Returns
+    -------
+    Camera
+        The camera, with square pixels.
     """
     published = json.loads((PACKAGED / "cornell-box-camera.json").read_text())
     return Camera(

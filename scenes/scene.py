@@ -1,4 +1,7 @@
-"""The scene: surfaces, materials, the lamps, the medium. Immutable; effects return changed copies."""
+"""Scene: surfaces, materials, lamps and medium.
+
+All values are immutable; effects and methods return changed copies.
+"""
 
 from __future__ import annotations
 
@@ -24,30 +27,45 @@ __all__ = ["Lamp", "Material", "Medium", "Scene", "SceneOrigin", "Surface", "Tex
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A reflectance that varies over a surface: the sum over k of weights[row, column, k] times spectra[k].
+    """Reflectance that varies over a surface.
 
-    weights : (rows, columns, k). Columns run along the texture coordinate u, rows along v, both from 0 to 1; bilinear
-    between the centres of pixels, held constant beyond the outer ones. spectra : k, held constant beyond their tables.
-    The reflectance is 0 to 1 at every pixel and wavelength.
+    It is the sum over k of weights[row, column, k] spectra[k], from 0 to 1 at every pixel and wavelength. It is
+    bilinear between the centres of pixels and constant beyond the outer ones.
     """
 
+    #: (rows, columns, k) weights. Columns run along the texture coordinate u, rows along v, both from 0 to 1.
     weights: NDArray[np.float64]
+    #: k spectra, held constant beyond their tables.
     spectra: tuple[Spectrum, ...]
 
     @property
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Wavelengths (w,) of all tables, nm, between which the spectra are linear, and the spectra (k, w) there."""
+        """Wavelengths (w,) of all tables, nm, and the spectra (k, w) there.
+
+        The spectra are linear between these wavelengths.
+        """
         grid = np.unique(np.concatenate([spectrum.wavelength_nm for spectrum in self.spectra]))
         return grid, np.array([spectrum.at(grid) for spectrum in self.spectra])
 
     @property
     def mean(self) -> Spectrum:
-        """The mean reflectance of the pixels."""
+        """Mean reflectance of the pixels."""
         grid, values = self.tables
         return Spectrum(grid, self.weights.mean(axis=(0, 1)) @ values)
 
     def scaled(self, factor: float) -> Texture:
-        """The texture times a number; less in pixels that would reflect more than 1 at a wavelength: just 1 there."""
+        """Texture times a number, at most 1.
+
+        Parameters
+        ----------
+        factor
+            The number, 0 or more.
+
+        Returns
+        -------
+        Texture
+            The texture. A pixel that would reflect more than 1 at a wavelength is scaled so that its maximum is 1.
+        """
         _, values = self.tables
         weights = factor * self.weights
         most = np.array([(row @ values).max(axis=-1) for row in weights])
@@ -56,64 +74,69 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Material(OwnMappings):
-    """A Lambertian material, one with a texture, or one with any BSDF of Mitsuba.
+    """Material: Lambertian, with a texture, or with any BSDF of Mitsuba.
 
-    reflectance : 0 to 1, held constant beyond its table; of a texture its mean. bsdf : a Mitsuba BSDF dictionary
-    (nested keys and plain values) that replaces Lambert's law; the string "reflectance" in it stands for the
-    reflectance. texture : on surfaces with texture coordinates; not together with a bsdf.
+    A material has a texture or a BSDF, not both.
     """
 
+    #: Name that surfaces use.
     name: str
+    #: Reflectance, 0 to 1, held constant beyond its table; the mean of a texture.
     reflectance: Spectrum
+    #: Mitsuba BSDF in place of Lambert's law, as a dictionary; the string "reflectance" in it is the reflectance.
     bsdf: Mapping[str, Any] | None = None
+    #: Reflectance that varies over surfaces with texture coordinates; None if it does not vary.
     texture: Texture | None = None
 
     @property
     def lambertian(self) -> bool:
-        """Whether it is Lambertian and alike all over."""
+        """Whether it is Lambertian with the same reflectance everywhere."""
         return self.bsdf is None and self.texture is None
 
 
 @dataclass(frozen=True, eq=False)
 class Medium:
-    """A homogeneous medium that fills the space between the surfaces, or the inside of one.
+    """Homogeneous medium between the surfaces, or inside a closed one.
 
-    scattering_per_mm, absorption_per_mm : coefficients >= 0, held constant beyond their tables.
-    anisotropy : mean cosine of the scattering angle, -1 to 1 (Henyey and Greenstein 1941); 0 is isotropic.
+    Its phase function is that of Henyey and Greenstein 1941.
     """
 
+    #: Scattering coefficient, mm^-1, 0 or more, held constant beyond its table.
     scattering_per_mm: Spectrum
+    #: Absorption coefficient, mm^-1, 0 or more, held constant beyond its table.
     absorption_per_mm: Spectrum
+    #: Mean cosine of the scattering angle, -1 to 1; 0 is isotropic.
     anisotropy: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A named triangle mesh.
+    """Triangle mesh with a name and a material."""
 
-    vertices_mm : (n, 3). faces : (m, 3) indices, counter-clockwise seen from the lit side. texture_uv : (n, 2) texture
-    coordinates of the vertices, u along a texture's columns and v along its rows, or None. inside : what fills a closed
-    surface, whose faces are lit from outside; None for nothing else than what is around it. ball : whether the
-    triangles stand for a sphere of their area about the mean of their vertices, as those of ``sphere_mesh`` do.
-    """
-
+    #: Name of the surface, unique in its scene.
     name: str
+    #: Name of its material.
     material: str
+    #: (n, 3) vertices, mm.
     vertices_mm: NDArray[np.float64]
+    #: (m, 3) indices of the triangles' vertices, counter-clockwise from the lit side.
     faces: NDArray[np.int64]
+    #: (n, 2) texture coordinates of the vertices, u along columns and v along rows; None without a texture.
     texture_uv: NDArray[np.float64] | None = None
+    #: Medium inside a closed surface, whose faces are lit from outside; None for the medium around it.
     inside: Medium | None = None
+    #: Whether the triangles represent a sphere of their area about the mean of their vertices, see ``sphere_mesh``.
     ball: bool = False
 
     @property
     def areas_mm2(self) -> NDArray[np.float64]:
-        """(m,) triangle areas."""
+        """(m,) areas of the triangles, mm^2."""
         a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
     @property
     def sphere_mm(self) -> tuple[NDArray[np.float64], float]:
-        """Centre (3,) and radius of the sphere that a ball's triangles stand for."""
+        """Centre (3,) and radius, mm, of the sphere that a ball's triangles represent."""
         return self.vertices_mm.mean(axis=0), float(np.sqrt(self.areas_mm2.sum() / (4 * np.pi)))
 
 
@@ -124,27 +147,30 @@ def _require_none(faults: Sequence[InputError]) -> None:
 
 
 def _black() -> Spectrum:
+    """Reflectance of 0 at all wavelengths."""
     return Spectrum(np.array([550.0]), np.array([0.0]))
 
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """The light source: a surface that emits, and reflects by Lambert's law.
+    """Light source: a surface that emits light, and reflects by Lambert's law.
 
-    radiance : W m^-2 sr^-1 nm^-1, mean over the lamp, along its normal; zero beyond its table.
-    edge_ratio : 0 to 1, radiance at the corners relative to the centre. The radiance is proportional to
-        e + (1 - e) (1 - X^2) (1 - Z^2), X and Z from -1 to 1 across the lamp, its mean unchanged; 1 is uniform.
-    exponent : the radiance is proportional to cos^n of the angle from the normal; 0 is Lambert's law.
-    pattern : (rows, columns) radiance of equal cells relative to the mean, or None. Columns run along the first
-        edge of the lamp's first quad, rows along its last edge, both from its first corner.
-    reflectance : 0 to 1, held constant beyond its table, alike all over the lamp.
+    The radiance is proportional to (e + (1 - e) (1 - X^2) (1 - Z^2)) cos(t)^n. X and Z run from -1 to 1 across the
+    lamp, t is the angle from its normal.
     """
 
+    #: The emitting surface.
     surface: Surface
+    #: Spectral radiance along the normal, mean over the lamp, W m^-2 sr^-1 nm^-1; zero beyond its table.
     radiance: Spectrum
+    #: Radiance e at the corners relative to that at the centre, 0 to 1, at the same mean; 1 is uniform.
     edge_ratio: float = 1.0
+    #: Exponent n of the cosine; 0 is Lambert's law.
     exponent: float = 0.0
+    #: (rows, columns) radiance of equal cells relative to the mean; None if uniform. Columns run along the first edge
+    #: of the lamp's first quad, rows along its last edge, both from its first corner.
     pattern: NDArray[np.float64] | None = None
+    #: Reflectance, 0 to 1, the same all over the lamp, held constant beyond its table.
     reflectance: Spectrum = field(default_factory=_black)
 
     @property
@@ -155,7 +181,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class SceneOrigin:
-    """Where a scene was read from."""
+    """File or name that a scene was read from."""
 
     #: Name of a packaged scene, or absolute path of a scene file.
     reference: str
@@ -218,50 +244,113 @@ class Scene(OwnMappings):
 
     @property
     def lambertian(self) -> Scene:
-        """The same scene with Lambert's law, mean reflectances in place of textures, and without media."""
-        plain = {name: replace(one, bsdf=None, texture=None) for name, one in self.materials.items()}
+        """Scene with Lambert's law and mean reflectances for all materials, without media."""
+        plain = {name: replace(material, bsdf=None, texture=None) for name, material in self.materials.items()}
         opaque = tuple(replace(s, inside=None) if s.inside is not None else s for s in self.surfaces)
         return replace(self, surfaces=opaque, medium=None, materials=plain)
 
     def meets_sphere(self, surface: Surface) -> bool:
-        """Whether rays meet a ball's sphere: an opaque one's. Of others, which light enters, they meet triangles."""
+        """Whether rays meet the exact sphere of a ball instead of its triangles.
+
+        They do for an opaque ball. Light that enters a ball meets its triangles.
+
+        Parameters
+        ----------
+        surface
+            A surface of the scene.
+
+        Returns
+        -------
+        bool
+            True for an opaque ball.
+        """
         return surface.ball and surface.inside is None and self.materials[surface.material].bsdf is None
 
     @property
     def corners_mm(self) -> NDArray[np.float64]:
-        """(n, 3) vertices of all surfaces except the lamps."""
+        """(n, 3) vertices of all surfaces except the lamps, mm."""
         return np.concatenate([surface.vertices_mm for surface in self.surfaces])
 
     def surface(self, name: str) -> Surface:
-        """The surface of that name; KeyError with the known names otherwise."""
+        """Surface of a name.
+
+        Parameters
+        ----------
+        name
+            Name of a surface that is not a lamp.
+
+        Returns
+        -------
+        Surface
+            The surface.
+
+        Raises
+        ------
+        KeyError
+            If there is no such surface; the message lists the names.
+        """
         for surface in self.surfaces:
             if surface.name == name:
                 return surface
         raise KeyError(f"no surface '{name}'; there are {', '.join(s.name for s in self.surfaces)}")
 
     def reflectances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-        """(m + lamps, w) reflectances of the materials in their order, then those of the lamps."""
+        """Reflectances of all materials and lamps.
+
+        Parameters
+        ----------
+        wavelength_nm
+            (w,) wavelengths, nm.
+
+        Returns
+        -------
+        NDArray
+            (materials + lamps, w) reflectances, materials in their order first.
+        """
         rows = [material.reflectance for material in self.materials.values()]
         rows += [lamp.reflectance for lamp in self.lamps]
         return np.array([row.at(wavelength_nm) for row in rows])
 
     @property
     def lamp_areas(self) -> NDArray[np.float64]:
-        """(lamps,) part of the lamps' area that each has; they sum to 1."""
+        """(lamps,) area of each lamp over the area of all; the sum is 1."""
         areas = np.array([lamp.surface.areas_mm2.sum() for lamp in self.lamps])
         return areas / areas.sum()
 
     def lamp_radiance(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-        """(w,) mean radiance of the lamps over their area, W m^-2 sr^-1 nm^-1."""
+        """Mean radiance of the lamps over their area.
+
+        Parameters
+        ----------
+        wavelength_nm
+            (w,) wavelengths, nm.
+
+        Returns
+        -------
+        NDArray
+            (w,) radiance, W m^-2 sr^-1 nm^-1.
+        """
         return self.lamp_areas @ self._radiances(wavelength_nm)
 
     def lamp_shares(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-        """(lamps, w) each lamp's radiance over ``lamp_radiance``; 1 where all are dark."""
+        """Radiance of each lamp over the mean radiance of the lamps.
+
+        Parameters
+        ----------
+        wavelength_nm
+            (w,) wavelengths, nm.
+
+        Returns
+        -------
+        NDArray
+            (lamps, w) ratios; 1 at wavelengths where all lamps are dark.
+        """
         radiances = self._radiances(wavelength_nm)
         mean = self.lamp_areas @ radiances
         return np.divide(radiances, mean, out=np.ones_like(radiances), where=mean > 0)
 
     def _radiances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """(lamps, w) radiances of the lamps, W m^-2 sr^-1 nm^-1."""
         return np.array([lamp.radiance.at(wavelength_nm) for lamp in self.lamps])
 
     def with_lamp(self, radiance: Spectrum | ArrayLike, values: ArrayLike | None = None) -> Scene:
@@ -391,6 +480,14 @@ class Scene(OwnMappings):
         ------
         InputError
             If the scene has no such surface, or the shift or angle is not finite.
+
+        Examples
+        --------
+        >>> import cboxlab
+        >>> box = cboxlab.load_scene("cornell-box")
+        >>> shifted = box.moved("tall-block", by_mm=[5, 0, 0]).surface("tall-block")
+        >>> (shifted.vertices_mm - box.surface("tall-block").vertices_mm).max(axis=0).round(6).tolist()
+        [5.0, 0.0, 0.0]
         """
         where = f"Scene.moved: {surface}"
         try:
@@ -425,7 +522,9 @@ class Scene(OwnMappings):
         return scene
 
     def write(self, path: str | Path) -> Path:
-        """Write the scene as a scene file (docs/scene-format.md) that ``cboxlab.load_scene`` reads back.
+        """Write the scene as a scene file that ``cboxlab.load_scene`` reads back.
+
+        The format is described in docs/scene-format.md.
 
         Parameters
         ----------
@@ -468,5 +567,16 @@ class Scene(OwnMappings):
         return f"<table>{rows}</table>"
 
     def with_lamps(self, change: Callable[[Lamp], Lamp]) -> Scene:
-        """The same scene with every lamp changed."""
+        """Copy of the scene with every lamp changed.
+
+        Parameters
+        ----------
+        change
+            Function of a lamp to the changed lamp.
+
+        Returns
+        -------
+        Scene
+            The changed copy.
+        """
         return replace(self, lamp=change(self.lamp), further_lamps=tuple(map(change, self.further_lamps)))

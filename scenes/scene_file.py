@@ -1,4 +1,4 @@
-"""Scene files: reads a scene from a TOML file (docs/scene-format.md)."""
+"""Scenes read from TOML files; docs/scene-format.md describes the format."""
 
 from __future__ import annotations
 
@@ -32,18 +32,50 @@ from .spectrum_checks import radiance_faults, reflectance_faults
 
 __all__ = ["load_scene", "packaged_scenes"]
 
+#: Folder of the packaged scenes and their data.
 PACKAGED = Path(__file__).parent / "data"
 
 
 def packaged_scenes() -> list[str]:
-    """Names of the scenes that come with the program."""
+    """Names of the scenes that come with the program.
+
+    Returns
+    -------
+    list[str]
+        Names in alphabetical order.
+
+    Examples
+    --------
+    >>> from cboxlab.scenes.scene_file import packaged_scenes
+    >>> "cornell-box" in packaged_scenes()
+    True
+    """
     return sorted(path.stem for path in PACKAGED.glob("*.toml"))
 
 
 def load_scene(path_or_name: str | Path) -> Scene:
-    """The scene in a TOML file, or a packaged scene by name ("cornell-box").
+    """Scene of a file, or packaged scene of a name.
 
-    Raises one InputError that lists all faults of the file.
+    Parameters
+    ----------
+    path_or_name
+        A scene file (.toml), or the name of a packaged scene such as "cornell-box".
+
+    Returns
+    -------
+    Scene
+        The scene; its ``origin`` names the file and all files that it refers to.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or faulty. One error lists all faults of the scene file.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> [surface.name for surface in cboxlab.load_scene("cornell-box").surfaces]
+    ['floor', 'ceiling', 'back', 'right', 'left', 'short-block', 'tall-block']
     """
     if not isinstance(path_or_name, str | Path):
         raise InputError("load_scene", repr(path_or_name)[:80], "a scene file or a packaged scene's name")
@@ -53,27 +85,28 @@ def load_scene(path_or_name: str | Path) -> Scene:
     scene = _built(path, file)
     if packaged:
         return scene.read_from(SceneOrigin(str(path_or_name)))
-    whole = path.resolve()
-    return scene.read_from(SceneOrigin(str(whole), _named_files(whole, file)))
+    absolute = path.resolve()
+    return scene.read_from(SceneOrigin(str(absolute), _files(absolute, file)))
 
 
-def _named_files(path: Path, file: SceneFile) -> tuple[Path, ...]:
-    """A scene file, and the tables, meshes and images that it names."""
+def _files(path: Path, file: SceneFile) -> tuple[Path, ...]:
+    """Scene file, and the tables, meshes and images that it names."""
     spectra = [material.reflectance for material in file.material.values()]
     spectra += [spectrum for lamp in file.lamp for spectrum in (lamp.radiance, lamp.reflectance)]
     media = [file.medium, *(surface.inside for surface in file.surface)]
-    spectra += [x for one in media if one for x in (one.scattering_per_mm, one.absorption_per_mm)]
+    spectra += [x for medium in media if medium for x in (medium.scattering_per_mm, medium.absorption_per_mm)]
     textures = [material.texture for material in file.material.values() if material.texture is not None]
     spectra += [spectrum for texture in textures for spectrum in texture.spectra]
-    named = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
-    named += [texture.image for texture in textures]
-    named += [surface.mesh for surface in file.surface if surface.mesh is not None]
-    return path, *(path.parent / name for name in dict.fromkeys(named))
+    names = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
+    names += [texture.image for texture in textures]
+    names += [surface.mesh for surface in file.surface if surface.mesh is not None]
+    return path, *(path.parent / name for name in dict.fromkeys(names))
 
 
 def _read(path: Path) -> SceneFile:
-    known = packaged_scenes()
-    hint = suggestion(str(path), known) or f"packaged scenes: {', '.join(known)}"
+    """Content of a scene file; InputError with all faults of its keys."""
+    packaged = packaged_scenes()
+    hint = suggestion(str(path), packaged) or f"packaged scenes: {', '.join(packaged)}"
     content = read_toml(path, "a scene file in TOML", hint)
     try:
         return SceneFile.model_validate(content)
@@ -88,7 +121,7 @@ def _read(path: Path) -> SceneFile:
 
 @contextmanager
 def _gathered(faults: list[InputError]) -> Iterator[None]:
-    """Collect the fault raised in the block, so that reading goes on with the next part of the file."""
+    """Collect the fault raised in the block; reading continues with the next part of the file."""
     try:
         yield
     except InputError as fault:
@@ -96,6 +129,7 @@ def _gathered(faults: list[InputError]) -> Iterator[None]:
 
 
 def _built(path: Path, file: SceneFile) -> Scene:
+    """Scene of the content of a file; InputError with all faults of its values."""
     faults: list[InputError] = []
     materials: dict[str, Material] = {}
     surfaces: list[Surface] = []
@@ -134,14 +168,14 @@ def _built(path: Path, file: SceneFile) -> Scene:
 
 
 def _unused(name: str, names: list[str], where: str) -> str:
-    """The name. Raises InputError (at ``where``) for one of ``names``."""
+    """The name; InputError if it is one of ``names``."""
     if name in names:
         raise InputError(where, "a name used before", "a unique name for each surface and the lamp")
     return name
 
 
 def _material(path: Path, name: str, entry: MaterialEntry, faults: list[InputError]) -> Material:
-    """A material; faults of its reflectance are appended to ``faults``."""
+    """Material of an entry; faults of its reflectance are appended to ``faults``."""
     where = f"{path}: material.{name}"
     if entry.texture is not None:
         if entry.bsdf is not None or entry.reflectance is not None:
@@ -149,7 +183,7 @@ def _material(path: Path, name: str, entry: MaterialEntry, faults: list[InputErr
             raise InputError(f"{where}.texture", f"a texture and a {other}", "one of the two")
         at = f"{where}.texture"
         spectra = tuple(
-            _spectrum(path, one, f"{at}.spectra[{k}]", "hold") for k, one in enumerate(entry.texture.spectra)
+            _spectrum(path, item, f"{at}.spectra[{k}]", "hold") for k, item in enumerate(entry.texture.spectra)
         )
         texture = Texture(texture_weights(entry.texture, path.parent, at), spectra)
         faults += texture_faults(texture, at)
@@ -165,7 +199,7 @@ def _material(path: Path, name: str, entry: MaterialEntry, faults: list[InputErr
 
 
 def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) -> Lamp:
-    """A lamp; faults of its values are appended to ``faults``."""
+    """Lamp of an entry; faults of its values are appended to ``faults``."""
     radiance = _spectrum(path, entry.radiance, f"{where}.radiance", "zero")
     surface = Surface(entry.name, entry.name, *lamp_mesh(entry, where))
     reflectance = _spectrum(path, entry.reflectance, f"{where}.reflectance", "hold")
@@ -176,6 +210,7 @@ def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) ->
 
 
 def _medium(path: Path, entry: MediumEntry, at: str) -> Medium:
+    """Medium of an entry; InputError for a negative coefficient."""
     coefficients = []
     for key in ("scattering_per_mm", "absorption_per_mm"):
         where = f"{at}.{key}"
@@ -187,13 +222,14 @@ def _medium(path: Path, entry: MediumEntry, at: str) -> Medium:
     return Medium(scattering, absorption, entry.anisotropy)
 
 
-def _missing_material(name: str, known: list[str], where: str) -> InputError:
-    expected = f"one of {', '.join(known)}" if known else "a [material.NAME] table"
-    return InputError(where, f"'{name}', which the file does not define", expected, suggestion(name, known))
+def _missing_material(name: str, materials: list[str], where: str) -> InputError:
+    """Fault of a material that is not among those of the file."""
+    expected = f"one of {', '.join(materials)}" if materials else "a [material.NAME] table"
+    return InputError(where, f"'{name}', which the file does not define", expected, suggestion(name, materials))
 
 
 def _spectrum(path: Path, entry: object, where: str, outside: Outside) -> Spectrum:
-    """A reflectance or radiance: "file.csv:column", a table, or (reflectances only) one number."""
+    """Spectrum of an entry: "file.csv:column", a table, or one number unless it is a radiance."""
     try:
         if isinstance(entry, str):
             return read_spectrum(path.parent, entry, outside)

@@ -51,14 +51,14 @@ def write_scene(path: Path, scene: Scene) -> Path:
 
 
 def _spectrum(spectrum: Spectrum) -> float | dict[str, list[float]]:
-    """A number for a constant, otherwise the table."""
+    """Entry of a spectrum: a number for a constant, otherwise the table."""
     if spectrum.outside == "hold" and len(spectrum.values) == 1:
         return float(spectrum.values[0])
     return {"wavelength_nm": spectrum.wavelength_nm.tolist(), "values": spectrum.values.tolist()}
 
 
 def _quads(surface: Surface) -> list[list[list[float]]] | None:
-    """The quads that a surface's triangles are halves of; None for another mesh."""
+    """Quads whose halves are a surface's triangles; None if the mesh is no list of quads."""
     count = len(surface.vertices_mm) // 4
     halves = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
     if len(surface.vertices_mm) % 4 or not np.array_equal(surface.faces, halves):
@@ -67,6 +67,7 @@ def _quads(surface: Surface) -> list[list[list[float]]] | None:
 
 
 def _lamp_table(lamp: Lamp) -> dict[str, Any]:
+    """Entry of a lamp; InputError for a property that scene files cannot state."""
     where = f"lamp '{lamp.surface.name}'"
     quads = _quads(lamp.surface)
     if quads is None:
@@ -83,6 +84,7 @@ def _lamp_table(lamp: Lamp) -> dict[str, Any]:
 
 
 def _material_table(path: Path, material: Material) -> dict[str, Any]:
+    """Entry of a material; its texture is written next to the scene file."""
     if material.texture is not None:
         image = path.with_name(f"{path.stem}-{material.name}.npy")
         with replacing(image) as temporary:
@@ -96,6 +98,7 @@ def _material_table(path: Path, material: Material) -> dict[str, Any]:
 
 
 def _medium_table(medium: Medium) -> dict[str, Any]:
+    """Entry of a medium."""
     return {
         "scattering_per_mm": _spectrum(medium.scattering_per_mm),
         "absorption_per_mm": _spectrum(medium.absorption_per_mm),
@@ -104,6 +107,7 @@ def _medium_table(medium: Medium) -> dict[str, Any]:
 
 
 def _surface_table(path: Path, surface: Surface) -> dict[str, Any]:
+    """Entry of a surface; a mesh is written next to the scene file."""
     table: dict[str, Any] = {"name": surface.name, "material": surface.material}
     quads = _quads(surface)
     if surface.ball:
@@ -122,7 +126,7 @@ def _surface_table(path: Path, surface: Surface) -> dict[str, Any]:
 
 
 def _obj(surface: Surface) -> str:
-    """Wavefront OBJ with every digit of the vertices; a texture coordinate for each vertex where there are some."""
+    """Wavefront OBJ with every digit of the vertices, and of their texture coordinates if any."""
 
     def rows(letter: str, values: NDArray[np.float64]) -> list[str]:
         return [f"{letter} {' '.join(map(repr, row))}" for row in values.tolist()]

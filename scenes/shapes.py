@@ -1,4 +1,4 @@
-"""Triangle meshes of the shapes in a scene file: quads, quads with a hole, boxes, spheres, mesh files.
+"""Triangle meshes of the shapes in a scene file: quads, holes, boxes, spheres, mesh files.
 
 A mesh is (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the lit side.
 """
@@ -31,38 +31,78 @@ __all__ = [
     "vector_area",
 ]
 
+#: Vertices (n, 3) and faces (m, 3), indices of vertices.
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
-#: Largest distance of a hole's corners from the plane of their quad, relative to the quad's size.
+#: Largest distance of a hole's corners from the plane of their quad, relative to the quad's size: 0.05 mm in 550 mm.
 PLANE_TOLERANCE = 1e-4
 
-#: Times that an icosahedron's faces are divided for a sphere: 20,480 triangles, edges of a thirtieth of the radius.
+#: Number of divisions of an icosahedron's faces for a sphere: 20,480 triangles, edges of a thirtieth of the radius.
 _SPHERE_DIVISIONS = 5
 
-#: Vertices this near to the lowest one stand on the floor, mm.
+#: Height above the lowest vertex, mm, below which a vertex stands on the floor: rounding of rotations.
 STANDING_MM = 1e-3
 
 
 def quad_mesh(corners: ArrayLike) -> Mesh:
-    """A quad (4, 3), split into 1-2-3 and 1-3-4; the split matters if the corners are not in one plane."""
+    """Mesh of a quad, split into the triangles 1-2-3 and 1-3-4.
+
+    The split matters if the corners are not in one plane.
+
+    Parameters
+    ----------
+    corners
+        (4, 3) corners, counter-clockwise from the lit side.
+
+    Returns
+    -------
+    Mesh
+        The four corners and two triangles.
+    """
     return np.asarray(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int64)
 
 
 def vector_area(corners: ArrayLike) -> NDArray[np.float64]:
-    """(3,) area times unit normal of a closed polygon (n, 3), exact for plane polygons."""
+    """Area times unit normal of a closed polygon, exact for plane polygons.
+
+    Parameters
+    ----------
+    corners
+        (n, 3) corners in order.
+
+    Returns
+    -------
+    NDArray
+        (3,) vector area, in the squared unit of the corners.
+    """
     polygon = np.asarray(corners, float)
     return 0.5 * np.cross(polygon, np.roll(polygon, -1, axis=0)).sum(axis=0)
 
 
 def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
-    """A convex polygon (n, 3) with a convex hole (m, 3) strictly inside it and in its plane: n + m triangles.
+    """Mesh of a convex polygon with a convex hole strictly inside it and in its plane.
 
     The edges of both polygons are sorted by direction, as in a Minkowski sum. An outer edge then forms a triangle
     with the hole's vertex nearest to its line, and an edge of the hole with the outer vertex farthest beyond its
     line. No triangle overlaps the hole or leaves the outer polygon; together they tile the ring. No vertices are
     added, so neighbouring surfaces meet the ring without cracks.
 
-    Raises ValueError if a polygon is not convex, or the hole is not in the plane or not inside.
+    Parameters
+    ----------
+    outer
+        (n, 3) corners, counter-clockwise from the lit side.
+    hole
+        (m, 3) corners of the hole, in either direction.
+
+    Returns
+    -------
+    Mesh
+        The corners of both polygons and n + m triangles.
+
+    Raises
+    ------
+    ValueError
+        If a polygon is not convex or has no area, or the hole is not in the plane or not inside.
     """
     outer, hole = np.asarray(outer, float), np.asarray(hole, float)
     normal = vector_area(outer)
@@ -101,9 +141,27 @@ def ring_mesh(outer: ArrayLike, hole: ArrayLike) -> Mesh:
 
 
 def plate_mesh(outer: ArrayLike, holes: Sequence[ArrayLike]) -> Mesh:
-    """A convex polygon (n, 3) with several convex holes, divided between them by straight lines along their edges.
+    """Mesh of a convex polygon with several convex holes.
 
-    Raises ValueError as ``ring_mesh`` does, and where no such line has all holes on one side or the other.
+    Straight lines along edges of holes divide the polygon until each part has one hole. The line with the widest gap
+    between holes is taken first.
+
+    Parameters
+    ----------
+    outer
+        (n, 3) corners, counter-clockwise from the lit side.
+    holes
+        (m, 3) corners each; at least one hole.
+
+    Returns
+    -------
+    Mesh
+        The rings around the holes.
+
+    Raises
+    ------
+    ValueError
+        If a hole does not fit as in ``ring_mesh``, or no straight line along an edge separates the holes.
     """
     if len(holes) == 1:
         return ring_mesh(outer, holes[0])
@@ -115,37 +173,68 @@ def plate_mesh(outer: ArrayLike, holes: Sequence[ArrayLike]) -> Mesh:
         reach = sorted((float((hole @ axis).min()), float((hole @ axis).max())) for hole in inside)
         ends = np.maximum.accumulate([end for _, end in reach])
         gaps += [(start - end, (start + end) / 2, axis) for end, (start, _) in zip(ends[:-1], reach[1:], strict=True)]
-    gap, place, axis = max(gaps, key=itemgetter(0))
+    gap, position, axis = max(gaps, key=itemgetter(0))
     if gap <= 0:
-        raise ValueError("no straight line parts the holes")
+        raise ValueError("no straight line separates the holes")
     parts = []
     for sign in (1.0, -1.0):
-        own = [hole for hole in inside if sign * (hole[0] @ axis - place) > 0]
-        parts.append(plate_mesh(_beyond(outer, sign * (outer @ axis - place)), own))
+        holes_of_part = [hole for hole in inside if sign * (hole[0] @ axis - position) > 0]
+        parts.append(plate_mesh(_beyond(outer, sign * (outer @ axis - position)), holes_of_part))
     return joined(parts)
 
 
 def _beyond(polygon: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part (m, 3) of a convex polygon (n, 3) where a linear function, (n,) at its corners, is positive."""
-    kept = []
-    for index, (here, there) in enumerate(zip(distance, np.roll(distance, -1), strict=True)):
+    """(m, 3) part of a convex polygon (n, 3) on one side of a line.
+
+    ``distance`` (n,) is the signed distance of its corners from the line; the positive side is returned.
+    """
+    corners = []
+    for index, (start, end) in enumerate(zip(distance, np.roll(distance, -1), strict=True)):
         first, second = polygon[index], polygon[(index + 1) % len(polygon)]
-        if here > 0:
-            kept.append(first)
-        if here * there < 0:
-            kept.append(first + here / (here - there) * (second - first))
-    return np.array(kept)
+        if start > 0:
+            corners.append(first)
+        if start * end < 0:
+            corners.append(first + start / (start - end) * (second - first))
+    return np.array(corners)
 
 
 def box_mesh(center_mm: ArrayLike, size_mm: ArrayLike, yaw_deg: float) -> Mesh:
-    """A block with outward faces (8 vertices, 12 faces), turned about +y through its centre, right-handed."""
+    """Mesh of a block with outward faces.
+
+    Parameters
+    ----------
+    center_mm
+        (3,) centre, mm.
+    size_mm
+        (3,) edges along x, y and z before the turn, mm.
+    yaw_deg
+        Angle about +y through the centre, right-handed, degrees.
+
+    Returns
+    -------
+    Mesh
+        8 vertices, mm, and 12 triangles.
+    """
     shape = trimesh.creation.box(extents=np.asarray(size_mm, float))
     turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(np.asarray(shape.vertices, float))
     return turned + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
 
 
 def sphere_mesh(center_mm: ArrayLike, radius_mm: float) -> Mesh:
-    """A sphere lit from outside: 20,480 triangles of its area, whose distances from the centre are right to 0.02 %."""
+    """Mesh of a sphere with outward faces and the sphere's area.
+
+    Parameters
+    ----------
+    center_mm
+        (3,) centre, mm.
+    radius_mm
+        Radius, mm.
+
+    Returns
+    -------
+    Mesh
+        20,480 triangles. The distances of their points from the centre are within 0.02 % of the radius.
+    """
     shape = trimesh.creation.icosphere(_SPHERE_DIVISIONS)
     scale = radius_mm * np.sqrt(4 * np.pi / shape.area)
     return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
@@ -194,9 +283,24 @@ def moved_on_floor(vertices_mm: ArrayLike, dx_mm: float, dz_mm: float, yaw_deg: 
 
 
 def file_mesh(path: Path, unit_mm: float) -> Mesh:
-    """The triangles of an OBJ, PLY or STL file, whose unit is ``unit_mm`` millimetres.
+    """Triangles of a mesh file.
 
-    Raises InputError for a file that cannot be read or holds no triangles.
+    Parameters
+    ----------
+    path
+        An OBJ, PLY or STL file. Its vertices are not merged.
+    unit_mm
+        Unit of its coordinates, mm.
+
+    Returns
+    -------
+    Mesh
+        Vertices (n, 3), mm, and faces (m, 3).
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or has no triangles or faces without vertices.
     """
     mesh = _loaded(path)
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
@@ -208,15 +312,32 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
 
 
 def file_uv(path: Path) -> NDArray[np.float64] | None:
-    """(n, 2) finite texture coordinates of the vertices of ``file_mesh``, v upwards; None where the file has none."""
-    found = getattr(_loaded(path).visual, "uv", None)
-    if found is None:
+    """Texture coordinates of a mesh file.
+
+    Parameters
+    ----------
+    path
+        An OBJ, PLY or STL file.
+
+    Returns
+    -------
+    NDArray or None
+        (n, 2) coordinates of the vertices of ``file_mesh``, v upwards; None if the file has none, or not finite ones.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    values = getattr(_loaded(path).visual, "uv", None)
+    if values is None:
         return None
-    uv = np.asarray(found, float)[:, :2]
+    uv = np.asarray(values, float)[:, :2]
     return uv if np.isfinite(uv).all() else None
 
 
 def _loaded(path: Path) -> trimesh.Trimesh:
+    """Mesh of a file; InputError if it cannot be read."""
     expected = "a readable mesh: .obj, .ply or .stl"
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("obj", "ply", "stl"):
@@ -233,11 +354,23 @@ def _loaded(path: Path) -> trimesh.Trimesh:
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one; their vertices stay separate."""
+    """Several meshes as one.
+
+    Parameters
+    ----------
+    meshes
+        At least one mesh.
+
+    Returns
+    -------
+    Mesh
+        All vertices and faces in order; vertices stay separate.
+    """
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) cross product of plane vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -15,48 +15,79 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Spectrum", "as_spectrum", "planck", "read_spectra", "read_spectrum"]
 
+#: Value beyond a table: that of its end ("hold", reflectances) or zero ("zero", radiances, transmittances, quantum
+#: efficiencies).
 Outside = Literal["hold", "zero"]
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """A function of wavelength, linear between samples.
+    """Function of wavelength, linear between samples.
 
-    wavelength_nm : (n,) strictly ascending, nm.
-    values : (n,) finite, in the unit of the quantity (reflectance 1, radiance W m^-2 sr^-1 nm^-1).
-    outside : the value beyond the table: the end value ("hold", for reflectances) or zero ("zero", for radiances,
-        transmittances and quantum efficiencies).
+    Raises
+    ------
+    InputError
+        If the tables differ in length, are empty or not finite, or the wavelengths do not ascend.
 
-    Raises InputError for tables of different lengths, empty or not finite, or wavelengths that do not ascend.
+    Examples
+    --------
+    >>> from cboxlab.scenes import Spectrum
+    >>> Spectrum([400, 700], [0.1, 0.4]).at([500, 800]).round(3).tolist()
+    [0.2, 0.4]
     """
 
+    #: (n,) wavelengths, nm, strictly ascending.
     wavelength_nm: NDArray[np.float64]
+    #: (n,) finite values, in the unit of the quantity (reflectance 1, radiance W m^-2 sr^-1 nm^-1).
     values: NDArray[np.float64]
+    #: Value beyond the table.
     outside: Outside = "hold"
 
     def __post_init__(self) -> None:
         wavelength = np.asarray(self.wavelength_nm, dtype=np.float64)
         values = np.asarray(self.values, dtype=np.float64)
         if wavelength.ndim != 1 or wavelength.shape != values.shape or wavelength.size == 0:
-            found = f"shapes {wavelength.shape} and {values.shape}"
-            raise InputError("spectrum", found, "two 1-D tables of equal length, not empty")
+            shapes = f"shapes {wavelength.shape} and {values.shape}"
+            raise InputError("spectrum", shapes, "two 1-D tables of equal length, not empty")
         if not (np.all(np.isfinite(wavelength)) and np.all(np.isfinite(values))):
             raise InputError("spectrum", "a value that is not a finite number", "finite numbers")
         if np.any(np.diff(wavelength) <= 0):
             bad = int(np.argmax(np.diff(wavelength) <= 0))
-            found = f"{wavelength[bad]:g} nm followed by {wavelength[bad + 1]:g} nm"
-            raise InputError("spectrum", found, "ascending wavelengths")
+            pair = f"{wavelength[bad]:g} nm followed by {wavelength[bad + 1]:g} nm"
+            raise InputError("spectrum", pair, "ascending wavelengths")
         object.__setattr__(self, "wavelength_nm", wavelength)
         object.__setattr__(self, "values", values)
 
     def at(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-        """Values at the given wavelengths (any shape, nm)."""
+        """Values at wavelengths.
+
+        Parameters
+        ----------
+        wavelength_nm
+            Wavelengths of any shape, nm.
+
+        Returns
+        -------
+        NDArray
+            Values of the same shape.
+        """
         beyond = 0.0 if self.outside == "zero" else None
         wavelength = np.asarray(wavelength_nm, float)
         return np.interp(wavelength, self.wavelength_nm, self.values, left=beyond, right=beyond)
 
     def scaled(self, factor: float) -> Spectrum:
-        """The same spectrum times a number."""
+        """Spectrum times a number.
+
+        Parameters
+        ----------
+        factor
+            The number.
+
+        Returns
+        -------
+        Spectrum
+            The spectrum, with the same value beyond the table.
+        """
         return Spectrum(self.wavelength_nm, self.values * factor, self.outside)
 
 
@@ -102,7 +133,28 @@ def as_spectrum(table: Spectrum | ArrayLike, values: ArrayLike | None, outside: 
 
 
 def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64]:
-    """Planck's spectral radiance relative to its value at 550 nm (CODATA c2 = 0.014387769 m K)."""
+    """Planck's spectral radiance relative to its value at 550 nm.
+
+    L is proportional to lambda^-5 / (exp(c2 / (lambda T)) - 1), with c2 = 0.014387769 m K (CODATA 2018).
+
+    Parameters
+    ----------
+    wavelength_nm
+        Wavelengths of any shape, nm.
+    temperature_k
+        Temperature T, K.
+
+    Returns
+    -------
+    NDArray
+        Relative radiance of the same shape.
+
+    Examples
+    --------
+    >>> from cboxlab.scenes.spectra import planck
+    >>> planck([550.0, 700.0], 2900.0).round(2).tolist()
+    [1.0, 2.07]
+    """
     c2_nm = 0.014387769e9
     wavelength = np.asarray(wavelength_nm, float)
     photon = np.expm1(c2_nm / (550.0 * temperature_k)) / np.expm1(c2_nm / (wavelength * temperature_k))
@@ -110,9 +162,24 @@ def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64
 
 
 def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
-    """All spectra of a CSV by column name: a header row, first column ``wavelength_nm`` ascending.
+    """Spectra of a CSV file by column name.
 
-    Raises InputError with the file, line and column of the first fault.
+    Parameters
+    ----------
+    path
+        A file with a header row. Its first column is ``wavelength_nm``, ascending.
+    outside
+        Value of the spectra beyond the table.
+
+    Returns
+    -------
+    dict[str, Spectrum]
+        Spectra in the order of the columns.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is faulty; the error names file, line and column of the first fault.
     """
     try:
         state = path.stat()
@@ -123,19 +190,19 @@ def read_spectra(path: Path, outside: Outside = "hold") -> dict[str, Spectrum]:
 
 @lru_cache(maxsize=32)
 def _table_as_of(path: Path, outside: Outside, changed_ns: int, size: int) -> dict[str, Spectrum]:
-    """The table of one version of a file, cached: a capture reads columns of the same files many times."""
+    """Table of one version of a file, cached: a capture reads the same files many times."""
     return _read_table(path, outside)
 
 
 def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
+    """Spectra of a CSV file by column name."""
     lines = read_rows(path, "a CSV file of spectra")
     if len(lines) < 2:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")
     names = [name.strip() for name in lines[0][1]]
     if names[0] != "wavelength_nm":
         hint = separator_hint(names[0]) or "Rename it if it holds wavelengths in nm."
-        where, found = f"{path}: header", f"first column '{names[0]}'"
-        raise InputError(where, found, "first column 'wavelength_nm'", hint)
+        raise InputError(f"{path}: header", f"first column '{names[0]}'", "first column 'wavelength_nm'", hint)
     if len(set(names)) < len(names) or "" in names:
         raise InputError(f"{path}: header", ", ".join(names), "a unique name for every column")
     table = np.empty((len(lines) - 1, len(names)))
@@ -154,6 +221,7 @@ def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
 
 
 def _number(cell: str, where: str) -> float:
+    """Finite number of a cell."""
     try:
         value = float(cell)
     except ValueError:
@@ -164,10 +232,26 @@ def _number(cell: str, where: str) -> float:
 
 
 def read_spectrum(folder: Path, reference: str, outside: Outside = "hold") -> Spectrum:
-    """One column of a CSV inside ``folder``, by the reference ``"file.csv:column"``.
+    """Spectrum of one column of a CSV file.
 
-    Raises InputError for a reference without a column, a path that leaves the folder, an unknown column,
-    and the faults of ``read_spectra``.
+    Parameters
+    ----------
+    folder
+        Folder in which the file must lie.
+    reference
+        File and column as ``"file.csv:column"``.
+    outside
+        Value beyond the table.
+
+    Returns
+    -------
+    Spectrum
+        The spectrum.
+
+    Raises
+    ------
+    InputError
+        If the reference has no column, the path leaves the folder, the column is unknown, or the file is faulty.
     """
     name, separator, column = reference.rpartition(":")
     if not separator:
@@ -175,6 +259,6 @@ def read_spectrum(folder: Path, reference: str, outside: Outside = "hold") -> Sp
     path = path_inside(folder, name, f"{folder}: {reference}")
     spectra = read_spectra(path, outside)
     if column not in spectra:
-        known = f"one of {', '.join(spectra)}" if spectra else "a table with columns besides wavelength_nm"
-        raise InputError(path, f"no column '{column}'", known, suggestion(column, spectra))
+        expected = f"one of {', '.join(spectra)}" if spectra else "a table with columns besides wavelength_nm"
+        raise InputError(path, f"no column '{column}'", expected, suggestion(column, spectra))
     return spectra[column]

@@ -1,4 +1,7 @@
-"""Checks of spectra: no gaps, wavelengths in nm, reflectances from 0 to 1, radiances not negative."""
+"""Checks of spectra: gaps, unit of the wavelengths, range of the values.
+
+Reflectances lie between 0 and 1, radiances are not negative.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,33 @@ from .spectra import Spectrum
 
 __all__ = ["LARGEST_STEP", "radiance_faults", "reflectance_faults", "table_faults"]
 
-#: A table whose longest wavelength is shorter is in another unit.
+#: Longest wavelength, nm, below which a table is in another unit: visible light in µm is below 1.
 _SHORTEST_NM = 100.0
-#: A step larger than this many times the median step is a gap in a table.
+#: Step above which a table has a gap, in units of its median step: one missing row makes a step of 2.
 LARGEST_STEP = 3.0
 
 
 def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """One fault for a table in another unit than nm, and one for each gap: a step above three times the median step,
-    too wide to interpolate over."""
+    """Faults of the wavelengths of a table: another unit than nm, or gaps.
+
+    A gap is a step above three times the median step, too wide to interpolate over.
+
+    Parameters
+    ----------
+    spectrum
+        The table.
+    where
+        File and key for the faults.
+
+    Returns
+    -------
+    list[InputError]
+        The faults; empty for a good table.
+    """
     first, last = spectrum.wavelength_nm[[0, -1]]
     if last < _SHORTEST_NM:
-        found = f"wavelengths from {first:g} to {last:g}"
-        return [InputError(where, found, "wavelengths in nm", "multiply by 1000 if the table is in µm")]
+        extent = f"wavelengths from {first:g} to {last:g}"
+        return [InputError(where, extent, "wavelengths in nm", "multiply by 1000 if the table is in µm")]
     steps = np.diff(spectrum.wavelength_nm)
     if steps.size == 0:
         return []
@@ -38,7 +55,20 @@ def table_faults(spectrum: Spectrum, where: str) -> list[InputError]:
 
 
 def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """Faults for gaps, and for the first value outside 0 to 1 (energy conservation)."""
+    """Faults of a reflectance: those of its wavelengths, and the first value outside 0 to 1.
+
+    Parameters
+    ----------
+    spectrum
+        The table.
+    where
+        File and key for the faults.
+
+    Returns
+    -------
+    list[InputError]
+        The faults; empty for a good table.
+    """
     faults = table_faults(spectrum, where)
     outside = np.flatnonzero((spectrum.values < 0) | (spectrum.values > 1))
     if outside.size:
@@ -49,7 +79,20 @@ def reflectance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
 
 
 def radiance_faults(spectrum: Spectrum, where: str) -> list[InputError]:
-    """Faults for gaps, and for a negative radiance or one that is 0 everywhere."""
+    """Faults of a radiance: those of its wavelengths, a negative value, or 0 everywhere.
+
+    Parameters
+    ----------
+    spectrum
+        The table.
+    where
+        File and key for the faults.
+
+    Returns
+    -------
+    list[InputError]
+        The faults; empty for a good table.
+    """
     faults = table_faults(spectrum, where)
     if spectrum.values.min() < 0:
         at = spectrum.wavelength_nm[np.argmin(spectrum.values)]

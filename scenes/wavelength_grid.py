@@ -1,4 +1,4 @@
-"""Equally spaced wavelengths: the grid of all integrals over wavelength, and the wider grid of filter curves."""
+"""Equally spaced wavelengths: the grid of integrals, and the wider grid of filter curves."""
 
 from __future__ import annotations
 
@@ -10,12 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["FILTER_GRID", "INTEGRAL_GRID", "WAVELENGTH_NM", "WavelengthGrid", "trapezoidal_weights"]
 
-#: Wavelengths that differ by less than this fraction of a step are equal.
+#: Difference of equal wavelengths, as a fraction of a step: rounding of files.
 _SAME = 1e-6
 
 
 def trapezoidal_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) weights in nm: the sum of weights times samples is the integral of their linear interpolation."""
+    """Weights of the trapezoidal rule: the sum of weights times samples is the integral.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (n,) wavelengths, nm, ascending, with any steps.
+
+    Returns
+    -------
+    NDArray
+        (n,) weights, nm. They integrate the linear interpolation of the samples exactly.
+    """
     steps = np.diff(wavelength_nm)
     weights = np.zeros_like(wavelength_nm)
     weights[:-1] += steps / 2
@@ -25,13 +36,19 @@ def trapezoidal_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float6
 
 @dataclass(frozen=True)
 class WavelengthGrid:
-    """``count`` wavelengths from ``start_nm`` in steps of ``step_nm``, both in nm.
+    """Equally spaced wavelengths.
 
-    Raises ValueError for a step that is not above 0 or fewer than two wavelengths.
+    Raises
+    ------
+    ValueError
+        If the step is not above 0, or there are fewer than two wavelengths.
     """
 
+    #: First wavelength, nm.
     start_nm: float
+    #: Step, nm.
     step_nm: float
+    #: Number of wavelengths.
     count: int
 
     def __post_init__(self) -> None:
@@ -40,32 +57,56 @@ class WavelengthGrid:
 
     @cached_property
     def nm(self) -> NDArray[np.float64]:
-        """(count,) the wavelengths, ascending, read-only."""
+        """(count,) wavelengths, nm, ascending, read-only."""
         wavelengths = np.array(self.start_nm + self.step_nm * np.arange(self.count), np.float64)
         wavelengths.flags.writeable = False
         return wavelengths
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
-        """(count,) nm, of the trapezoidal rule (see ``trapezoidal_weights``), read-only."""
+        """(count,) weights of the trapezoidal rule, nm, read-only."""
         weights = trapezoidal_weights(self.nm)
         weights.flags.writeable = False
         return weights
 
     def __contains__(self, wavelength_nm: float) -> bool:
         """Whether a wavelength in nm is in the grid."""
-        place = (wavelength_nm - self.start_nm) / self.step_nm
-        return abs(place - round(place)) < _SAME and 0 <= round(place) < self.count
+        index = (wavelength_nm - self.start_nm) / self.step_nm
+        return abs(index - round(index)) < _SAME and 0 <= round(index) < self.count
 
     def matches(self, wavelength_nm: ArrayLike) -> bool:
-        """Whether wavelengths (n,) in nm are exactly those of this grid, in order."""
-        found = np.asarray(wavelength_nm, float)
-        return found.shape == (self.count,) and bool(np.all(np.abs(found - self.nm) < _SAME * self.step_nm))
+        """Whether wavelengths are exactly those of this grid.
+
+        Parameters
+        ----------
+        wavelength_nm
+            (n,) wavelengths, nm.
+
+        Returns
+        -------
+        bool
+            True for the same wavelengths in the same order, up to rounding.
+        """
+        wavelength = np.asarray(wavelength_nm, float)
+        return wavelength.shape == (self.count,) and bool(np.all(np.abs(wavelength - self.nm) < _SAME * self.step_nm))
 
     def part(self, inner: WavelengthGrid) -> slice:
-        """Indices of the wavelengths of another grid in this one: ``nm[part(inner)]`` are those of ``inner``.
+        """Indices of the wavelengths of another grid in this one.
 
-        Raises ValueError if this grid lacks one of them.
+        Parameters
+        ----------
+        inner
+            A grid within this one; its step is a multiple of this grid's.
+
+        Returns
+        -------
+        slice
+            Indices such that ``nm[part(inner)]`` are the wavelengths of ``inner``.
+
+        Raises
+        ------
+        ValueError
+            If this grid lacks a wavelength of the other.
         """
         first, last = inner.start_nm, inner.start_nm + inner.step_nm * (inner.count - 1)
         if first not in self or last not in self or first + inner.step_nm not in self:
@@ -74,9 +115,22 @@ class WavelengthGrid:
         return slice(round(start), round(start) + round(stride) * (inner.count - 1) + 1, round(stride))
 
     def between(self, low_nm: float, high_nm: float) -> WavelengthGrid:
-        """The wavelengths of this grid from ``low_nm`` to ``high_nm``, both included.
+        """Grid of the wavelengths from one to another, both included.
 
-        Raises ValueError if these two are not in the grid.
+        Parameters
+        ----------
+        low_nm, high_nm
+            First and last wavelength, nm.
+
+        Returns
+        -------
+        WavelengthGrid
+            The grid, with the same step.
+
+        Raises
+        ------
+        ValueError
+            If these two are not in this grid.
         """
         if low_nm not in self or high_nm not in self:
             raise ValueError(f"{low_nm:g} or {high_nm:g} nm is not a wavelength of {self}")

@@ -8,9 +8,9 @@ __all__ = ["InputError"]
 
 
 class InputError(ValueError):
-    """Bad input: where it is, the value found, the values allowed, the correction.
+    """Bad input, with its place, its value, the values allowed and the correction.
 
-    The message is "WHERE: found FOUND; expected EXPECTED. HINT".
+    The message is "WHERE: found FOUND; expected EXPECTED. HINT". The four parts are attributes.
 
     Parameters
     ----------
@@ -22,10 +22,26 @@ class InputError(ValueError):
         The values allowed, in words.
     hint
         How to correct it, as a sentence; empty for none.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> try:
+    ...     cboxlab.load_scene("cornel-box")
+    ... except cboxlab.InputError as error:
+    ...     print(error.where, "/", error.found, "/", error.hint)
+    cornel-box / no such file / did you mean 'cornell-box'?
     """
 
     def __init__(self, where: str | Path, found: str, expected: str, hint: str = "") -> None:
-        self.where, self.found, self.expected, self.hint = str(where), found, expected, hint
+        #: File and key at fault.
+        self.where = str(where)
+        #: Value found, in words.
+        self.found = found
+        #: Values allowed, in words.
+        self.expected = expected
+        #: Correction, as a sentence; empty for none.
+        self.hint = hint
         text = f"{where}: found {found}; expected {expected}"
         super().__init__(f"{text}. {hint}" if hint else text)
 

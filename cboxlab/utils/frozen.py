@@ -8,14 +8,20 @@ from typing import Any, NoReturn, TypeVar
 
 __all__ = ["FrozenDict", "OwnMappings"]
 
+#: Type of a mapping's keys.
 Key = TypeVar("Key")
+#: Type of a mapping's values.
 Value = TypeVar("Value")
 
 
 class FrozenDict(dict[Key, Value]):
-    """A dictionary that cannot be changed; it can be pickled, and written as JSON."""
+    """Dictionary that cannot be changed; it can be pickled, and written as JSON.
+
+    Every method that would change it raises TypeError.
+    """
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        """Raise TypeError."""
         raise TypeError("a mapping in a frozen object cannot be changed: make another object with a changed copy")
 
     __setitem__ = __delitem__ = __ior__ = _refuse

@@ -72,7 +72,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     #: Meaning of the names; ``choices`` are then those of the published box. None if the choices are complete.
     kind: Kind | None = None
-    #: Coordinate of a fit: the number itself ("linear"), or its inverse square.
+    #: Coordinate of a fit, the number itself ("linear") or its inverse square.
     scale: Literal["linear", "inverse square"] = "linear"
     #: Values at which a search starts, for a number without null value; empty for ``default`` or the bounds' middle.
     starts: tuple[float, ...] = ()
@@ -80,7 +80,7 @@ class Parameter:
     example: str | float | None = None
     #: Whether the number is in proportion to the aperture's diameter, as the width of a blur is.
     grows_with_aperture: bool = False
-    #: Deviation from null that is no finding, one standard deviation: what a survey, or a second simulator, leaves.
+    #: Standard deviation from null that is no finding, as a survey or a second simulator leaves it.
     tolerance: float = 0.0
 
     def __post_init__(self) -> None:
@@ -180,11 +180,11 @@ class Effect:
         If the title has more than 50 characters.
     """
 
-    #: Identifier in model files and reports: small letters, digits and hyphens.
+    #: Identifier in model files and reports, of small letters, digits and hyphens.
     id: str
     #: Stage of the chain at which it acts, see ``cboxlab.rendering.chain``.
     stage: Stage
-    #: Description for users: what happens in the real box, with the formula.
+    #: Description for users of the cause in the real box, with the formula.
     summary: str
     #: Parameters in the order of lists and fits.
     parameters: tuple[Parameter, ...]
@@ -197,9 +197,9 @@ class Effect:
     title: str = ""
     #: Publications and standards of the formula.
     sources: tuple[str, ...] = ()
-    #: Counts only: whether it changes charge, before shot noise arises, or counts as they are read out.
+    #: Whether an effect on counts changes charge, before shot noise arises, or counts as they are read out.
     acts_on_charge: bool = True
-    #: Transport only: step, nm, of the wavelengths at which its change is computed; it divides 300. Linear in between.
+    #: Step, nm, of the wavelengths at which the change of the transport is computed; it divides 300. Linear in between.
     spectral_step_nm: int = 20
     #: Whether a fit of the lamp's power can do the same. Only the lamp's stated uncertainty then speaks against it.
     imitates_lamp_power: bool = False

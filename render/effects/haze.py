@@ -28,7 +28,7 @@ _NEIGHBOURS = 4
 #: Most rounds of exchange between air and surfaces. Each adds about extinction times path length of the one before.
 _ROUNDS = 6
 
-#: Relative change of the air's light below which the rounds end: far below the noise of a rendering, 0.3 %.
+#: Relative change of the air's light below which the rounds end: far below the noise of a rendering.
 _SETTLED = 1e-5
 
 #: Rows of a table of distances that are computed at once: their numbers stay in the processor's cache.

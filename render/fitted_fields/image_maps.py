@@ -41,7 +41,7 @@ class ImageMaps:
     order: int = 0
     #: Frequency of a "wave" downwards and to the right, waves per px.
     per_px: tuple[float, float] = (0.0, 0.0)
-    #: Curvature of a "wave", waves per px^2 of the squared distance from the first pixel: rings about some centre.
+    #: Curvature of a "wave", waves per px^2 of the squared distance from the first pixel, for rings about some centre.
     curvature: float = 0.0
     #: Centres (x, y) of "bells", px.
     centres: tuple[tuple[float, float], ...] = ()

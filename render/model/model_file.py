@@ -59,7 +59,10 @@ class Model:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files that the model was read from: scene, tables, meshes, effects; none of the program's own."""
+        """Files that the model was read from: scene, tables, meshes and effects.
+
+        Files of packaged scenes are not included.
+        """
         scene = () if self.scene.origin is None else self.scene.origin.files
         return *scene, *(e.effect.file for e in self.effects if e.effect.file is not None)
 
@@ -85,22 +88,28 @@ class Model:
         """
         if isinstance(effect, AppliedEffect) and not values:
             return replace(self, effects=(*self.effects, effect))
-        chosen = effect if isinstance(effect, Effect) else named_effect(str(effect), Path())
-        applied = apply_checked(chosen, values, "Model.with_effect", names_in(self.scene))
+        effect_or_name = effect if isinstance(effect, Effect) else named_effect(str(effect), Path())
+        applied = apply_checked(effect_or_name, values, "Model.with_effect", names_in(self.scene))
         return replace(self, effects=(*self.effects, applied))
 
 
 class _Strict(BaseModel):
+    """Table without unknown keys."""
+
     model_config = ConfigDict(extra="forbid")
 
 
 class _Render(_Strict):
+    """Table ``[render]``, see ``RenderSettings``."""
+
     noise: float = Field(0.3, gt=0, le=10)
     max_bounces: int | None = Field(None, ge=0)
     seed: int = Field(0, ge=0)
 
 
 class _ModelFile(_Strict):
+    """Content of a model file."""
+
     format: str
     name: str = ""
     scene: str = "cornell-box"
@@ -125,6 +134,12 @@ def load_model(path_or_name: str | Path) -> Model:
     ------
     InputError
         If a file is missing or faulty; all faults are named.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> cboxlab.load_model("cornell-box").scene.lamp.surface.name
+    'light'
     """
     if str(path_or_name) in packaged_scenes():
         return Model(load_scene(path_or_name), name=str(path_or_name))
@@ -217,31 +232,67 @@ def with_scene_file(model: Model, path: Path) -> Model:
 def checked_effects(
     entries: Sequence[Mapping[str, Any]], scene: Scene, where: str, folder: Path
 ) -> tuple[AppliedEffect, ...]:
-    """The effects of a file's entries, each a table of ``id``, values and ``sigma``, in a scene.
+    """Effects of the entries of a file, with checked values.
 
-    An ``id`` that ends in .toml is an effect file, relative to ``folder``.
+    Parameters
+    ----------
+    entries
+        Tables with ``id``, values of parameters, and standard deviations ``sigma``. An ``id`` that ends in .toml is an
+        effect file.
+    scene
+        Scene whose materials, surfaces and blocks the effects may name.
+    where
+        File and key for errors; an error is reported at ``where[index]``.
+    folder
+        Folder to which effect files are relative.
 
-    Raises InputError (at ``where[index]``) for an entry that is none.
+    Returns
+    -------
+    tuple[AppliedEffect, ...]
+        The effects, in the order of the entries.
+
+    Raises
+    ------
+    InputError
+        If an effect or parameter is unknown, a value out of bounds, or ``sigma`` not a table of numbers of 0 or more.
     """
     names = names_in(scene) if entries else {}
     effects = []
     for index, entry in enumerate(entries):
-        values, place = dict(entry), f"{where}[{index}]"
+        values, key = dict(entry), f"{where}[{index}]"
         identifier = values.pop("id", None)
-        sigma = _checked_sigma(values.pop("sigma", {}), f"{place}.sigma")
-        known = named_effect(identifier, folder)
-        effects.append(replace(apply_checked(known, values, place, names), sigma=sigma))
+        sigma = _checked_sigma(values.pop("sigma", {}), f"{key}.sigma")
+        effect = named_effect(identifier, folder)
+        effects.append(replace(apply_checked(effect, values, key, names), sigma=sigma))
     return tuple(effects)
 
 
 def named_effect(name: str | None, folder: Path) -> str | Effect | None:
-    """The effect of the file that a name is, relative to ``folder``; the name itself where it is none of a file."""
+    """Effect of a name that is the path of an effect file.
+
+    Parameters
+    ----------
+    name
+        Path of an effect file, .toml, or an identifier.
+    folder
+        Folder to which the path is relative.
+
+    Returns
+    -------
+    str, Effect or None
+        The effect of the file; ``name`` itself if it does not end in .toml.
+
+    Raises
+    ------
+    InputError
+        If the effect file is missing or faulty.
+    """
     is_file = isinstance(name, str) and name.endswith(".toml")
     return load_effect_file(folder / str(name)) if is_file else name
 
 
 def _checked_sigma(sigma: Any, where: str) -> dict[str, float]:
-    """Standard deviations by parameter. Raises InputError for anything but a table of numbers."""
+    """Standard deviations by parameter; InputError for anything except a table of numbers."""
     if not isinstance(sigma, dict) or not all(isinstance(v, int | float) and v >= 0 for v in sigma.values()):
         raise InputError(where, repr(sigma), "a table of standard deviations, such as { fraction = 1e-4 }")
     return {key: float(value) for key, value in sigma.items()}
@@ -274,6 +325,7 @@ def model_text(model: Model, folder: Path | None = None) -> str:
 
 
 def _effect_table(effect: AppliedEffect, folder: Path | None) -> dict[str, Any]:
+    """Entry of an effect in a model file."""
     values = {key: value if isinstance(value, str) else float(value) for key, value in effect.values.items()}
     sigma = {"sigma": {key: float(value) for key, value in effect.sigma.items()}} if effect.sigma else {}
     return {"id": effect.name_below(folder), **values, **sigma}

@@ -1,4 +1,4 @@
-"""The camera, and the lamp, through which a model is seen: of a camera file or of a capture."""
+"""Camera and lamp of a rendering, read from a camera file or a capture."""
 
 from __future__ import annotations
 
@@ -16,9 +16,24 @@ __all__ = ["view_of"]
 
 
 def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | None]:
-    """A camera, that of a camera file (.json), or that of a capture or its folder, with the lamp that this states.
+    """Camera, and lamp where there is one, of a camera, a camera file or a capture.
 
-    Raises InputError.
+    Parameters
+    ----------
+    camera
+        A camera, a camera file (.json), a capture, or the folder of a capture.
+
+    Returns
+    -------
+    camera : Camera
+        The camera; that of a capture is calibrated.
+    lamp : Spectrum or None
+        Spectral radiance of the lamp that the capture states, W m^-2 sr^-1 nm^-1; None without a stated lamp.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or the capture has no surveyed points.
     """
     if isinstance(camera, Camera):
         return camera, None
@@ -30,10 +45,10 @@ def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | N
 
 
 def _camera_and_lamp(capture: Capture) -> tuple[Camera, Spectrum | None]:
-    """As calibrated; the lamp as measured, None where the capture does not state it."""
+    """Calibrated camera and measured lamp of a capture; None for a lamp that it does not state."""
     fit, target, _ = calibrate_camera(capture)
-    stated = capture.manifest.lamp
-    lamp = None if stated is None else capture.light(stated.radiance)
+    entry = capture.manifest.lamp
+    lamp = None if entry is None else capture.light(entry.radiance)
     if target is not None and target.survey_camera is not None:
         return target.survey_camera, lamp
     if fit is None:

@@ -64,7 +64,7 @@ def test_lamps_that_overlap_are_refused(tmp_path):
         "[-4, 10, 4], [-4, 10, 3], [-3, 10, 3], [-3, 10, 4]", "[0, 10, 2], [0, 10, 0], [2, 10, 0], [2, 10, 2]"
     )
     told = fault(tmp_path, moved)
-    assert "surface[0] (ceiling).quads_mm[0]: found 2 lamps (no straight line parts the holes)" in told
+    assert "surface[0] (ceiling).quads_mm[0]: found 2 lamps (no straight line separates the holes)" in told
 
 
 def test_faults_of_several_lamps_name_the_lamp(tmp_path):

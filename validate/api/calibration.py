@@ -125,7 +125,7 @@ def _with_sigma(value: float | None, sigma: float | None, unit: str) -> str:
 
 
 def calibrate(capture: CaptureLike, *, reference_uncertainty: float = 0.0) -> CalibrationResult:
-    """Measure camera, noise, response, filter weights and absolute scale, as far as a capture allows.
+    """Measure camera, noise, response, filter weights and absolute scale of a capture.
 
     Parameters
     ----------

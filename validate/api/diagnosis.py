@@ -56,7 +56,7 @@ class DiagnosisResult(Result):
         return diagnosis_record(self.diagnosis)
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write diagnosis.json and model.toml, and report.html, metrics.json and maps of the validation.
+        """Write diagnosis.json, model.toml, and the report, metrics and maps of the validation.
 
         Parameters
         ----------
@@ -68,9 +68,8 @@ class DiagnosisResult(Result):
         tuple of Path
             diagnosis.json first, then model.toml with the effects added.
         """
-        place = Path(folder)
-        diagnosis, model = place / "diagnosis.json", place / "model.toml"
-        files = write_validation(self.validation, place, self.diagnosis)
+        diagnosis, model = Path(folder) / "diagnosis.json", Path(folder) / "model.toml"
+        files = write_validation(self.validation, Path(folder), self.diagnosis)
         write_model(model, self.diagnosis.model)
         write_diagnosis(diagnosis, self.diagnosis)
         return (diagnosis, model, *files)
@@ -99,7 +98,7 @@ class DiagnosisResult(Result):
             In the first, chi-square counts possible errors of the rendering as noise, and camera and lamp are refitted
             with each effect. In the second it counts the noise alone.
         """
-        tried = tuple(
+        single_effects = tuple(
             (r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
             for r in self.diagnosis.ranking[:MAX_RANKED]
         )
@@ -117,7 +116,7 @@ class DiagnosisResult(Result):
             Table(
                 "Effects tried alone; χ²/dof counts possible errors of the rendering as noise",
                 ("effect", "parameters", "χ²/dof", "probability"),
-                tried,
+                single_effects,
                 text_columns=(0, 1),
             ),
             Table(

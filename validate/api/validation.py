@@ -79,7 +79,8 @@ class ValidationResult(Result):
             f"{name} against {result.model.name}: {verdict(c).headline}",
             f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
             f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
-            f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, lamp × {result.fit.lamp_scale:.4f}, {result.seconds:.0f} s",
+            f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, "
+            f"lamp × {result.fit.lamp_scale:.4f}, {result.seconds:.0f} s",
             *suspicion_lines(result.prepared.calibration),
             *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),
         ]
@@ -149,9 +150,9 @@ class ValidationResult(Result):
         axes = figure.subplots(1, residual.sizes["band"], squeeze=False)[0]
         for axis, band in zip(axes, residual["band"].values, strict=True):
             image = residual.sel(band=band)
-            shown = axis.imshow(image, cmap="RdBu_r", vmin=-5, vmax=5)
+            picture = axis.imshow(image, cmap="RdBu_r", vmin=-5, vmax=5)
             axis.set(title=f"{float(image['wavelength']):.0f} nm", xticks=(), yticks=())
-        figure.colorbar(shown, ax=list(axes), label="(measured − rendered) / σ")
+        figure.colorbar(picture, ax=list(axes), label="(measured − rendered) / σ")
         return figure
 
     def _repr_html_(self) -> str:
@@ -188,7 +189,7 @@ def validate(
         Spectral cube of another renderer (.nc, .exr, .hdr), in place of our rendering.
     noise
         Noise of the rendering, in place of the model's: median over the pixels of the rendering's standard deviation
-        over the sensor's. The model's own is 0.3 by default.
+        over the sensor's. The model's is 0.3 by default.
     seed
         Seed of the rendering, in place of the model's.
     cache
@@ -214,6 +215,6 @@ def validate(
     >>> print(validation)  # doctest: +SKIP
     """
     loaded = as_capture(capture)
-    chosen_model = as_model(model, [loaded], noise=noise, seed=seed)
-    picture, folder = (None if path is None else Path(path) for path in (render, cache))
-    return ValidationResult(validate_capture(loaded, chosen_model, progress, picture, folder, declared))
+    checked_model = as_model(model, [loaded], noise=noise, seed=seed)
+    cube, folder = (None if path is None else Path(path) for path in (render, cache))
+    return ValidationResult(validate_capture(loaded, checked_model, progress, cube, folder, declared))

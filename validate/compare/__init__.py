@@ -1,4 +1,4 @@
-"""Comparison of measured and modelled images: nuisances, residuals, colour differences, where the model fails."""
+"""Comparison of measured and modelled images, and where the model fails."""
 
 from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
 from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow

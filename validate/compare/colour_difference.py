@@ -1,4 +1,4 @@
-"""Colour differences between a measured and a rendered picture, and their expectation from noise alone.
+"""Colour differences between photograph and rendering, and their expectation from noise.
 
 CIELab follows CIE 15:2018 section 8.2.1. `COLOUR_DIFFERENCES` is the one table of differences: maps, metrics, tables of
 the report, the viewer and the terminal take identifier, label, unit and formula from it. The formulas are those of

@@ -155,7 +155,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "interiors": _chi2(c.chi2_interiors),
         "regions": {
             kind: {
-                r.words: {
+                r.name: {
                     **_chi2(r.chi2),
                     "share_of_residuals": r.share_of_residuals,
                     "share_of_excess": r.share_of_excess,

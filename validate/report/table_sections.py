@@ -46,7 +46,7 @@ def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequen
     """A partition of the residuals with a row for all of them."""
     rows = [
         (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
-        for name, r in zip(names or [r.words for r in regions], regions, strict=True)
+        for name, r in zip(names or [r.name for r in regions], regions, strict=True)
     ]
     whole = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
     return Table(
@@ -66,7 +66,7 @@ def where_section(
     if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
         worst = max(regions["place"], key=lambda r: r.share_of_excess)
         sentences = [f.sentence for f in failures] or [
-            f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.words)}, with "
+            f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.name)}, with "
             f"{percent(worst.share_of_residuals, 0)} % of the residuals."
         ]
     return ReportSection(
@@ -265,7 +265,7 @@ def parts_section(c: Comparison, known: Sequence[Part]) -> ReportSection:
         share = float(excess[here].sum())
         rows.append(
             (
-                part.words,
+                part.label,
                 number(100 * here.sum() / used.sum(), 0),
                 number(100 * share / total if total > 0 else np.nan, 0),
                 number(1 + share / here.sum(), 3),

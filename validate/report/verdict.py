@@ -57,14 +57,14 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
         regions = regions_of(c)
         place = max(regions["place"], key=lambda r: r.share_of_excess)
         details.append(
-            f"{100 * place.share_of_excess:.0f} % of the excess χ² is in one place: {place.words}, with "
+            f"{100 * place.share_of_excess:.0f} % of the excess χ² is in one place: {place.name}, with "
             f"{100 * place.share_of_residuals:.0f} % of the residuals."
         )
         surface, band = (_worst(regions[kind]) for kind in ("surface", "band"))
         if surface is not None and band is not None:
-            name = {c.bands[i]: known for i, known in bands}.get(band.words, band.words)
+            name = {c.bands[i]: known for i, known in bands}.get(band.name, band.name)
             details.append(
-                f"The worst region is {surface.words} (χ²/dof {surface.chi2.per_dof:.3g}), the worst band {name} "
+                f"The worst region is {surface.name} (χ²/dof {surface.chi2.per_dof:.3g}), the worst band {name} "
                 f"({band.chi2.per_dof:.3g})."
             )
     return Verdict(level, headline, tuple(details))
@@ -72,7 +72,7 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
 
 def chi2_by_place(c: Comparison) -> str:
     """Chi2 per degree of freedom of interiors, edges and what is outside the box, in words."""
-    return ", ".join(f"{r.words} {r.chi2.per_dof:.3f}" for r in regions_of(c)["place"] if r.chi2.count)
+    return ", ".join(f"{r.name} {r.chi2.per_dof:.3f}" for r in regions_of(c)["place"] if r.chi2.count)
 
 
 def _worst(regions: Sequence[Region]) -> Region | None:

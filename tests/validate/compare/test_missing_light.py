@@ -25,7 +25,7 @@ def test_noise_is_that_of_the_measured_light_where_the_model_lacks_it():
 
 def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
     given = {}
-    monkeypatch.setattr(pipeline, "kept_fit", lambda cache, **named: given.update(named))
+    monkeypatch.setattr(pipeline, "cached_fit", lambda cache, **named: given.update(named))
     predictor = SimpleNamespace(signal=lambda effects: np.full((1, 1, 2), 100.0), warp=None)
     prepared = SimpleNamespace(
         calibration=SimpleNamespace(predicted_variance=lambda lit: 2 * lit + 5),

@@ -142,7 +142,7 @@ def test_shares_of_the_excess_sum_to_a_hundred(kind):
     assert sum(r.share_of_excess for r in regions) == pytest.approx(1)
     assert sum(r.chi2.value for r in regions) == pytest.approx(c.chi2.value)
     assert sum(r.chi2.count for r in regions) == c.chi2.count
-    assert ("outside the box" in [r.words for r in regions]) == (kind != "band")
+    assert ("outside the box" in [r.name for r in regions]) == (kind != "band")
 
 
 def test_what_is_outside_the_box_is_no_edge():
