@@ -26,7 +26,7 @@ PILOT_SAMPLES = 64
 #: Most samples per batch: bounds the time where the noise cannot be reached.
 _MAX_SAMPLES = 8192
 
-#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/measurements.md).
+#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (benchmarks/measured/history.md).
 CONVERGENCE = 0.7
 
 
