@@ -34,30 +34,35 @@ def regress(
     baseline: Annotated[
         str,
         typer.Argument(
-            help="Spectral cube (.nc, .exr, .hdr) or picture in colour (.exr, .hdr), several joined by commas or a "
-            "folder of them (independent cubes of one picture), a command that writes them to {out}, a model file "
-            "(.toml) or cornell-box.",
+            help="Spectral cube (.nc, .exr, .hdr) or colour picture (.exr, .hdr). Independent cubes of one picture can "
+            "be joined by commas, or be a folder. It may also be a command that writes them to {out}, a model file "
+            "(.toml), or cornell-box.",
             show_default=False,
         ),
     ],
-    candidate: Annotated[str, typer.Argument(help="The same, of the changed renderer.", show_default=False)],
+    candidate: Annotated[str, typer.Argument(help="The same for the changed renderer.", show_default=False)],
     *,
     json: JsonOption = None,
     junit: Annotated[Path | None, typer.Option(help="Write the verdict as JUnit XML.")] = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Model file or packaged scene that the cubes show, for surfaces and for naming a change."),
+        typer.Option(
+            help="Model file or packaged scene that the cubes show. It gives the surfaces, and helps to name a change."
+        ),
     ] = None,
     camera: Annotated[
         Path | None,
         typer.Option(
-            help="A camera file (.json), or a capture folder (its camera and lamp); default the published camera."
+            help="Camera file (.json), or capture folder for its camera and lamp. The default is the published camera."
         ),
     ] = None,
     false_alarms: Annotated[float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)] = 1e-3,
     declare: DeclarePairOption = None,
 ) -> None:
-    """Test whether a rendering algorithm changed its result. Exit code 0 same, 1 different, 2 bad input."""
+    """Test whether a rendering algorithm changed its result.
+
+    The exit code is 0 for the same light, 1 for different light, and 2 for bad input.
+    """
     from ...api import write_manifest
     from ...compare_renders.regress import SIDES, github_lines, input_files, regress_inputs, write_junit
 
