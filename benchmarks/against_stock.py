@@ -114,7 +114,7 @@ def main() -> None:
         for way, render in OURS.items():
             if way != "general path tracer" and not scene.diffuse:
                 continue
-            found = compared(*means(render(scene, camera, bands, given.samples, BATCHES, seed=2), stock))
+            found = compared(*means(render(RenderJob(scene, camera, bands, given.samples, BATCHES, seed=2)), stock))
             print(
                 f"{name:18} {way:20} rms {found['rms']:.2f}, largest {found['largest']:.2f} of {found['count']}; "
                 f"{found['difference']:.3%} +- {found['its error']:.3%}, median error {found['median error']:.3%}",

@@ -91,7 +91,7 @@ FAULTS = (
     Fault(
         "fresnel",
         "Fresnel's reflectance of one polarisation",
-        "render/perturbation/brdf_change.py",
+        "render/perturbation/coat.py",
         "return 0.5 * a * (1 + b)",
         "return a",
         ("render/perturbation", "render/effects"),

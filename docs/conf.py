@@ -20,6 +20,12 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+#: Names in signatures that no page documents by name: classes behind the public functions, and those of libraries.
+nitpick_ignore_regex = [
+    ("py:class", r"(pathlib\.)?Path|Figure|(xarray|numpy|collections)\..+"),
+    ("py:class", r"cboxlab\.(utils|calibration|rendering|scenes)\..+"),
+    ("py:exc", "Cancelled"),
+]
 
 
 def setup(app):

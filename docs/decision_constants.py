@@ -105,7 +105,9 @@ def assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
 
 
 def _holds_number(value: ast.expr) -> bool:
-    """Whether an expression holds a number outside indices and functions."""
+    """Whether an expression holds a number outside indices, functions and records such as `Family(...)`."""
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id.istitle():
+        return False
     inner = [node.slice for node in ast.walk(value) if isinstance(node, ast.Subscript)]
     inner += [node.body for node in ast.walk(value) if isinstance(node, ast.Lambda)]
     skipped = {id(part) for node in inner for part in ast.walk(node)}

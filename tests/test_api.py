@@ -27,7 +27,7 @@ def names(tmp_path_factory):
     folder = tmp_path_factory.mktemp("api")
     write_model_capture(folder / "capture", Model(), perturbed_camera(32, 3), CaptureSettings(), 3, relative_error=0.05)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     found: dict = {}
     tried = stepwise.hypotheses
     with pytest.MonkeyPatch.context() as patch:
@@ -71,3 +71,12 @@ def test_a_raw_frame_repeats_by_its_seed(names):
     other = cboxlab.simulate(names["folder"] / "cube.exr", "dcs200", exposure_s=0.004, seed=2)
     assert np.array_equal(again.counts, names["raw"].counts)
     assert not np.array_equal(other.counts, names["raw"].counts)
+
+
+def test_a_box_changed_in_memory_is_validated_plotted_and_written(names):
+    """Below 20 lines: load, give a paint a measured reflectance, validate, plot, try five glares, write."""
+    block = re.search(r"in memory\n\n```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    assert len(block.splitlines()) < 20
+    red = cboxlab.load_scene(names["folder"] / "my-box.toml").materials["red"].reflectance
+    assert red.at(600.0) == 0.3 and (names["folder"] / "residual.png").stat().st_size > 1000
+    assert names["result"].maps["residual"].dims == ("band", "y", "x")

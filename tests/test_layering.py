@@ -22,8 +22,8 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: Catalogues: one file for each effect, family of explanations or command.
-CATALOGUES = {"render.effects", "validate.diagnose.families", "validate.app.commands"}
+#: Catalogues: one file for each effect, check of a capture, family of explanations or command.
+CATALOGUES = {"render.effects", "calibration.quality", "validate.diagnose.families", "validate.app.commands"}
 
 #: Modules of any other package.
 MOST_MODULES = 16

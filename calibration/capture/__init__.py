@@ -5,7 +5,14 @@ from .first_manifest import FirstManifest, write_first_manifest
 from .labels import Label
 from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
 from .manifest_faults import nearest
-from .mosaic import band_channels, brighter_channel_notes, channel_lattice, channel_mask, pattern_rows
+from .mosaic import (
+    band_channels,
+    brighter_channel_notes,
+    channel_lattice,
+    channel_mask,
+    file_mosaic_notes,
+    pattern_rows,
+)
 
 __all__ = [
     "BandTable",
@@ -21,6 +28,7 @@ __all__ = [
     "brighter_channel_notes",
     "channel_lattice",
     "channel_mask",
+    "file_mosaic_notes",
     "load_capture",
     "nearest",
     "pattern_rows",

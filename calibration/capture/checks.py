@@ -12,6 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import kind_of
 from PIL import Image, UnidentifiedImageError
 
+from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .manifest import CameraTable, Manifest
@@ -245,9 +246,14 @@ def capture_faults(folder: Path, manifest: Manifest) -> list[InputError]:
     """
     path = folder / "capture.toml"
     faults = list(_consistency_faults(path, manifest))
+    packages: set[str] = set()
     for check in _file_checks(folder, path, manifest):
         try:
             check()
+        except MissingPackageError as fault:
+            if fault.found not in packages:  # one package may be missing for every frame
+                faults.append(fault)
+            packages.add(fault.found)
         except InputError as fault:
             faults.append(fault)
     return faults

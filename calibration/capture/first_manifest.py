@@ -24,7 +24,7 @@ from pydantic import BaseModel
 from ..frame_readers import suffixes
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, group_frames
+from .frame_classes import FrameGroup, group_frames, numbered_alike
 from .manifest import (
     BandTable,
     BracketTable,
@@ -152,6 +152,7 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     convert_bands(folder, [frame for group in groups for frame in group.frames])
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    left_out = [item for item in left_out if item.file not in tables.labels.values()]
     missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
     return FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
 
@@ -201,6 +202,9 @@ class _Draft:
             blocks.append(self._table(header, group))
         blocks += self._further_tables()
         self._note_useful_keys(len(bands))
+        for alike in numbered_alike(groups):
+            why = f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table"
+            self.missing.append(MissingKey("[[band]]", "", why, False))
         self.missing += [
             MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
             for kind, without in _WITHOUT

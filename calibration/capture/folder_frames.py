@@ -107,10 +107,14 @@ def _refusal(folder: Path, path: Path) -> str | None:
     """Reason why a file cannot be listed as a frame; None if it can."""
     if reader_of(path) is None:
         return f"no frame: no reader takes '{path.suffix or path.name}'"
-    if not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        target = path.resolve(strict=True)
+    except (OSError, RuntimeError):  # RuntimeError: a loop of links
+        return "a link that leads to no file"
+    if not target.is_relative_to(folder.resolve()):
         return "a link that leaves the folder: copy the file into it"
-    if "\\" in path.name:
-        return "a name with a backslash, which a capture cannot list: rename it"
+    if "\\" in path.name or not path.name.isprintable():
+        return "a name with characters that a capture cannot list: rename it"
     return None
 
 
@@ -139,11 +143,11 @@ def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
     others: list[LeftOut] = []
     for parent in (folder, folder / FRAMES_FOLDER):
         for path in sorted(parent.iterdir(), key=lambda p: natural_key(p.name)) if parent.is_dir() else ():
-            listed = path.relative_to(folder).as_posix()
+            listed = path.relative_to(folder).as_posix().encode("utf-8", "backslashreplace").decode()
             if path.name.startswith(".") or path.suffix.lower() == ".csv" or path == folder / FRAMES_FOLDER:
                 continue
             if path.is_dir():
-                if any(p.is_file() and reader_of(p) for p in path.iterdir()):
+                if any(reader_of(p) is not None and p.is_file() for p in path.rglob("*")):
                     others.append(
                         LeftOut(f"{listed}/", f"a subfolder: frames lie in the folder or in {FRAMES_FOLDER}/")
                     )

@@ -56,21 +56,46 @@ def _header(path: Path) -> list[str]:
     return [name.strip() for name in rows[0][1]] if rows else []
 
 
-def _labels(folder: Path, shape: tuple[int, int]) -> dict[str, str]:
-    """Files of [labels] by their usual names, if they are sound; empty otherwise."""
-    image, names, reflectance = (folder / name for name in ("labels.png", "labels.csv", "reflectance.csv"))
-    if not (image.is_file() and names.is_file()):
-        return {}
+def _is_label_image(path: Path, shape: tuple[int, int]) -> bool:
+    """Whether a PNG has one 8-bit channel and the size of the frames."""
     try:
-        with Image.open(image) as picture:
-            fits = picture.mode in ("L", "P") and (picture.height, picture.width) == shape
-        read_labels(names)
-    except (InputError, OSError, ValueError, SyntaxError):
+        with Image.open(path) as picture:
+            return picture.mode in ("L", "P") and (picture.height, picture.width) == shape
+    except (Image.DecompressionBombError, OSError, ValueError, SyntaxError):
+        return False
+
+
+def _labels(folder: Path, paths: Sequence[Path], shape: tuple[int, int]) -> dict[str, str]:
+    """Files of [labels]: the only label image, the only table of labels, their reflectances.
+
+    Empty unless there is one image and one table.
+    """
+    images = [path for path in sorted(folder.glob("*.png")) if _is_label_image(path, shape)]
+    tables = {path: columns for path in paths if (columns := _label_columns(path)) is not None}
+    if len(images) != 1 or len(tables) != 1:
         return {}
-    files = {"image": image.name, "names": names.name}
-    if reflectance.is_file():
-        files["reflectance"] = reflectance.name
-    return files if fits else {}
+    ((table, columns),) = tables.items()
+    files = {"image": images[0].name, "names": table.relative_to(folder).as_posix()}
+    spectra = [path for path in paths if columns.intersection(_spectra_columns(path))]
+    if len(spectra) == 1:
+        files["reflectance"] = spectra[0].relative_to(folder).as_posix()
+    return files
+
+
+def _label_columns(path: Path) -> set[str] | None:
+    """Reflectance columns that a sound table of labels names; None for another table."""
+    try:
+        return {label.column for label in read_labels(path) if label.column is not None}
+    except InputError:
+        return None
+
+
+def _spectra_columns(path: Path) -> list[str]:
+    """Columns of a sound table of spectra; empty for another table."""
+    try:
+        return list(read_spectra(path))
+    except InputError:
+        return []
 
 
 def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> FolderTables:
@@ -103,7 +128,7 @@ def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> Fol
         for path in sorted(parent.iterdir())
         if path.suffix.lower() == ".csv" and path.is_file() and not path.name.startswith(".")
     ]
-    labels = _labels(folder, shape)
+    labels = _labels(folder, paths, shape)
     for path in paths:
         listed = path.relative_to(folder).as_posix()
         try:

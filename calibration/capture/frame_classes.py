@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from datetime import datetime
 from .folder_frames import FolderFrame, LeftOut, natural_key
 from .frame_names import FrameName, common_words, kind_in_words, parse_name
 
-__all__ = ["FrameGroup", "group_frames"]
+__all__ = ["FrameGroup", "group_frames", "numbered_alike"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,27 @@ def _count_repeats(items: Sequence[_Classified]) -> bool:
     first = numbers[0] if numbers else 0
     consecutive = first in (0, 1) and numbers == list(range(first, first + len(numbers)))
     return consecutive and len({(item.exposure_s, item.f_number, item.frame.facts.iso) for item in items}) == 1
+
+
+def numbered_alike(groups: Sequence[FrameGroup]) -> list[tuple[str, ...]]:
+    """Bands whose names differ by a last number alone, which may count repeats or not.
+
+    Parameters
+    ----------
+    groups
+        The groups of a folder.
+
+    Returns
+    -------
+    list
+        Identifiers of such bands, together where their names agree otherwise.
+    """
+    series: dict[tuple[str, float | None], list[str]] = defaultdict(list)
+    for group in groups:
+        number = re.fullmatch(r"(.*?)\d+", group.band or "")
+        if group.kind == "band" and number is not None and parse_name(str(group.band)).filter is None:
+            series[number[1], group.exposure_s].append(str(group.band))
+    return [tuple(dict.fromkeys(bands)) for bands in series.values() if len(set(bands)) > 1]
 
 
 def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[LeftOut]]:

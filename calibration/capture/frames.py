@@ -114,7 +114,7 @@ def check_frame(path: Path, height: int, width: int) -> FrameHeader:
             f"{width} x {height} as in [camera] of capture.toml",
         )
     if header.bands:
-        hint = "'cbox calibrate --init' writes each into a frame."
+        hint = "Write each band into a file."
         raise InputError(path, f"the bands {', '.join(header.bands)} in one file", "frames of one band", hint)
     return header
 

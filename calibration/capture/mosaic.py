@@ -7,10 +7,19 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture import Capture
+from ..frame_readers import frame_header
+from .capture import Capture, FrameTable
+from .frames import pictures_by_file
 from .manifest import BandTable, pattern_rows
 
-__all__ = ["band_channels", "brighter_channel_notes", "channel_lattice", "channel_mask", "pattern_rows"]
+__all__ = [
+    "band_channels",
+    "brighter_channel_notes",
+    "channel_lattice",
+    "channel_mask",
+    "file_mosaic_notes",
+    "pattern_rows",
+]
 
 #: Wavelength at which the blue and green sensitivities of common colour filter arrays cross, nm.
 _BLUE_TO_GREEN_NM = 490.0
@@ -121,6 +130,36 @@ def _brightest_channel(capture: Capture, band: BandTable, pattern: str) -> str:
     """The channel with the largest mean count in the band's frames."""
     frame = capture.frames(band).mean(axis=0)
     return max("RGB", key=lambda channel: frame[channel_mask(pattern, capture.shape, channel)].mean())
+
+
+def file_mosaic_notes(capture: Capture) -> list[str]:
+    """Notes on frames whose files state another mosaic than the manifest.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+
+    Returns
+    -------
+    list
+        One sentence per mosaic that files state; empty for files that state nothing.
+    """
+    mosaic = capture.manifest.mosaic
+    pattern = None if mosaic is None else mosaic.pattern
+    files: dict[str, list[str]] = {}
+    tables: list[FrameTable] = [*capture.manifest.band, *capture.manifest.flats, *capture.manifest.darks]
+    for table in tables:
+        for path, _ in pictures_by_file(capture.folder, table.frames):
+            stated_pattern = frame_header(path).facts.pattern
+            if stated_pattern is not None and stated_pattern != pattern:
+                files.setdefault(stated_pattern, []).append(path.name)
+    taken_as = "a sensor without mosaic" if pattern is None else f"the mosaic {pattern}"
+    return [
+        f"{names[0]}{f' and {len(names) - 1} more' if names[1:] else ''}: the file states the mosaic {stated_pattern}, "
+        f"capture.toml {taken_as}: the latter was used"
+        for stated_pattern, names in files.items()
+    ]
 
 
 def brighter_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:

@@ -6,6 +6,7 @@ from .dark import DarkLibrary, read_darks
 from .defects import hot_pixels
 from .full_well import with_full_well
 from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
+from .repeat_light import with_steady_light
 
 __all__ = [
     "ROUNDING_VARIANCE",
@@ -20,4 +21,5 @@ __all__ = [
     "read_darks",
     "uniform_flat",
     "with_full_well",
+    "with_steady_light",
 ]

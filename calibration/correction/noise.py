@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture
 from .dark import DarkLibrary
+from .repeat_light import LIGHT_CHANGE_NOTED, light_change, with_steady_light
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 
@@ -117,8 +118,10 @@ def _samples(
     copied = not is_dark and bool((stack == stack[0]).all())
     if copied or not np.any(good):
         return _Samples(np.zeros(0), np.zeros(0), stack.shape[0] - 1)
-    # Subtract each repeat's mean deviation: the light may have changed between repeats.
-    counts -= (counts - counts.mean(axis=0))[:, good].mean(axis=1)[:, None, None]
+    if is_dark:
+        counts -= (counts - counts.mean(axis=0))[:, good].mean(axis=1)[:, None, None]
+    else:
+        counts = with_steady_light(counts, good)
     charge = counts.mean(axis=0) - bias
     if is_dark:
         # The noise of the dark charge of a pixel is as large as the charge and would bias the slope of the line.
@@ -169,6 +172,24 @@ def _phase_sigma(variance_dn2: float) -> float:
     return float(amplitude / np.sqrt(2))
 
 
+def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
+    """Notes on flats and references whose light changes between repeats."""
+    notes = []
+    for kind, tables in (("flat", capture.manifest.flats), ("reference", capture.manifest.reference)):
+        for table in tables:
+            if len(table.frames) < 2:
+                continue
+            stack = capture.frames(table)
+            good = (stack.max(axis=0) < capture.saturation_dn) & (stack.min(axis=0) > 0)
+            change = light_change(stack.astype(float), dark.at(table.exposure_s), good)
+            if change >= LIGHT_CHANGE_NOTED:
+                notes.append(
+                    f"{table.band}: the light of the {kind} changes by {100 * change:.2g} % between repeats; for the "
+                    "noise they are scaled to one mean"
+                )
+    return notes
+
+
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     """Gain and read noise from repeated flat and dark frames, else from the manifest.
 
@@ -208,6 +229,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         [s for s in bright_samples if s.charge.size],
         [s for s in dark_samples if s.charge.size],
     )
+    notes += _light_notes(capture, dark)
     quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
     rounded = quietest < _ROUNDED_VARIANCE
     if not bright_samples:

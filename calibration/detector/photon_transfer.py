@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture import Capture, FrameTable, channel_mask
-from ..correction import ROUNDING_VARIANCE, DarkLibrary, hot_pixels
+from ..correction import ROUNDING_VARIANCE, DarkLibrary, hot_pixels, with_steady_light
 
 __all__ = ["FrameStatistics", "PhotonTransfer", "frame_statistics", "measure_photon_transfer", "transfer"]
 
@@ -110,7 +110,7 @@ def frame_statistics(
     Returns
     -------
     FrameStatistics
-        Mean deviations of single repeats are removed before the temporal variance is taken.
+        Changes of the light between repeats are removed before the temporal variance is taken.
 
     Raises
     ------
@@ -135,9 +135,7 @@ def frame_statistics(
         residual = (mean - smooth) * weight
     pattern_parameters = 1 + (flatten * ((_GRADIENT_ORDER + 1) * (_GRADIENT_ORDER + 2) // 2 - 1))
     count, repeats = int(good.sum()), stack.shape[0]
-    # The light may change between repeats: remove each frame's mean deviation.
-    steady = counts - (counts - mean)[:, good].mean(axis=1)[:, None, None]
-    pixel_variance = steady.var(axis=0, ddof=1)
+    pixel_variance = with_steady_light(counts, good).var(axis=0, ddof=1)
     temporal = float(pixel_variance[good].mean())
     spatial_variance = float(np.sum((residual[good] - residual[good].mean()) ** 2) / (count - pattern_parameters))
     return FrameStatistics(

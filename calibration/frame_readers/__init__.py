@@ -14,12 +14,13 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
-from ._frame_reader import FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of
+from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
 
 __all__ = [
     "FrameFacts",
     "FrameHeader",
     "FrameReader",
+    "MissingPackageError",
     "as_counts",
     "catalogue",
     "frame_header",
@@ -114,7 +115,7 @@ def _usable_reader(path: Path) -> FrameReader:
     require_regular_file(path, f"a {reader.name} frame")
     if reader.needs is not None and find_spec(reader.needs) is None:
         requirement = f"a file that needs the package {reader.needs} to be read"
-        raise InputError(path, requirement, "that package installed", reader.install)
+        raise MissingPackageError(path, requirement, "that package installed", reader.install)
     return reader
 
 

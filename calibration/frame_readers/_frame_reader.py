@@ -17,6 +17,7 @@ __all__ = [
     "FrameFacts",
     "FrameHeader",
     "FrameReader",
+    "MissingPackageError",
     "as_counts",
     "pattern_of",
     "positive_number",
@@ -31,6 +32,10 @@ _MAX_UNPACKING = 1032
 _MIN_UNPACKED_BYTES = 2**24
 #: Rows and columns of a mosaic's repeat, at most; X-Trans has 6 x 6.
 _MAX_REPEAT = 8
+
+
+class MissingPackageError(InputError):
+    """A frame whose reader needs an optional package that is not installed."""
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from cboxlab.utils.errors import InputError
@@ -25,12 +26,75 @@ from ._frame_reader import (
 
 _SUFFIXES = tuple(f"{stem}{packed}" for stem in (".fits", ".fit", ".fts") for packed in ("", ".gz", ".fz"))
 
+#: Bytes of a block of FITS; headers and data fill whole blocks.
+_BLOCK = 2880
+#: Bytes of a header, at most: real ones have some tens of thousands.
+_MAX_HEADER_BYTES = 2**20
+#: Headers of a file, at most.
+_MAX_HEADERS = 64
+#: Bytes skipped at a time in a packed file.
+_CHUNK = 2**20
+
+
+def _cards(path: Path, stream: IO[bytes] | gzip.GzipFile) -> dict[str, str]:
+    """Keywords and values of the next header; empty at the end of the file.
+
+    Raises InputError for a header without end.
+    """
+    cards: dict[str, str] = {}
+    for count in range(_MAX_HEADER_BYTES // _BLOCK):
+        block = stream.read(_BLOCK)
+        if len(block) < _BLOCK:
+            if count == 0 and not block.strip(b"\0 "):
+                return {}
+            break
+        for start in range(0, _BLOCK, 80):
+            card = block[start : start + 80].decode("latin-1")
+            if not count and not start and not card.startswith(("SIMPLE  =", "XTENSION=")):
+                raise InputError(path, "bytes that are no header of FITS", "a FITS frame")
+            if card.rstrip() == "END":
+                return cards
+            cards.setdefault(card[:8].rstrip(), card[10:].partition("/")[0].strip())
+    hint = "The file is damaged or truncated: copy it again."
+    raise InputError(path, "a header without end", "a FITS frame", hint)
+
+
+def _data_bytes(path: Path, cards: dict[str, str]) -> int:
+    """Bytes of data after a header, in whole blocks."""
+    try:
+        axes = [int(cards[f"NAXIS{k + 1}"]) for k in range(int(cards["NAXIS"]))]
+        values = int(np.prod(axes, dtype=object)) if axes else 0
+        size = abs(int(cards["BITPIX"])) // 8 * int(cards.get("GCOUNT", 1)) * (int(cards.get("PCOUNT", 0)) + values)
+    except (KeyError, ValueError):
+        raise InputError(path, "a header without NAXIS and BITPIX", "a FITS frame") from None
+    if min([*axes, size]) < 0:
+        raise InputError(path, "a negative size in a header", "a FITS frame")
+    return -(-size // _BLOCK) * _BLOCK
+
+
+def _require_sound_headers(path: Path) -> None:
+    """Raise InputError for headers that a library would read without end."""
+    packed = path.suffix.lower() == ".gz"
+    with gzip.open(path, "rb") if packed else path.open("rb") as stream:
+        for _ in range(_MAX_HEADERS):
+            cards = _cards(path, stream)
+            if not cards:
+                return
+            size = _data_bytes(path, cards)
+            if not packed:
+                stream.seek(size, 1)
+                continue
+            while size > 0 and (chunk := stream.read(min(size, _CHUNK))):
+                size -= len(chunk)
+    raise InputError(path, f"more than {_MAX_HEADERS} headers", "one image or cube")
+
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """The image of a file and the file's first header, which holds what the image's does not."""
     from astropy.io import fits  # slow to import, and an optional package
 
+    _require_sound_headers(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns of what is checked below
         with fits.open(path, memmap=False) as file:

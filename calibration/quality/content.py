@@ -9,12 +9,12 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from ..capture import Capture
+from ..capture import BandTable, Capture
 from .stacks import Stack
 from .suspicion import Suspicion
 from .tables import stated_columns
 
-__all__ = ["check_frame_content", "check_names", "check_spectra_content"]
+__all__ = ["check_frame_content", "check_names", "check_spectra_content", "named_pass_band"]
 
 #: Smallest share of pixels that differ from the most common count: clipped darks below it may be equal by chance.
 SMALLEST_VARIED_SHARE = 0.05
@@ -189,20 +189,40 @@ def _check_named_exposures(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             )
 
 
+def named_pass_band(capture: Capture, band: BandTable) -> tuple[float, float] | None:
+    """Wavelength in a band's name and centre of its pass band by the filter's table.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    band
+        One of its bands.
+
+    Returns
+    -------
+    tuple of float, or None
+        Both in nm; None if the name holds no wavelength or the table no pass band in nm.
+    """
+    shortest, longest = NAMED_WAVELENGTH_NM
+    number = re.search(r"(?<!\d)(\d{3})(?!\d)", band.id)
+    if number is None or band.transmittance is None or not shortest <= int(number[1]) <= longest:
+        return None
+    curve = capture.light(band.transmittance)
+    if curve.values.max() <= 0 or curve.wavelength_nm[-1] < 300:
+        return None
+    weight = np.maximum(curve.values, 0) * (curve.values > 0.5 * curve.values.max())
+    return float(number[1]), float(np.average(curve.wavelength_nm, weights=weight))
+
+
 def _check_pass_bands(capture: Capture) -> Iterator[Suspicion]:
     """Bands named after a wavelength whose filter is that of another band."""
     wavelength_of, centre = {}, {}
-    shortest, longest = NAMED_WAVELENGTH_NM
     for index, band in enumerate(capture.manifest.band):
-        number = re.search(r"(?<!\d)(\d{3})(?!\d)", band.id)
-        if number is None or band.transmittance is None or not shortest <= int(number[1]) <= longest:
-            continue
-        curve = capture.light(band.transmittance)
-        if curve.values.max() <= 0 or curve.wavelength_nm[-1] < 300:
-            continue
-        weight = np.maximum(curve.values, 0) * (curve.values > 0.5 * curve.values.max())
-        wavelength_of[band.id] = float(number[1])
-        centre[band.id] = (index, float(np.average(curve.wavelength_nm, weights=weight)))
+        pass_band = named_pass_band(capture, band)
+        if pass_band is not None:
+            wavelength_of[band.id] = pass_band[0]
+            centre[band.id] = (index, pass_band[1])
     for name, (index, peak) in centre.items():
         nearest = min(wavelength_of, key=lambda other: abs(wavelength_of[other] - peak))
         far = abs(wavelength_of[name] - peak) > FAR_PASS_BAND_NM

@@ -11,7 +11,10 @@ from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
+from .dark_light import check_light_in_darks
 from .darks import check_darks
+from .fields import check_fields
+from .filters import check_filter_shift
 from .fingerprint import check_fingerprint, check_flat_shapes
 from .points import check_points
 from .repeats import check_noise, check_repeats
@@ -87,6 +90,9 @@ def find_suspicions(
         *check_fingerprint(stacks, dark),
         *check_constant(capture, radiometry, noise, fit, channels),
         *check_flats_and_references(capture, bands, radiometry, channels),
+        *check_light_in_darks(stacks, dark),
+        *check_fields(capture, stacks, dark),
+        *check_filter_shift(capture, radiometry),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),
     ]

@@ -14,7 +14,7 @@ from ..correction import DarkLibrary
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_fingerprint", "check_flat_shapes"]
+__all__ = ["NEIGHBOURHOOD_PX", "check_fingerprint", "check_flat_shapes"]
 
 #: Smallest correlation at another position or orientation, standard deviations: in 8 orientations with a few thousand
 #: shifts each, noise reaches 5.5.

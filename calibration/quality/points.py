@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..capture import Capture
 from ..geometry import CameraFit, SurveyedPoints, fit_camera, read_points
-from .surface_distance import distance_to_surfaces
 from .suspicion import Suspicion
 
 __all__ = ["check_points", "explain_points"]
@@ -132,7 +131,7 @@ def _check_surfaces(points: SurveyedPoints, scene: Scene, name: str) -> Iterator
         """Share of positions (n, 3) off all surfaces; 1 if all lie in one corner (a small unit)."""
         if np.ptp(positions, axis=0).max() < SMALLEST_SPREAD * size:
             return 1.0
-        return float(np.mean(distance_to_surfaces(scene, positions) > OFF_SURFACE_MM))
+        return float(np.mean(_distance_to_surfaces(scene, positions) > OFF_SURFACE_MM))
 
     as_stated = off_share(points.points_mm)
     if as_stated <= LARGEST_OFF_SHARE:
@@ -209,7 +208,7 @@ def explain_points(capture: Capture, fault: InputError) -> Suspicion | None:
         # Several mirrorings fit equally well; the right one has an upright camera and points on surfaces.
         off = 0.0
         if scene is not None:
-            off = float(np.mean(distance_to_surfaces(scene, corrected.points_mm) > OFF_SURFACE_MM))
+            off = float(np.mean(_distance_to_surfaces(scene, corrected.points_mm) > OFF_SURFACE_MM))
         agreeing[how] = (1 + float(fit.camera.rotation[1, 1]) + 4 * off, fit.reprojection_rms_px)
     if not agreeing:
         return None
@@ -237,3 +236,29 @@ def _corrections(points: SurveyedPoints, width: int, height: int) -> dict[str, S
         "x and y are exchanged": replace(points, points_mm=world[:, [1, 0, 2]].copy()),
         "an axis points the other way": replace(points, points_mm=world * np.array([1.0, 1.0, -1.0])),
     }
+
+
+def _distance_to_surfaces(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) distance of points (n, 3), mm, to the nearest surface or lamp of a scene, mm."""
+    nearest = np.full(len(points), np.inf)
+    for surface in scene.all_surfaces:
+        for face in surface.faces:
+            nearest = np.minimum(nearest, _distance_to_triangle(points, surface.vertices_mm[face]))
+    return nearest
+
+
+def _distance_to_triangle(points: NDArray[np.float64], triangle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) distance of points (n, 3) to a triangle (3, 3): height above it, or to its edges."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
+    height = (points - a) @ normal
+    foot = points - height[:, None] * normal
+    inside = np.ones(len(points), bool)
+    rim = np.full(len(points), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        edge = end - start
+        inside &= np.cross(edge, foot - start) @ normal >= -1e-9
+        share = np.clip((points - start) @ edge / max(float(edge @ edge), 1e-12), 0, 1)
+        rim = np.minimum(rim, np.linalg.norm(points - start - share[:, None] * edge, axis=1))
+    return np.where(inside, np.abs(height), rim)

@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, band_channels, brighter_channel_notes
+from ..capture import Capture, band_channels, brighter_channel_notes, file_mosaic_notes
 from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
 from ..correction import (
     CorrectedBands,
@@ -186,6 +186,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     notes = [
+        *file_mosaic_notes(capture),
         *noise.notes,
         *bands.notes,
         *brighter_channel_notes(capture, channels),

@@ -1,11 +1,11 @@
-"""The forward chain: its stages from the lamp to the counts, and the way from spectral light to expected counts.
+"""The forward chain: its stages, and the way from spectral light to expected counts.
 
 The prediction of a capture and the synthetic capture both go this way: band responses, field angles, optics, counts.
 The sensor simulator (``render.sensor``) has the lens constant and the quanta per joule in common with it, but not the
 integral, the optics and the counts. The capture format fixes the integral here: the trapezoidal rule over 1 nm. A cube
 has wavelengths of any spacing, between which a channel's fine structure counts (``integration_weights``). The
-simulator's blur differs from wavelength to wavelength and so precedes the integral, and its electrons are drawn, cut
-off and spilled pixel by pixel before they are counted; here the expected signals of whole bands are wanted, in which
+simulator's blur differs from wavelength to wavelength and so precedes the integral. Its electrons are drawn, cut
+off and spilled pixel by pixel before they are counted; here the expected signals of complete bands are needed, in which
 effects act. Where both apply they agree: a simulated capture holds its cube's light by the capture format's equation.
 """
 

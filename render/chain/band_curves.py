@@ -16,24 +16,28 @@ __all__ = ["BandCurves", "field_shares", "field_sine_squared", "over_field"]
 #: Field angles at which responses are known, even in the sine squared from the axis to the image's corner.
 FIELD_ANGLES = 9
 
-# How far beyond its corner the angles reach, so that a camera refitted a little stays inside.
+#: Largest sine squared of the angles over that of the corner: a camera that is fitted again stays inside.
 _MARGIN = 1.02
 
 
 @dataclass(frozen=True, eq=False)
 class BandCurves:
-    """What the filter stage changes: the band responses, factored, as seen at field angles.
+    """Value of the filter stage: the band responses, factored, at several field angles.
 
-    grid : of w wavelengths. transmittance : (angle, band, w) of the filters alone, at the sines squared of the
-    field angle ``sine_squared`` (angle,), ascending from 0. rest : (band, w) F Q T_lens. factor : (band,) K.
     Effects of this stage act in every frame through the filter, flats and reference too.
     """
 
+    #: Names of the bands.
     bands: tuple[str, ...]
+    #: Grid of w wavelengths.
     grid: WavelengthGrid
+    #: (angle, band, w) transmittance of the filters alone.
     transmittance: NDArray[np.float64]
+    #: (angle,) sines squared of the field angles, ascending from 0.
     sine_squared: NDArray[np.float64]
+    #: (band, w) F Q T_lens.
     rest: NDArray[np.float64]
+    #: (band,) K.
     factor: NDArray[np.float64]
 
     @property
@@ -42,32 +46,79 @@ class BandCurves:
         return self.grid.nm
 
     def responses(self, angle: int = 0) -> tuple[BandResponse, ...]:
-        """The band responses at one of the field angles, on the integral's grid."""
+        """Band responses at one field angle, on the integral's grid.
+
+        Parameters
+        ----------
+        angle
+            Index of the field angle; 0 is the axis.
+
+        Returns
+        -------
+        tuple of BandResponse
+            One response a band.
+        """
         transmittance = self.transmittance[angle]
         return ResponseFactors(self.bands, self.grid, transmittance, self.rest, self.factor).responses()
 
 
 def field_sine_squared(camera: Camera) -> NDArray[np.float64]:
-    """(y, x) sine squared of the angle between each pixel's ray and the optical axis; NaN without a ray."""
+    """Sine squared of the angle between each pixel's ray and the optical axis.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+
+    Returns
+    -------
+    NDArray
+        (y, x) sines squared; NaN for a pixel without a ray.
+    """
     directions = camera.directions(*np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px)))
     return 1.0 - (directions @ camera.rotation[2]) ** 2
 
 
 def over_field(factors: ResponseFactors, camera: Camera) -> BandCurves:
-    """The responses at FIELD_ANGLES from the axis to the corner of the camera's image, filters alike at all."""
+    """Responses at FIELD_ANGLES from the axis to the corner of the image, the same at all.
+
+    Parameters
+    ----------
+    factors
+        Factored responses on the axis.
+    camera
+        Camera whose corner is the largest angle.
+
+    Returns
+    -------
+    BandCurves
+        Value of the filter stage without effects.
+    """
     sine_squared = np.linspace(0.0, 1.0, FIELD_ANGLES) * _MARGIN * np.nanmax(field_sine_squared(camera))
     transmittance = np.tile(factors.transmittance, (FIELD_ANGLES, 1, 1))
     return BandCurves(factors.bands, factors.grid, transmittance, sine_squared, factors.rest, factors.factor)
 
 
 def field_shares(curves: BandCurves, camera: Camera) -> NDArray[np.float64]:
-    """(angle, y, x) shares of the field angles in each pixel's signal; (1, 1, 1) where they are alike.
+    """Shares of the field angles in each pixel's signal.
 
     A cubic spline in the sine squared, in which a pass band's shift is nearly linear. Pixels beyond the largest of
     the curves' angles, and those without a ray, have its shares: a cubic grows fast outside its knots.
+
+    Parameters
+    ----------
+    curves
+        Responses at field angles.
+    camera
+        The camera.
+
+    Returns
+    -------
+    NDArray
+        (angle, y, x) shares; (1, 1, 1) where the responses are the same at all angles.
     """
     if np.ptp(curves.transmittance, axis=0).max() == 0:
         return np.ones((1, 1, 1))
     knots = curves.sine_squared
-    place = np.nan_to_num(np.minimum(field_sine_squared(camera), knots[-1]), nan=knots[-1])
-    return np.moveaxis(CubicSpline(knots, np.eye(knots.size))(place), -1, 0)
+    sine_squared = np.nan_to_num(np.minimum(field_sine_squared(camera), knots[-1]), nan=knots[-1])
+    return np.moveaxis(CubicSpline(knots, np.eye(knots.size))(sine_squared), -1, 0)

@@ -13,12 +13,28 @@ __all__ = ["render_bands"]
 
 
 def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> xr.Dataset:
-    """Expected signals (band, y, x) in DN through the sensor equation, with the Monte Carlo variance.
+    """Expected signals through the sensor equation, with their Monte Carlo variance.
 
-    For the render's own noise; ``expected_signal`` gives the signals under effects, without it the same ones.
-    The image's wavelengths must be the grid of the responses. Pixels that see the lamp, and their neighbours,
-    are masked: a shift of the camera by a part of a pixel brings the lamp into them.
-    Raises ValueError where the grids differ.
+    For the render's noise alone; ``expected_signal`` gives the signals under effects, without it the same ones. Pixels
+    that see the lamp, and their neighbours, are masked: a shift of the camera by a part of a pixel brings the lamp into
+    them.
+
+    Parameters
+    ----------
+    image
+        Rendered image on the grid of the responses.
+    responses
+        One response a band.
+
+    Returns
+    -------
+    xr.Dataset
+        Signal (band, y, x) in DN, its variance and its mask.
+
+    Raises
+    ------
+    ValueError
+        If the image and the responses have different wavelengths.
     """
     if not responses[0].grid.matches(image.wavelength_nm):
         raise ValueError("the image and the responses have different wavelengths")

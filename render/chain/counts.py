@@ -12,23 +12,29 @@ __all__ = ["Counts"]
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """What the counts stage changes: the expected raw frames, and what is known of their taking.
+    """Value of the counts stage: the expected raw frames, and their exposures."""
 
-    scene, flat, reference : (band, y, x) DN, dark and flat field included, not clipped.
-    dark_scene, dark_flat, dark_reference : (band,) DN, the dark frames' level at these exposures.
-    exposure_scene, exposure_flat, exposure_reference : (band,) s. minutes : (band,) from the first frame's
-    beginning to the middle of the band's frames. full_scale : DN.
-    """
-
+    #: Names of the bands.
     bands: tuple[str, ...]
+    #: (band, y, x) frames of the scene, DN, with dark level and flat field, not clipped.
     scene: NDArray[np.float64]
+    #: (band, y, x) flat frames, DN, with dark level, not clipped.
     flat: NDArray[np.float64]
+    #: (band, y, x) reference frames, DN, with dark level and flat field, not clipped.
     reference: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the scene, DN.
     dark_scene: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the flats, DN.
     dark_flat: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the reference, DN.
     dark_reference: NDArray[np.float64]
+    #: (band,) exposure of the scene, s.
     exposure_scene: NDArray[np.float64]
+    #: (band,) exposure of the flats, s.
     exposure_flat: NDArray[np.float64]
+    #: (band,) exposure of the reference, s.
     exposure_reference: NDArray[np.float64]
+    #: (band,) time from the first frame's beginning to the middle of the band's frames, min.
     minutes: NDArray[np.float64]
+    #: Largest count, DN.
     full_scale: float

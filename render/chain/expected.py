@@ -1,6 +1,6 @@
 """From light to the expected counts of a capture, and from those to its corrected signals.
 
-The last step is the laboratory's own: S = (O - D) mean(F - D) / (F - D) with frames that went through the
+The last step is the laboratory's correction: S = (O - D) mean(F - D) / (F - D) with frames that went through the
 same effects (Pattanaik et al. 1997, eq. 1), and C measured again from reference frames that did too. The
 responses hold the measured C, so the prediction is divided by what the effects did to that measurement.
 """
@@ -66,10 +66,23 @@ def _reference_gain(sensing: Sensing) -> NDArray[np.float64]:
 
 
 def expected_counts(light: Light, sensing: Sensing, effects: Sequence[ActsAtStage], camera: Camera) -> Counts:
-    """The expected raw frames of light that has passed the filters, under the effects from there on.
+    """Expected raw frames of light behind the filters, under the effects from there on.
 
-    light : see ``scene_light``, through the same filters' effects. Effects of earlier stages are in it and are
-    passed over.
+    Parameters
+    ----------
+    light
+        Light through the same filters' effects, see ``scene_light``. Effects of earlier stages are in it.
+    sensing
+        The capture's constants.
+    effects
+        Effects; those of earlier stages are passed over.
+    camera
+        Camera, for the field angles.
+
+    Returns
+    -------
+    Counts
+        Frames without noise and rounding.
     """
     curves = after_stage(sensing.curves, effects, "filter")
     light = after_stage(light, effects, "optics")
@@ -106,12 +119,27 @@ def expected_signal(
     effects: Sequence[ActsAtStage],
     camera: Camera,
 ) -> NDArray[np.float64]:
-    """Expected corrected signals (band, y, x) in DN under filter, optics and counts effects, in their order.
+    """Expected corrected signals under filter, optics and counts effects, in their order.
 
-    source : a rendered image, a projection of one (see ``scene_light``), or the light that ``scene_light``
-    gave for the same filter effects, which saves the projection. Effects of the stages before the filter
-    must be in the image already and are passed over. The lamp is not clipped. Without effects the result is
-    that of ``render_bands``.
+    Effects of the stages before the filter must be in the image already and are passed over. The lamp is not clipped.
+    Without effects the result is that of ``render_bands``.
+
+    Parameters
+    ----------
+    source
+        A rendered image, a projection of one (see ``scene_light``), or the light that ``scene_light`` gave for the same
+        filter effects, which saves the projection.
+    sensing
+        The capture's constants.
+    effects
+        Effects.
+    camera
+        Camera, for the field angles.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) signals, DN.
     """
     if not isinstance(source, Light):
         source = scene_light(source, after_stage(sensing.curves, effects, "filter"), camera)

@@ -1,4 +1,4 @@
-"""The picture that the lens throws on the sensor, as each band measures it."""
+"""Light on the sensor, band by band."""
 
 from __future__ import annotations
 
@@ -17,27 +17,49 @@ __all__ = ["Light", "with_scene_behind"]
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """What the optics stage changes: the picture of the scene on the sensor, band by band.
+    """Value of the optics stage: the picture of the scene on the sensor, band by band."""
 
-    signal : (band, y, x) DN above dark at a flat of 1, not clipped, the lamp included.
-    effective_nm : (band,) mean wavelength of each band's signal. camera : for its principal point and size.
-    moved : change (band, y, x) of the signal when another camera takes the place of this one. beyond_pixels : the
-    change that Gaussian blurs (band,), px, make of the light less what they make of pixels. None where the scene
-    behind the picture is not known.
-    """
-
+    #: (band, y, x) signal above dark at a flat of 1, DN, not clipped, the lamp included.
     signal: NDArray[np.float64]
+    #: (band,) mean wavelength of each band's signal, nm.
     effective_nm: NDArray[np.float64]
+    #: Camera, for its principal point and size.
     camera: Camera
+    #: Change (band, y, x) of the signal when another camera replaces this one; None where the scene behind the picture
+    #: is not known.
     moved: Callable[[Camera], NDArray[np.float64]] | None = None
+    #: Change that Gaussian blurs (band,), px, make of the light minus the change of the pixels; None where the scene is
+    #: not known.
     beyond_pixels: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     def with_signal(self, signal: NDArray[np.float64]) -> Light:
-        """The same with another signal."""
+        """Light with another signal.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) DN.
+
+        Returns
+        -------
+        Light
+            The rest is unchanged.
+        """
         return replace(self, signal=signal)
 
     def scaled(self, factor: NDArray[np.float64] | float) -> Light:
-        """The same with ``factor``, (band, 1, 1) or a number, times the light."""
+        """Light times a factor.
+
+        Parameters
+        ----------
+        factor
+            (band, 1, 1) or a number.
+
+        Returns
+        -------
+        Light
+            Signal and changes times the factor.
+        """
         moved, beyond = self.moved, self.beyond_pixels
         return replace(
             self,
@@ -48,10 +70,23 @@ class Light:
 
 
 def with_scene_behind(light: Light, warp: Warp) -> Light:
-    """The light with what its pixels do not tell: where in them the edges of the picture taken apart lie."""
+    """Light with the edges inside its pixels, which the pixels alone do not show.
+
+    Parameters
+    ----------
+    light
+        The light.
+    warp
+        The picture by faces.
+
+    Returns
+    -------
+    Light
+        Light with ``moved`` and ``beyond_pixels``.
+    """
     edges = cache(lambda: build_edge_blur(warp))
     return replace(
         light,
-        moved=lambda there: warp_change(warp, there),
+        moved=lambda camera: warp_change(warp, camera),
         beyond_pixels=lambda sigma_px: edges().beyond_pixels(sigma_px),
     )

@@ -1,4 +1,4 @@
-"""From spectral light to the signals of the bands: the one integral over wavelength and field angle."""
+"""From spectral light to the signals of the bands: the integral over wavelength and angle."""
 
 from __future__ import annotations
 
@@ -21,10 +21,22 @@ Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def band_signals(project: Projection, curves: BandCurves, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(band, y, x) signals in DN above dark, at a flat of 1, of the radiance that ``project`` integrates.
+    """Signals of the radiance that a projection integrates.
 
-    shares : ``field_shares`` of the curves; the radiance is projected once for each angle that has any. The result has
-    one row and one column where neither radiance nor shares vary over the field.
+    Parameters
+    ----------
+    project
+        Projection of the radiance; it is called once for each field angle with shares.
+    curves
+        Responses at field angles.
+    shares
+        (angle, y, x) ``field_shares`` of the curves.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) signals above dark at a flat of 1, DN. One row and one column where neither radiance nor shares
+        vary over the field.
     """
     signal: NDArray[np.float64] = np.zeros(())
     for angle, share in enumerate(shares):
@@ -34,11 +46,23 @@ def band_signals(project: Projection, curves: BandCurves, shares: NDArray[np.flo
 
 
 def uniform_light(radiance: NDArray[np.float64]) -> Projection:
-    """A source that fills the field evenly. radiance : (301,), or (band, 301) where each band has its own."""
+    """Projection of a source that fills the field evenly.
+
+    Parameters
+    ----------
+    radiance
+        (301,) W m^-2 sr^-1 nm^-1, or (band, 301) where each band has another one.
+
+    Returns
+    -------
+    Projection
+        Projection of one row and one column.
+    """
     return lambda weights: np.einsum("...w,w...->...", radiance, weights)[None, None]
 
 
 def _of_image(image: RenderedImage) -> Projection:
+    """Projection of a rendered image. Raises ValueError for other wavelengths than the grid's."""
     if not INTEGRAL_GRID.matches(image.wavelength_nm):
         raise ValueError("the image's wavelengths are not 400 to 700 nm by 1 nm")
     return image.mean
@@ -57,10 +81,26 @@ def _effective_nm(project: Projection, curves: BandCurves) -> NDArray[np.float64
 
 
 def scene_light(scene: RenderedImage | Projection, curves: BandCurves, camera: Camera) -> Light:
-    """The scene through the filters, before optics and counts.
+    """Light of the scene through the filters, before optics and counts.
 
-    scene : a rendered image on INTEGRAL_GRID, or what integrates the radiance of its pixels. curves : with the filters'
-    effects. camera : for the field angles. Raises ValueError for an image on other wavelengths.
+    Parameters
+    ----------
+    scene
+        A rendered image on INTEGRAL_GRID, or a projection of the radiance of its pixels.
+    curves
+        Responses with the filters' effects.
+    camera
+        Camera, for the field angles.
+
+    Returns
+    -------
+    Light
+        Value of the optics stage without effects.
+
+    Raises
+    ------
+    ValueError
+        If the image has other wavelengths.
     """
     project = _of_image(scene) if isinstance(scene, RenderedImage) else scene
     signal = band_signals(project, curves, field_shares(curves, camera))

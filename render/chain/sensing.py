@@ -1,4 +1,4 @@
-"""What is constant on one capture's way from light to counts: responses, flats, reference, darks."""
+"""Constants of one capture from light to counts: responses, flats, reference, darks."""
 
 from __future__ import annotations
 
@@ -14,30 +14,39 @@ __all__ = ["Sensing"]
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """A capture's constants. Arrays (band,) and (band, y, x) in the manifest's order.
+    """Constants of a capture; bands in the manifest's order."""
 
-    curves : the responses without effects, for the measured C. flat_radiance, reference_radiance :
-    (band, 301) of the uniform sources on WAVELENGTH_NM, 1 where not stated. flat : the measured response,
-    1 on average over ``usable``. good : pixels from which C was measured. flat_level : mean of the flat above
-    dark, DN, 0 where there is none. reference_factor : C t / (f_number^2 d^2) of the reference frames.
-    reference_weight : of this band in the mean C, 0 without a reference. dark_* : DN. exposure_* : s.
-    minutes : from the first frame's beginning to the middle of the band's frames. full_scale : DN.
-    """
-
+    #: Responses without effects, for the measured C.
     curves: BandCurves
+    #: (band, 301) radiance of the flats' source on WAVELENGTH_NM; 1 where not stated.
     flat_radiance: NDArray[np.float64]
+    #: (band, 301) radiance of the reference on WAVELENGTH_NM; 1 where not stated.
     reference_radiance: NDArray[np.float64]
+    #: (band, y, x) measured response, 1 on average over ``usable``.
     flat: NDArray[np.float64]
+    #: (band, y, x) pixels over which the flat is normalised.
     usable: NDArray[np.bool_]
+    #: (band, y, x) pixels from which C was measured.
     good: NDArray[np.bool_]
+    #: (band,) mean of the flat above dark, DN; 0 where there is none.
     flat_level: NDArray[np.float64]
+    #: (band,) C t / (f_number^2 d^2) of the reference frames.
     reference_factor: NDArray[np.float64]
+    #: (band,) weight of the band in the mean C; 0 without a reference.
     reference_weight: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the scene, DN.
     dark_scene: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the flats, DN.
     dark_flat: NDArray[np.float64]
+    #: (band,) level of dark frames at the exposure of the reference, DN.
     dark_reference: NDArray[np.float64]
+    #: (band,) exposure of the scene, s.
     exposure_scene: NDArray[np.float64]
+    #: (band,) exposure of the flats, s.
     exposure_flat: NDArray[np.float64]
+    #: (band,) exposure of the reference, s.
     exposure_reference: NDArray[np.float64]
+    #: (band,) time from the first frame's beginning to the middle of the band's frames, min.
     minutes: NDArray[np.float64]
+    #: Largest count, DN.
     full_scale: float

@@ -1,4 +1,4 @@
-"""How a model is rendered: to which noise, over how many reflections, from which random numbers."""
+"""Settings of the rendering of a model: noise, reflections, random numbers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ __all__ = ["RenderSettings"]
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """noise : render's standard deviation over the sensor's, median over pixels and bands, to render down to.
+    """Settings of a rendering."""
 
-    max_bounces : reflections between lamp and camera, None for all. seed : of every random number.
-    """
-
+    #: Standard deviation of the rendering over that of the sensor, median over pixels and bands, at which rendering
+    #: ends.
     noise: float = 0.3
+    #: Largest number of reflections between lamp and camera; None for no limit.
     max_bounces: int | None = None
+    #: Seed of every random number.
     seed: int = 0

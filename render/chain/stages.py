@@ -50,14 +50,40 @@ class ActsAtStage(Protocol):
 
     @property
     def stage(self) -> Stage:
-        """Where in the chain it acts."""
+        """Stage of the chain at which it acts."""
 
     def apply(self, value: Any, /) -> Any:
-        """The stage's value, changed."""
+        """Changed value of the stage.
+
+        Parameters
+        ----------
+        value
+            Value of the stage, of the type in STAGES.
+
+        Returns
+        -------
+        Any
+            Value of the same type.
+        """
 
 
 def after_stage(value: Value, effects: Sequence[ActsAtStage], stage: Stage) -> Value:
-    """A stage's value after all effects of that stage, in their order."""
+    """Value of a stage after all effects of that stage, in their order.
+
+    Parameters
+    ----------
+    value
+        Value of the stage before them.
+    effects
+        Effects of any stage.
+    stage
+        The stage.
+
+    Returns
+    -------
+    Value
+        The same value where no effect is of the stage.
+    """
     for effect in effects:
         if effect.stage == stage:
             value = effect.apply(value)
@@ -65,6 +91,17 @@ def after_stage(value: Value, effects: Sequence[ActsAtStage], stage: Stage) -> V
 
 
 def stages_between(first: Stage, last: Stage) -> tuple[Stage, ...]:
-    """The stages from ``first`` to ``last``, both included, in the order of the chain."""
+    """Stages between two, both included.
+
+    Parameters
+    ----------
+    first, last
+        Stages in the order of the chain.
+
+    Returns
+    -------
+    tuple of str
+        Stages in the order of the chain.
+    """
     order = tuple(STAGES)
     return order[order.index(first) : order.index(last) + 1]

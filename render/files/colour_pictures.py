@@ -1,4 +1,4 @@
-"""Pictures in X, Y, Z: from OpenEXR files with channels X, Y, Z or R, G, B of a stated colour space.
+"""Pictures in X, Y, Z, from channels X, Y, Z or R, G, B of a stated colour space.
 
 A picture is a Dataset with ``xyz`` (y, x, component), CIE 1931, in cd m^-2. Where its file stores it in coarse steps
 it also has ``rounding`` and ``rounding_shared`` of the same shape: the standard deviation that comes from them, and its
@@ -38,24 +38,54 @@ COLOUR_SPACES = {
     "acescg": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
     "radiance": (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 1 / 3, 1 / 3),
 }
-_MITSUBA = (
+
+#: Hint on the scale of Mitsuba's spectral variants.
+_MITSUBA_HINT = (
     "Mitsuba's spectral variants divide by 106.857, the integral of the CIE's y: the scale is 72983 where "
     "the scene's spectra are in W m^-2 sr^-1 nm^-1."
 )
-#: Within which primaries of files are those of a known space; known spaces differ by more.
+
+#: Largest difference of a file's primaries from those of a named space; the spaces differ by more.
 _PRIMARIES_DIGITS = 6e-4
-_XYZ, _RGB = ("X", "Y", "Z"), ("R", "G", "B")
+
+#: Channels of pictures in colour.
+_XYZ = ("X", "Y", "Z")
+_RGB = ("R", "G", "B")
 
 
 def colour_channels(names: set[str]) -> tuple[str, ...] | None:
-    """The three channels of a file that holds a colour picture and nothing else; None for other files."""
+    """Channels of a colour picture.
+
+    Parameters
+    ----------
+    names
+        All channels of a file.
+
+    Returns
+    -------
+    tuple of str or None
+        X, Y, Z or R, G, B; None for a file that holds other channels too, except A.
+    """
     return next((three for three in (_XYZ, _RGB) if names - {"A"} == set(three)), None)
 
 
 def primaries_matrix(chromaticities: ArrayLike) -> NDArray[np.float64]:
-    """(3, 3) from R, G, B to X, Y, Z; white (1, 1, 1) has Y = 1. chromaticities : x, y of red, green, blue, white.
+    """Matrix from R, G, B to X, Y, Z; white (1, 1, 1) has Y = 1.
 
-    Raises InputError for primaries on a line.
+    Parameters
+    ----------
+    chromaticities
+        x, y of red, green, blue and white: eight numbers, or (4, 2).
+
+    Returns
+    -------
+    NDArray
+        (3, 3) matrix.
+
+    Raises
+    ------
+    InputError
+        If the primaries lie on a line, or the white has y = 0.
     """
     x, y = np.asarray(chromaticities, float).reshape(4, 2).T
     columns = np.stack([x, y, 1 - x - y])
@@ -71,61 +101,137 @@ def primaries_matrix(chromaticities: ArrayLike) -> NDArray[np.float64]:
 
 
 def space_matrix(where: Path | str, declared: Declared, hint: str = "") -> NDArray[np.float64]:
-    """The declared colour space's matrix. Raises InputError where none, or another, is declared."""
-    known = ", ".join(COLOUR_SPACES)
+    """Matrix of the declared colour space.
+
+    Parameters
+    ----------
+    where
+        File, for the message.
+    declared
+        Declarations for the file.
+    hint
+        Further advice where none is declared.
+
+    Returns
+    -------
+    NDArray
+        (3, 3) from R, G, B to X, Y, Z.
+
+    Raises
+    ------
+    InputError
+        If no space, or an unknown one, is declared.
+    """
+    names = ", ".join(COLOUR_SPACES)
     if declared.colour_space is None:
         raise InputError(
-            where, "R, G, B of no stated colour space", f"one of {known}", f"declare colour-space=NAME. {hint}".strip()
+            where, "R, G, B of no stated colour space", f"one of {names}", f"declare colour-space=NAME. {hint}".strip()
         )
     if declared.colour_space not in COLOUR_SPACES:
-        raise InputError("declared colour-space", f"'{declared.colour_space}'", f"one of {known}")
+        raise InputError("declared colour-space", f"'{declared.colour_space}'", f"one of {names}")
     return primaries_matrix(COLOUR_SPACES[declared.colour_space])
 
 
 def stated_space(chromaticities: ArrayLike) -> str:
-    """What a file's primaries are called: a known name, else their numbers. Files have them to 3 or 4 digits."""
-    found = np.ravel(np.asarray(chromaticities, float))
-    for name, known in COLOUR_SPACES.items():
-        if np.allclose(found, known, rtol=0, atol=_PRIMARIES_DIGITS):
+    """Name of a file's primaries; their numbers where no named space has them.
+
+    Parameters
+    ----------
+    chromaticities
+        x, y of red, green, blue and white. Files have them to 3 or 4 digits.
+
+    Returns
+    -------
+    str
+        Key of COLOUR_SPACES, or the eight numbers.
+    """
+    numbers = np.ravel(np.asarray(chromaticities, float))
+    for name, primaries in COLOUR_SPACES.items():
+        if np.allclose(numbers, primaries, rtol=0, atol=_PRIMARIES_DIGITS):
             return name
-    return ", ".join(f"{value:g}" for value in found)
+    return ", ".join(f"{value:g}" for value in numbers)
 
 
 def as_xyz_picture(xyz: NDArray) -> xr.Dataset:
-    """The dataset of X, Y, Z (y, x, 3) in cd m^-2."""
+    """Dataset of a picture in colour.
+
+    Parameters
+    ----------
+    xyz
+        (y, x, 3) X, Y, Z, cd m^-2.
+
+    Returns
+    -------
+    xr.Dataset
+        ``xyz`` over y, x, component.
+    """
     values = (("y", "x", "component"), xyz, {"units": PHOTOMETRIC_UNIT})
     return xr.Dataset({"xyz": values}, coords={"component": list(_XYZ)})
 
 
 def with_rounding(picture: xr.Dataset, sigma: NDArray, shared: NDArray) -> xr.Dataset:
-    """The picture with standard deviations (y, x, 3) from the steps of its file. shared : by neighbouring pixels."""
+    """Picture with standard deviations from the steps of its file.
+
+    Parameters
+    ----------
+    picture
+        Picture in colour.
+    sigma
+        (y, x, 3) standard deviation of each value, cd m^-2.
+    shared
+        (y, x, 3) its part that neighbouring pixels share, cd m^-2.
+
+    Returns
+    -------
+    xr.Dataset
+        The picture with ``rounding`` and ``rounding_shared``.
+    """
     dims, units = ("y", "x", "component"), {"units": PHOTOMETRIC_UNIT}
     return picture.assign(rounding=(dims, sigma, units), rounding_shared=(dims, shared, units))
 
 
 def picture_of_colours(path: Path, channels: ExrChannels, declared: Declared) -> xr.Dataset:
-    """X, Y, Z of a file with these or R, G, B. The header's ``chromaticities`` and ``whiteLuminance`` count.
+    """Picture in X, Y, Z of the channels of a file.
 
-    Raises InputError where colour space or unit are missing.
+    The header's ``chromaticities`` and ``whiteLuminance`` count.
+
+    Parameters
+    ----------
+    path
+        File, for messages.
+    channels
+        Its channels X, Y, Z or R, G, B.
+    declared
+        Colour space, units and scale, where the header does not state them.
+
+    Returns
+    -------
+    xr.Dataset
+        ``xyz`` (y, x, component), cd m^-2.
+
+    Raises
+    ------
+    InputError
+        If colour space or unit are neither stated nor declared.
     """
     three = colour_channels(set(channels.planes)) or _XYZ
     values = np.stack([channels.planes[name] for name in three], axis=-1).astype(np.float64)
-    header, used, known = channels.header, [], dict[str, object]({"colour_space": "X, Y, Z"})
+    header, used, of_file = channels.header, [], dict[str, object]({"colour_space": "X, Y, Z"})
     if three == _RGB:
-        stated = header.get("chromaticities")
-        if stated is None:
+        primaries = header.get("chromaticities")
+        if primaries is None:
             used.append("colour_space")
             matrix = space_matrix(path, declared)
         else:
-            corners = np.concatenate(stated, axis=None)
-            known["colour_space"], matrix = stated_space(corners), primaries_matrix(corners)
+            corners = np.concatenate(primaries, axis=None)
+            of_file["colour_space"], matrix = stated_space(corners), primaries_matrix(corners)
         values = values @ matrix.T
     white = header.get("whiteLuminance")
     if white is None:
         used += ["units", "scale"]
-        hint = _MITSUBA if "Mitsuba" in str(header.get("generatedBy")) else ""
+        hint = _MITSUBA_HINT if "Mitsuba" in str(header.get("generatedBy")) else ""
         factor = photometric_factor(path, None, declared, hint)
     else:
         factor = float(white)
-        known |= {"units": PHOTOMETRIC_UNIT, "scale": factor}
-    return with_declarations(as_xyz_picture(values * factor), declared, used, stated=known)
+        of_file |= {"units": PHOTOMETRIC_UNIT, "scale": factor}
+    return with_declarations(as_xyz_picture(values * factor), declared, used, file_values=of_file)

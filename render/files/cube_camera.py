@@ -13,14 +13,36 @@ __all__ = ["camera_attribute", "camera_of_attribute"]
 
 
 def camera_attribute(camera: Camera) -> str:
-    """Size and the ten parameters in the order of ``PARAMETER_NAMES``."""
+    """Text of a camera: its size and ten parameters in the order of ``PARAMETER_NAMES``.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+
+    Returns
+    -------
+    str
+        JSON.
+    """
     return json.dumps(
         {"width_px": camera.width_px, "height_px": camera.height_px, "parameters": camera.parameters.tolist()}
     )
 
 
 def camera_of_attribute(text: object) -> Camera | None:
-    """The camera; None where the attribute is missing or does not state one."""
+    """Camera of a cube's attribute.
+
+    Parameters
+    ----------
+    text
+        Value of the attribute; None where it is missing.
+
+    Returns
+    -------
+    Camera or None
+        None where the text states no camera.
+    """
     try:
         record = json.loads(text)  # type: ignore[arg-type]
         size = int(record["width_px"]), int(record["height_px"])

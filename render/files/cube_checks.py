@@ -1,4 +1,4 @@
-"""Checks of spectral cubes: radiance over y, x and wavelength, real and finite, in the right units."""
+"""Checks of spectral cubes: dimensions, real and finite numbers, units."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
+
+from .headers import LONGEST_NM, SHORTEST_NM
 
 __all__ = [
     "PROVENANCE",
@@ -20,20 +22,35 @@ __all__ = [
     "require_light",
     "require_numbers",
     "require_stored",
+    "require_wavelengths_of_light",
     "with_units",
 ]
 
+#: Unit of radiance in memory and in files of the program.
 RADIANCE_UNIT = "W m^-2 sr^-1 nm^-1"
 
-# Largest size of negative values relative to the positive ones.
-_MOST_BELOW = 0.1
+#: Largest sum of negative values over that of positive ones: negative lobes of filters and noise leave less.
+_MAX_NEGATIVE_SHARE = 0.1
 
 #: Attributes, text, by which a cube says where it comes from: the model file, the camera as JSON, and so on.
 PROVENANCE = ("model", "camera", "seed", "cboxlab_version", "command")
 
 
 def require_stored(cube: xr.Dataset, path: Path) -> None:
-    """Raise InputError unless the dataset is a cube or the coefficients of one."""
+    """Raise InputError unless a dataset is a cube, or the coefficients of one.
+
+    Parameters
+    ----------
+    cube
+        The dataset.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If an array, its dimensions or its units are others.
+    """
     if "coefficient" in cube:
         _require_coefficients(cube, path)
     else:
@@ -53,10 +70,23 @@ def _require_coefficients(cube: xr.Dataset, path: Path) -> None:
 
 
 def require_cube(cube: xr.Dataset, path: Path) -> None:
-    """Raise InputError unless ``cube`` has radiance over y, x and wavelength in the right units."""
+    """Raise InputError unless a dataset has radiance over y, x, wavelength, with units.
+
+    Parameters
+    ----------
+    cube
+        The dataset.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If an array, its dimensions or its units are others.
+    """
     if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
-        found = ", ".join(f"{name}{tuple(map(str, a.dims))}" for name, a in cube.data_vars.items()) or "nothing"
-        raise InputError(f"{path}: radiance", found, "radiance with dimensions y, x, wavelength")
+        arrays = ", ".join(f"{name}{tuple(map(str, a.dims))}" for name, a in cube.data_vars.items()) or "nothing"
+        raise InputError(f"{path}: radiance", arrays, "radiance with dimensions y, x, wavelength")
     _require_axis_and_units(cube, "radiance", path)
 
 
@@ -67,30 +97,56 @@ def _require_axis_and_units(cube: xr.Dataset, quantity: str, path: Path) -> None
         raise InputError(f"{path}: {quantity}", f"shape {cube[quantity].shape}", "at least one value")
     require_kinds(cube, quantity, path)
     if "standard_error" in cube and set(cube["standard_error"].dims) != {"y", "x", "wavelength"}:
-        found = f"dimensions {', '.join(map(str, cube['standard_error'].dims))}"
-        raise InputError(f"{path}: standard_error", found, "the dimensions of radiance")
+        description = f"dimensions {', '.join(map(str, cube['standard_error'].dims))}"
+        raise InputError(f"{path}: standard_error", description, "the dimensions of radiance")
     wavelength = cube["wavelength"].values
     twice = np.flatnonzero(np.diff(wavelength) == 0)
     if twice.size:
         raise InputError(f"{path}: wavelength", f"{wavelength[twice[0]]:g} nm twice", "each wavelength once")
     if not np.all(np.isfinite(wavelength)) or np.any(np.diff(wavelength) <= 0) or wavelength[0] <= 0:
-        found = f"{wavelength.size} values of which some are not finite, not above 0, or do not ascend"
-        raise InputError(f"{path}: wavelength", found, "ascending wavelengths in nm")
+        description = f"{wavelength.size} values, some not finite, not above 0 or not ascending"
+        raise InputError(f"{path}: wavelength", description, "ascending wavelengths in nm")
     for name, units in (("wavelength", "nm"), (quantity, RADIANCE_UNIT)):
-        stated = cube[name].attrs.get("units", units)
-        if stated != units:
-            raise InputError(f"{path}: {name}", f"the unit '{stated}'", f"'{units}'", "Convert it first.")
+        unit = cube[name].attrs.get("units", units)
+        if unit != units:
+            raise InputError(f"{path}: {name}", f"the unit '{unit}'", f"'{units}'", "Convert it first.")
 
 
 def require_kinds(cube: xr.Dataset, quantity: str, path: Path) -> None:
-    """Raise InputError for values that are no real numbers."""
+    """Raise InputError for values that are no real numbers.
+
+    Parameters
+    ----------
+    cube
+        The dataset.
+    quantity
+        Name of the array next to wavelength and standard error.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If an array holds complex numbers, texts or times.
+    """
     for name in ("wavelength", quantity, "standard_error"):
         if name in cube.variables and cube[name].dtype.kind not in "fiu":
             raise InputError(f"{path}: {name}", f"values of type {cube[name].dtype}", "real numbers")
 
 
 def with_units(cube: xr.Dataset) -> xr.Dataset:
-    """The cube with its units stated: a dataset in memory without any is in W m^-2 sr^-1 nm^-1 and nm."""
+    """Cube with its units stated.
+
+    Parameters
+    ----------
+    cube
+        Cube; without units it is in W m^-2 sr^-1 nm^-1 and nm.
+
+    Returns
+    -------
+    xr.Dataset
+        The cube with the attribute ``units`` of each array.
+    """
     arrays = {
         name: cube[name].assign_attrs({"units": RADIANCE_UNIT, **cube[name].attrs})
         for name in ("radiance", "standard_error")
@@ -101,9 +157,21 @@ def with_units(cube: xr.Dataset) -> xr.Dataset:
 
 
 def require_numbers(cube: xr.Dataset, path: Path) -> None:
-    """Raises InputError for values that are not finite, and for standard errors below 0.
+    """Raise InputError for values that are not finite, and for standard errors below 0.
 
     NaN is accepted in a measured cube, which states by the attribute ``missing`` that it marks masked pixels.
+
+    Parameters
+    ----------
+    cube
+        Cube or picture in colour.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, with the first place, or a standard error is below 0.
     """
     missing = cube.attrs.get("missing") == "NaN"
     for name in ("radiance", "xyz", "standard_error"):
@@ -114,24 +182,48 @@ def require_numbers(cube: xr.Dataset, path: Path) -> None:
         if not finite.all():
             first = dict(zip(map(str, cube[name].dims), map(int, np.argwhere(~finite)[0]), strict=True))
             count = int(values.size - finite.sum())
-            found = f"{count} values that are not finite, the first at {first}"
-            raise InputError(f"{path}: {name}", found, "finite numbers")
+            fault = f"{count} values that are not finite, the first at {first}"
+            raise InputError(f"{path}: {name}", fault, "finite numbers")
     if "standard_error" in cube and (cube["standard_error"].values < 0).any():
         raise InputError(f"{path}: standard_error", "a value below 0", "0 or more")
 
 
 def negative_pixels(picture: xr.Dataset) -> int:
-    """How many pixels have a value below 0 by more than a millionth of the mean."""
+    """Number of pixels with a value below 0 by more than a millionth of the mean.
+
+    Parameters
+    ----------
+    picture
+        Cube or picture in colour.
+
+    Returns
+    -------
+    int
+        The number.
+    """
     values = picture["radiance" if "radiance" in picture else "xyz"]
     below = values < -1e-6 * float(np.abs(values).mean())
     return int(below.any(dim=[d for d in values.dims if d not in ("y", "x")]).sum())
 
 
 def require_light(picture: xr.Dataset, source: Path | str) -> None:
-    """Raises InputError where a tenth of the light is below 0, more than filters with negative lobes or noise leave."""
+    """Raise InputError where a tenth of the light is below 0.
+
+    Parameters
+    ----------
+    picture
+        Cube or picture in colour.
+    source
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If negative values sum up to more than filters with negative lobes, or noise, leave.
+    """
     values = picture["radiance" if "radiance" in picture else "xyz"].values
     below, above = (float(np.abs(values.sum(where=side, dtype=float))) for side in (values < 0, values > 0))
-    if below > _MOST_BELOW * above:
+    if below > _MAX_NEGATIVE_SHARE * above:
         share = below / (below + above)
         raise InputError(
             source,
@@ -141,8 +233,48 @@ def require_light(picture: xr.Dataset, source: Path | str) -> None:
         )
 
 
+def require_wavelengths_of_light(cube: xr.Dataset, path: Path) -> None:
+    """Raise InputError for wavelengths that are none of light, such as 0.4 nm for 0.4 um.
+
+    Parameters
+    ----------
+    cube
+        Cube, or coefficients of one.
+    path
+        File, for the message.
+
+    Raises
+    ------
+    InputError
+        If a wavelength lies outside 100 nm to 0.1 mm.
+    """
+    low, high = float(cube["wavelength"].min()), float(cube["wavelength"].max())
+    if not (low >= SHORTEST_NM and high <= LONGEST_NM):
+        raise InputError(
+            f"{path}: wavelength",
+            f"{low:g} to {high:g} nm",
+            f"wavelengths of light, {SHORTEST_NM:g} to {LONGEST_NM:g} nm",
+            "Are they in another unit, such as um in place of nm?",
+        )
+
+
 def as_cube(radiance: NDArray, wavelength_nm: ArrayLike, missing: bool = False) -> xr.Dataset:
-    """The dataset of radiance (y, x, wavelength), W m^-2 sr^-1 nm^-1. missing : whether NaN marks masked pixels."""
+    """Dataset of a spectral cube.
+
+    Parameters
+    ----------
+    radiance
+        (y, x, wavelength) radiance, W m^-2 sr^-1 nm^-1.
+    wavelength_nm
+        (wavelength,) nm.
+    missing
+        Whether NaN marks masked pixels.
+
+    Returns
+    -------
+    xr.Dataset
+        ``radiance`` with its units.
+    """
     wavelength = ("wavelength", np.asarray(wavelength_nm, float), {"units": "nm"})
     values = (("y", "x", "wavelength"), radiance, {"units": RADIANCE_UNIT})
     attributes = {"missing": "NaN"} if missing else {}
@@ -150,5 +282,16 @@ def as_cube(radiance: NDArray, wavelength_nm: ArrayLike, missing: bool = False) 
 
 
 def float32_samples(cube: xr.Dataset) -> NDArray[np.float32]:
-    """(y, x, wavelength)."""
+    """Radiance of a cube for files of float32.
+
+    Parameters
+    ----------
+    cube
+        The cube.
+
+    Returns
+    -------
+    NDArray
+        (y, x, wavelength) float32.
+    """
     return cube["radiance"].transpose("y", "x", "wavelength").values.astype(np.float32)

@@ -29,6 +29,7 @@ from .cube_checks import (
     require_light,
     require_numbers,
     require_stored,
+    require_wavelengths_of_light,
     with_units,
 )
 from .declared import AS_STATED, Declared, with_notes
@@ -95,7 +96,7 @@ READABLE = tuple(dict.fromkeys(form.ending for form in FORMATS))
 
 
 def write_cube(path: Path, cube: xr.Dataset) -> None:
-    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI, with an .img file) or .png.
+    """Write a cube in the format of the path's ending: .nc, .exr, .hdr (ENVI) or .png.
 
     .nc keeps the complete dataset; .exr (layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021) and .hdr
     keep the radiance as float32.
@@ -191,6 +192,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
         require_cube(picture, path)
+        require_wavelengths_of_light(picture, path)
     require_numbers(picture, path)
     require_light(picture, path)
     negative = negative_pixels(picture)
@@ -225,6 +227,7 @@ def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset
         return
     with form.open(path, declared) as cube:
         require_stored(cube, path)
+        require_wavelengths_of_light(cube, path)
         yield cube
 
 

@@ -22,7 +22,20 @@ ROWS = 64
 
 
 def strip_cameras(camera: Camera, rows: int = ROWS) -> list[Camera]:
-    """Cameras for strips of ``rows`` rows each, from the top; the last may have fewer rows."""
+    """Cameras of strips of a picture, from the top.
+
+    Parameters
+    ----------
+    camera
+        Camera of the picture.
+    rows
+        Rows of a strip; the last may have fewer.
+
+    Returns
+    -------
+    list of Camera
+        One camera a strip.
+    """
     u, v = camera.principal_point_px
     return [
         replace(
@@ -35,10 +48,21 @@ def strip_cameras(camera: Camera, rows: int = ROWS) -> list[Camera]:
 
 
 def write_strips(path: Path, height: int, strips: Iterable[xr.Dataset]) -> None:
-    """Write strips (cubes from the top down, ``height`` rows in all) as one .nc file.
+    """Write strips of a cube as one .nc file; one strip at a time is in memory.
 
-    One strip at a time is in memory. An incomplete file is removed. Raises InputError if the strips do not have
-    ``height`` rows in all, and for another ending.
+    Parameters
+    ----------
+    path
+        File to write; an incomplete one is removed.
+    height
+        Rows of all strips together.
+    strips
+        Cubes from the top down.
+
+    Raises
+    ------
+    InputError
+        If the strips have another number of rows in all, or the ending is another.
     """
     if path.suffix.lower() != ".nc":
         raise InputError(path, f"the ending '{path.suffix}'", ".nc, the only format written in strips")
@@ -57,6 +81,7 @@ def write_strips(path: Path, height: int, strips: Iterable[xr.Dataset]) -> None:
 
 
 def _prepare(file: h5netcdf.File, strip: xr.Dataset, height: int) -> None:
+    """Create dimensions, attributes and empty variables after the first strip."""
     file.dimensions = {"y": height, "x": strip.sizes["x"], "wavelength": strip.sizes["wavelength"]}
     file.attrs.update(strip.attrs)
     wavelength = file.create_variable("wavelength", ("wavelength",), data=strip["wavelength"].values)
@@ -76,11 +101,30 @@ def _prepare(file: h5netcdf.File, strip: xr.Dataset, height: int) -> None:
 
 
 def _plain(value: object) -> object:
+    """A number as an array: h5netcdf stores it with its type."""
     return np.asarray(value) if isinstance(value, int | float) else value
 
 
 def read_strips(path: Path, rows: int = ROWS) -> Iterator[xr.Dataset]:
-    """The strips of a .nc cube from the top, one at a time in memory. Raises InputError for an invalid file."""
+    """Strips of a .nc cube from the top, one at a time in memory.
+
+    Parameters
+    ----------
+    path
+        File of a cube.
+    rows
+        Rows of a strip.
+
+    Yields
+    ------
+    xr.Dataset
+        Cube of up to ``rows`` rows.
+
+    Raises
+    ------
+    InputError
+        If the file is invalid, or holds no radiance over y, x, wavelength.
+    """
     cube = open_netcdf(path)
     with cube:
         if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:

@@ -1,4 +1,4 @@
-"""Declarations of a user for files that do not state them: units, scale, wavelengths, colour space."""
+"""User's declarations for files that do not state units, scale, wavelengths or colour space."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class DeclaredPair:
         return replace(self.both, **{name: getattr(single, name) for name in single.given()})
 
     def require_used(
-        self, used: tuple[Iterable[str], Iterable[str]], stated: tuple[Mapping[str, str], Mapping[str, str]]
+        self, used: tuple[Iterable[str], Iterable[str]], file_values: tuple[Mapping[str, str], Mapping[str, str]]
     ) -> None:
         """Check each declaration by the files that it is for, as the function ``require_used``.
 
@@ -149,7 +149,7 @@ class DeclaredPair:
         ----------
         used
             Of each file, fields that were used or agree (``declared_for``).
-        stated
+        file_values
             Of each file, what it states otherwise (``stated_in``).
 
         Raises
@@ -157,13 +157,13 @@ class DeclaredPair:
         InputError
             If a file states another value than declared, or no file needs a declaration.
         """
-        require_used(self.both, [*used[0], *used[1]], {**stated[1], **stated[0]})
-        for name, single, applied, otherwise in zip(self.names, self.own, used, stated, strict=True):
+        require_used(self.both, [*used[0], *used[1]], {**file_values[1], **file_values[0]})
+        for name, single, applied, otherwise in zip(self.names, self.own, used, file_values, strict=True):
             require_used(single, applied, otherwise, f"{name}:")
 
 
 def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
-    """Size in SI units, and powers of watt, metre, steradian, candela; None for what is no such unit."""
+    """Size in SI units, and powers of watt, metre, steradian, candela; None for other units."""
     text = str(unit).translate(_POWERS).replace("·", " ").replace("*", " ").replace(".", " ").strip()
     # one division by a bracket: W/(m^2 sr nm)
     if match := re.fullmatch(r"([^/()]+)/\s*\(([^()/]+)\)", text):
@@ -180,28 +180,28 @@ def _parsed(unit: object) -> tuple[float, tuple[int, ...]] | None:
     return size, tuple(map(int, powers))
 
 
-def _factor(where: str | Path, stated: str | None, declared: Declared, unit: str, hint: str) -> float:
+def _factor(where: str | Path, file_unit: str | None, declared: Declared, unit: str, hint: str) -> float:
     """Factor from stored values to ``unit``, see ``spectral_factor``."""
     scale = 1.0
-    if stated is None:
+    if file_unit is None:
         if declared.units is None:
             how = f"declare units='{unit}', and scale=FACTOR to it. {hint}"
             raise InputError(where, "no unit", f"the unit of its values, such as '{unit}'", how.strip())
-        where, stated, scale = "declared units", declared.units, declared.scale or 1.0
-    stored, target = _parsed(stated), _parsed(unit)
+        where, file_unit, scale = "declared units", declared.units, declared.scale or 1.0
+    stored, target = _parsed(file_unit), _parsed(unit)
     if stored is None or target is None or stored[1] != target[1]:
-        raise InputError(where, f"the unit '{stated}'", f"'{unit}' or a multiple of it", "Convert it first.")
+        raise InputError(where, f"the unit '{file_unit}'", f"'{unit}' or a multiple of it", "Convert it first.")
     return scale * stored[0] / target[0]
 
 
-def spectral_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
+def spectral_factor(where: str | Path, file_unit: str | None, declared: Declared, hint: str = "") -> float:
     """Factor from stored values to W m^-2 sr^-1 nm^-1.
 
     Parameters
     ----------
     where
         File and key, for the message.
-    stated
+    file_unit
         Unit that the file states; None where it states none.
     declared
         Unit and scale for a file that states none.
@@ -218,15 +218,15 @@ def spectral_factor(where: str | Path, stated: str | None, declared: Declared, h
     InputError
         If neither the file nor the user names a unit, or it is none of spectral radiance.
     """
-    return _factor(where, stated, declared, RADIANCE_UNIT, hint)
+    return _factor(where, file_unit, declared, RADIANCE_UNIT, hint)
 
 
-def photometric_factor(where: str | Path, stated: str | None, declared: Declared, hint: str = "") -> float:
+def photometric_factor(where: str | Path, file_unit: str | None, declared: Declared, hint: str = "") -> float:
     """Factor from stored X, Y, Z to cd m^-2.
 
     Parameters
     ----------
-    where, stated, declared, hint
+    where, file_unit, declared, hint
         As ``spectral_factor``.
 
     Returns
@@ -239,7 +239,7 @@ def photometric_factor(where: str | Path, stated: str | None, declared: Declared
     InputError
         If neither the file nor the user names a unit, or it is none of luminance.
     """
-    return _factor(where, stated, declared, PHOTOMETRIC_UNIT, hint)
+    return _factor(where, file_unit, declared, PHOTOMETRIC_UNIT, hint)
 
 
 def with_notes(dataset: xr.Dataset, notes: Iterable[str]) -> xr.Dataset:
@@ -266,7 +266,7 @@ def with_declarations(
     declared: Declared,
     used: Iterable[str] = (),
     notes: Iterable[str] = (),
-    stated: Mapping[str, object] | None = None,
+    file_values: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Dataset with notes, and with a record of the declarations used for it.
 
@@ -280,7 +280,7 @@ def with_declarations(
         Fields of ``declared`` that the file needed.
     notes
         Further notes for the reader.
-    stated
+    file_values
         Values that the file states of other fields. Wavelengths are taken from the dataset; a unit comes with a scale
         of 1 where none is stated.
 
@@ -293,7 +293,7 @@ def with_declarations(
     names = [name for name in used if getattr(declared, name) is not None]
     applied = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
     noted = with_notes(dataset, [*notes, *applied])
-    of_file = dict(stated or {})
+    of_file = dict(file_values or {})
     if "wavelength" in dataset.coords:
         of_file["wavelengths_nm"] = tuple(map(float, np.atleast_1d(dataset["wavelength"].values)))
     if "units" in of_file:
@@ -306,18 +306,18 @@ def with_declarations(
     return noted.assign_attrs({_STATED: json.dumps(differing)}) if differing else noted
 
 
-def _agrees(name: str, declared: object, stated: object) -> bool:
-    """Whether a declaration says what the file says, within the digits that files are written with."""
+def _agrees(name: str, declared: object, file_values: object) -> bool:
+    """Whether a declaration says the same as the file, within the digits of files."""
     if name == "units":
-        first, second = _parsed(declared), _parsed(stated)
+        first, second = _parsed(declared), _parsed(file_values)
         if first is None or second is None:
             return False
         return first[1] == second[1] and bool(np.isclose(first[0], second[0], rtol=1e-9))
     if name == "wavelength_unit":
-        return same_unit(declared, stated)
+        return same_unit(declared, file_values)
     if name == "colour_space":
-        return declared == stated
-    first_nm, second_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(stated))  # type: ignore[call-overload]
+        return declared == file_values
+    first_nm, second_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(file_values))  # type: ignore[call-overload]
     return first_nm.shape == second_nm.shape and bool(np.allclose(first_nm, second_nm, rtol=1e-6, atol=0))
 
 
@@ -361,7 +361,7 @@ def stated_in(dataset: xr.Dataset) -> dict[str, str]:
 
 
 def require_used(
-    declared: Declared, used: Iterable[str], stated: Mapping[str, str] | None = None, which: str = ""
+    declared: Declared, used: Iterable[str], file_values: Mapping[str, str] | None = None, which: str = ""
 ) -> None:
     """Raise InputError for declarations that no file needs.
 
@@ -371,7 +371,7 @@ def require_used(
         The declarations.
     used
         Fields used by any of the files.
-    stated
+    file_values
         What files state in place of what was declared, see ``stated_in``.
     which
         Text in front of the key in the message.
@@ -381,7 +381,7 @@ def require_used(
     InputError
         If every file states another value, or has no such property.
     """
-    otherwise = stated or {}
+    otherwise = file_values or {}
     for name in sorted(declared.given() - set(used)):
         allowed = "none: no file needs it"
         if name in otherwise:

@@ -18,24 +18,54 @@ from ..sensor import SensorCamera, chart_reflectances
 
 __all__ = ["write_dng"]
 
-_BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
-_PHOTOMETRIC, _LINEAR_RAW = 262, 34892
+#: Types of TIFF's tags.
+_BYTE = 1
+_ASCII = 2
+_SHORT = 3
+_LONG = 4
+_RATIONAL = 5
+_SRATIONAL = 10
+
+#: Tag of the photometric interpretation.
+_PHOTOMETRIC = 262
+
+#: Photometric interpretation of frames without mosaic.
+_LINEAR_RAW = 34892
+
+#: Calibration illuminant D65.
 _D65 = 21
-# The largest linear value of a linearisation table, which has 16 bits.
+
+#: Largest linear value of a linearisation table, which has 16 bits.
 _TABLE_TOP = 65535.0
-# Below this bit depth a linearisation table is written, since converters may round the black level to whole counts.
+
+#: Bit depth below which a linearisation table is written: converters may round the black level to integer counts.
 _FEW_BITS = 12
 
 
 def write_dng(path: Path, counts: NDArray[np.uint16], camera: SensorCamera, exposure_s: float, white: Spectrum) -> None:
-    """Write counts (y, x) in DN, unchanged; an incomplete file is removed.
+    """Write counts, unchanged, with the tags that converters need.
 
-    The tags hold the dark level, the response curve F (as a linearisation table), the colour filter array, a colour
-    matrix fitted to the ColorChecker under D65, and the camera's neutral for the light ``white``. Frames without
-    mosaic are grey.
+    The tags hold the dark level, the response curve F (as a linearisation table) and the colour filter array. A colour
+    matrix is fitted to the ColorChecker under D65. Frames without mosaic are grey.
 
-    Raises InputError for a mosaic that is not 2 x 2 letters R, G and B, for a white that a channel does not see, or
-    for a path that cannot be written to.
+    Parameters
+    ----------
+    path
+        File to write; an incomplete one is removed.
+    counts
+        (y, x) counts, DN.
+    camera
+        Camera of the frame.
+    exposure_s
+        Exposure, s.
+    white
+        Light of the scene, for the camera's neutral.
+
+    Raises
+    ------
+    InputError
+        If the mosaic is not 2 x 2 letters R, G and B, if a channel does not see the white, or if the path cannot be
+        written to.
     """
     detector = camera.detector
     top, black = float(detector.full_scale_dn), detector.dark(exposure_s)[0]
@@ -78,6 +108,7 @@ def write_dng(path: Path, counts: NDArray[np.uint16], camera: SensorCamera, expo
 
 
 def _colour_tags(camera: SensorCamera, white: Spectrum) -> list[tuple]:
+    """Tags of the colour filter array, the colour matrix and the neutral."""
     pattern = camera.pattern or ()
     if [len(row) for row in pattern] != [2, 2] or set(camera.channels) != set("RGB"):
         where = f"camera {camera.name}: mosaic.pattern"
@@ -97,7 +128,10 @@ def _colour_tags(camera: SensorCamera, white: Spectrum) -> list[tuple]:
 
 
 def _matrix(sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) from XYZ (Y = 1 for white) to camera channels (1 for white in the strongest channel) under D65."""
+    """(3, 3) from XYZ to camera channels under D65, fitted to the ColorChecker.
+
+    Y is 1 for white, as is white in the strongest channel.
+    """
     from colour import SDS_ILLUMINANTS  # slow to import, and only needed here
 
     table = SDS_ILLUMINANTS["D65"]

@@ -84,7 +84,9 @@ class _Layout:
 
 
 def write_envi(path: Path, cube: xr.Dataset) -> None:
-    """Write the radiance as float32, band after band, and the header last: a header implies complete data.
+    """Write the radiance as float32, band after band.
+
+    The header is written last, so that a header implies complete data.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def data_file(path: Path, size_bytes: int | None = None) -> Path | None:
     endings = (*_DATA_ENDINGS, *(ending.upper() for ending in _DATA_ENDINGS))
     names = [stem.with_name(stem.name + ending) for ending in endings]
     candidates: list[Path] = []
-    for candidate in (*names, stem):  # a file system may not tell .img from .IMG
+    for candidate in (*names, stem):  # .img and .IMG are one file in some file systems
         if candidate.is_file() and not any(candidate.samefile(other) for other in candidates):
             candidates.append(candidate)
     fitting = [candidate for candidate in candidates if candidate.stat().st_size == size_bytes]
@@ -177,7 +179,7 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     Raises
     ------
     InputError
-        If the header lacks a required key or leaves units or wavelengths open, if a value has no meaning, or if the
+        If the header lacks a required key, leaves units or wavelengths open, or has a value without meaning. If the
         data file is missing or of another size.
     """
     header = read_header(path)
@@ -188,15 +190,19 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         endings = ", ".join(_DATA_ENDINGS[:6])
         raise InputError(path, "no data file next to it", f"{path.stem} with one of the endings {endings}, or none")
     if file.stat().st_size != layout.file_bytes:
-        found = f"{file.stat().st_size} bytes"
-        raise InputError(file, found, f"{layout.file_bytes} bytes according to its header")
+        size_text = f"{file.stat().st_size} bytes"
+        raise InputError(file, size_text, f"{layout.file_bytes} bytes according to its header")
+    if _ORDERS.get(file.suffix[1:].lower(), layout.order) != layout.order:
+        notes.append(
+            f"read as {header.text('interleave')}, as the header states, although the data file is {file.name}"
+        )
     stated_unit = header.text("data units") or None
     factor = spectral_factor(f"{path}: data units", stated_unit, declared)
-    wavelength, used, stated = _wavelengths(header, layout.size["wavelength"], declared)
+    wavelength, used, of_file = _wavelengths(header, layout.size["wavelength"], declared)
     if stated_unit is None:
         used += ["units", "scale"]
     else:
-        stated["units"] = stated_unit
+        of_file["units"] = stated_unit
     shape = tuple(layout.size[name] for name in layout.order)
     values = np.memmap(file, layout.kind, "r", layout.offset_bytes, shape)
     planes: NDArray = np.moveaxis(values, layout.order.index("wavelength"), -1)
@@ -209,7 +215,7 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     planes, wavelength = sorted_planes(path, planes, wavelength)
     cube = as_cube(scaled(planes, factor), wavelength, ignored)
     cube = with_window(cube, _window(header, layout.size))
-    return with_declarations(cube, declared, used, notes, stated)
+    return with_declarations(cube, declared, used, notes, of_file)
 
 
 def _layout(header: EnviHeader) -> _Layout:
@@ -218,8 +224,8 @@ def _layout(header: EnviHeader) -> _Layout:
     size = {"y": header.integer("lines"), "x": header.integer("samples"), "wavelength": header.integer("bands")}
     code = header.integer("data type")
     if code not in _TYPES:
-        found = f"{code} (complex numbers)" if code in (6, 9) else str(code)
-        raise InputError(f"{path}: data type", found, f"one of {', '.join(map(str, _TYPES))}")
+        description = f"{code} (complex numbers)" if code in (6, 9) else str(code)
+        raise InputError(f"{path}: data type", description, f"one of {', '.join(map(str, _TYPES))}")
     interleave = (header.text("interleave") or "").lower()
     if interleave not in _ORDERS:
         expected = f"one of {', '.join(_ORDERS)}: the order of the samples in their file"
@@ -238,7 +244,7 @@ def _layout(header: EnviHeader) -> _Layout:
 
 
 def _require_plain_file(header: EnviHeader) -> None:
-    """Raise InputError for what is no picture, for compressed samples, and for gaps between frames."""
+    """Raise InputError for other files than pictures, compressed samples, and gaps between them."""
     path, file_type = header.path, (header.text("file type") or "").lower()
     if file_type.startswith(_OTHER_FILE_TYPES):
         raise InputError(f"{path}: file type", file_type, "ENVI Standard, a picture")
@@ -250,18 +256,18 @@ def _require_plain_file(header: EnviHeader) -> None:
 
 
 def _window(header: EnviHeader, size: Mapping[str, int]) -> Window | None:
-    """Pixels of a larger picture that the file holds, by ``x start`` and ``y start``; None for its first pixels.
+    """Pixels of a larger picture that the file holds, by ``x start`` and ``y start``.
 
-    ENVI counts from 1; programs that count from 0 write 0 for the first pixel, which is the same here.
+    None for its first pixels. ENVI counts from 1; programs that count from 0 write 0 for the first pixel.
     """
-    left, top = (max(header.integer(f"{axis} start", 1) - 1, 0) for axis in "xy")
-    return Window(left, top, size["x"], size["y"]) if left or top else None
+    column, row = (max(header.integer(f"{axis} start", 1) - 1, 0) for axis in "xy")
+    return Window(column, row, size["x"], size["y"]) if column or row else None
 
 
 def _wavelengths(
     header: EnviHeader, bands: int, declared: Declared
 ) -> tuple[NDArray[np.float64], list[str], dict[str, object]]:
-    """(bands,) nm in the order of the file, used fields of ``declared``, and what the header states itself."""
+    """(bands,) nm in the order of the file, used declarations, and what the header states."""
     path, unit = header.path, header.text("wavelength units")
     values = header.numbers("wavelength")
     if values.size and states_no_unit(unit):
@@ -301,7 +307,7 @@ def _require_count(where: str, values: NDArray[np.float64], bands: int) -> None:
 
 
 def _require_light(header: EnviHeader, wavelength: NDArray[np.float64]) -> None:
-    """Raise InputError for wavelengths that are none of light: the list is in another unit than stated."""
+    """Raise InputError for wavelengths that are none of light: the unit of the list is another."""
     low, high = float(wavelength.min()), float(wavelength.max())
     if not (low >= SHORTEST_NM and high <= LONGEST_NM):
         unit = header.text("wavelength units") or "declared"
@@ -316,12 +322,12 @@ def _require_light(header: EnviHeader, wavelength: NDArray[np.float64]) -> None:
 def _good_bands(header: EnviHeader, wavelength: NDArray[np.float64], notes: list[str]) -> NDArray[np.bool_]:
     """(bands,) bands that ``bbl``, the list of bad bands (0 bad, 1 good), does not mark as bad."""
     where = f"{header.path}: bbl"
-    stated = header.numbers("bbl")
-    if stated.size == 0:
+    flags = header.numbers("bbl")
+    if flags.size == 0:
         return np.ones(wavelength.size, bool)
-    if stated.size != wavelength.size:
-        raise InputError(where, f"{stated.size} values", f"{wavelength.size}, the value of bands")
-    good = stated != 0
+    if flags.size != wavelength.size:
+        raise InputError(where, f"{flags.size} values", f"{wavelength.size}, the value of bands")
+    good = flags != 0
     if not good.any():
         raise InputError(where, "no good band", "1 for each band to be read")
     bad = wavelength[~good]
@@ -332,7 +338,7 @@ def _good_bands(header: EnviHeader, wavelength: NDArray[np.float64], notes: list
 
 
 def _with_gains(header: EnviHeader, planes: NDArray, notes: list[str]) -> NDArray:
-    """(y, x, bands) values that the stored numbers stand for; the same array where the header states no scale."""
+    """(y, x, bands) values that the stored numbers stand for; the same array without a scale."""
     path, bands = header.path, planes.shape[-1]
     gain = header.numbers_by_band("data gain values", bands, 1.0)
     offset = header.numbers_by_band("data offset values", bands, 0.0)
@@ -369,7 +375,8 @@ def _without_ignored(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray
         raise InputError(f"{path}: data ignore value", repr(ignored), "a number") from None
     if planes.dtype.kind in "iu" and not (value.is_integer() and _fits(value, planes.dtype)):
         return planes, True  # no stored number can have this value
-    missing = planes == np.asarray(value).astype(planes.dtype)
+    with np.errstate(over="ignore"):  # a number of 64 bits for samples of 32 is stored as infinite
+        missing = planes == np.asarray(value).astype(planes.dtype)
     return np.where(missing, np.nan, planes).astype(np.result_type(planes.dtype, np.float32)), True
 
 

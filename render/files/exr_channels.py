@@ -67,8 +67,8 @@ def read_channels(path: Path) -> ExrChannels:
             raise
         raise InputError(path, f"a file that cannot be read ({error})", "an OpenEXR file") from None
     if len(parts) > 1:
-        found = f"{len(parts)} parts ({listed([name or 'without a name' for name in parts])})"
-        raise InputError(path, found, "one part", one_layer_hint("", str(header.get("software", ""))))
+        description = f"{len(parts)} parts ({listed([name or 'without a name' for name in parts])})"
+        raise InputError(path, description, "one part", one_layer_hint("", str(header.get("software", ""))))
     shapes = {plane.shape for plane in planes.values()}
     if len(shapes) > 1:
         raise InputError(path, "channels of several sizes", "channels of one size")

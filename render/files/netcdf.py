@@ -73,15 +73,15 @@ def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
 def _in_our_units(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dataset:
     """Radiance and its errors in W m^-2 sr^-1 nm^-1, wavelengths in nm, ascending."""
     require_kinds(dataset, "radiance", path)
-    stated, used = dataset["radiance"].attrs.get("units"), []
-    factor = spectral_factor(f"{path}: radiance", stated, declared)
-    if stated is None:
+    file_unit, used = dataset["radiance"].attrs.get("units"), []
+    factor = spectral_factor(f"{path}: radiance", file_unit, declared)
+    if file_unit is None:
         used += ["units", "scale"]
     for name in ("radiance", "standard_error"):
         if name in dataset and (factor != 1 or dataset[name].attrs.get("units") != RADIANCE_UNIT):
             values = dataset[name] if factor == 1 else dataset[name] * factor
             dataset[name] = values.assign_attrs({**dataset[name].attrs, "units": RADIANCE_UNIT})
-    of_file: dict[str, object] = {} if stated is None else {"units": stated}
+    of_file: dict[str, object] = {} if file_unit is None else {"units": file_unit}
     if dataset.sizes.get("wavelength") and "wavelength" in dataset.coords:
         unit = dataset["wavelength"].attrs.get("units")
         if states_no_unit(unit):
@@ -97,11 +97,11 @@ def _in_our_units(path: Path, dataset: xr.Dataset, declared: Declared) -> xr.Dat
         descending = np.all(np.diff(dataset["wavelength"].values) < 0)
         if descending:
             dataset = dataset.isel(wavelength=slice(None, None, -1))
-    return with_declarations(dataset, declared, used, stated=of_file)
+    return with_declarations(dataset, declared, used, file_values=of_file)
 
 
 def _with_wavelengths(path: Path, dataset: xr.Dataset, declared: Declared) -> tuple[xr.Dataset, str]:
-    """Dataset with declared wavelengths, or its wavelengths in the declared unit, and the field that was used."""
+    """Dataset with declared wavelengths, or in the declared unit, and the field that was used."""
     if declared.wavelength_unit is not None:
         grid = in_nanometres(dataset["wavelength"].values, declared.wavelength_unit)
         if grid is None:
@@ -150,7 +150,7 @@ def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
 
 
 def _require_own_arrays(path: Path) -> None:
-    """Raise InputError for a file that is not HDF5, and for arrays that are not complete in the file itself.
+    """Raise InputError for a file that is not HDF5, and for arrays that are not complete in it.
 
     An array may lie in another file, be assembled from others, or state more values than its bytes can hold.
     """
@@ -159,15 +159,15 @@ def _require_own_arrays(path: Path) -> None:
         if not h5py.is_hdf5(path):
             with path.open("rb") as file:
                 old = file.read(3) == b"CDF"
-            found = "a NetCDF file of an older kind" if old else "a file that is not HDF5"
-            raise InputError(path, found, "a NetCDF-4 file", "Convert it: nccopy -k nc4 OLD NEW." if old else "")
+            description = "a NetCDF file of an older kind" if old else "a file that is not HDF5"
+            raise InputError(path, description, "a NetCDF-4 file", "Convert it: nccopy -k nc4 OLD NEW." if old else "")
         with h5py.File(path, "r") as arrays:
             _require_group(path, arrays, set())
     except InputError:
         raise
     except Exception as error:  # the HDF5 library raises exceptions of any type on damaged files
-        found = f"a file that cannot be read ({type(error).__name__}: {error})"
-        raise InputError(path, found, "a NetCDF-4 file") from None
+        description = f"a file that cannot be read ({type(error).__name__}: {error})"
+        raise InputError(path, description, "a NetCDF-4 file") from None
 
 
 def _require_group(path: Path, group: h5py.Group, visited: set[bytes]) -> None:

@@ -15,26 +15,40 @@ from ..sensor import SensorCamera, chart_reflectances, demosaic, integration_wei
 
 __all__ = ["cube_to_linear_srgb", "cube_to_srgb", "raw_to_srgb", "scene_white", "xyz_weights"]
 
-# Weight of the white patch in the colour fit, so that white is reproduced exactly.
+#: Weight of the white patch in the colour fit, so that white is reproduced exactly.
 _WHITE_WEIGHT = 1e3
-# Reflectance for which the noise in the colour fit is computed.
+
+#: Reflectance for which the noise in the colour fit is computed.
 _GREY = 0.2
-#: Range of previews: what is in photographs, see WAVELENGTH_NM.
+
+#: Range of previews, nm: that of photographs, see WAVELENGTH_NM.
 _PREVIEW_NM = (float(WAVELENGTH_NM[0]), float(WAVELENGTH_NM[-1]))
+
 #: Fraction of full scale that is shown as white; auto_exposure puts the brightest surfaces there.
 _WHITE_LEVEL = 0.8
 
 
 def scene_white(cube: xr.Dataset) -> Spectrum:
-    """The white of a picture: the mean spectrum of the visible lamp, else equal energy."""
+    """White of a picture: the mean spectrum of the visible lamp, else equal energy.
+
+    Parameters
+    ----------
+    cube
+        Cube, or coefficients of one.
+
+    Returns
+    -------
+    Spectrum
+        At the wavelengths of the cube.
+    """
     wavelength = cube["wavelength"].values
     lamp = cube["surface"].values == LAMP if "surface" in cube else np.zeros((1, 1), bool)
     if not lamp.any():
         return Spectrum(wavelength, np.ones(wavelength.size))
-    lit = np.flatnonzero(lamp.any(axis=1))
-    part = cube.isel(y=lit)
+    lamp_rows = np.flatnonzero(lamp.any(axis=1))
+    part = cube.isel(y=lamp_rows)
     radiance = (part if "radiance" in part else from_basis(part))["radiance"].transpose("y", "x", "wavelength")
-    return Spectrum(wavelength, np.asarray(radiance.values[lamp[lit]].mean(axis=0), float))
+    return Spectrum(wavelength, np.asarray(radiance.values[lamp[lamp_rows]].mean(axis=0), float))
 
 
 def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -47,10 +61,26 @@ def _adapted(xyz: NDArray[np.float64], white_xyz: NDArray[np.float64]) -> NDArra
 def xyz_weights(
     wavelength_nm: NDArray[np.float64], within_nm: tuple[float, float] = OBSERVER_RANGE_NM
 ) -> NDArray[np.float64]:
-    """(w, 3) weights of radiance samples to X, Y, Z (no luminous efficacy), over the samples' own range.
+    """Weights from radiance samples to X, Y, Z, without luminous efficacy.
 
-    within_nm : beyond it nothing is added. Samples over a shorter range than visible light give the contribution of
-    that range. Raises InputError for samples outside it.
+    Samples over a shorter range than visible light give the contribution of that range.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (w,) wavelengths of the samples, nm, ascending.
+    within_nm
+        Range beyond which nothing is added, nm.
+
+    Returns
+    -------
+    NDArray
+        (w, 3) weights.
+
+    Raises
+    ------
+    InputError
+        If the samples lie outside visible light.
     """
     low, high = max(wavelength_nm[0], within_nm[0]), min(wavelength_nm[-1], within_nm[1])
     if not high > low:
@@ -68,8 +98,19 @@ def _encoded(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def cube_to_linear_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDArray[np.float64]:
-    """Linear sRGB (y, x, 3) of a cube. ``white`` (scene_white if None) is neutral, and the 99.5th percentile of
-    luminance outside the lamp is 1. All 0 for a cube without light.
+    """Linear sRGB of a cube.
+
+    Parameters
+    ----------
+    cube
+        The cube.
+    white
+        Light that becomes neutral; None for ``scene_white``.
+
+    Returns
+    -------
+    NDArray
+        (y, x, 3); the 99.5th percentile of luminance outside the lamp is 1. All 0 for a cube without light.
     """
     wavelength = cube["wavelength"].values.astype(float)
     weights = xyz_weights(wavelength, _PREVIEW_NM)
@@ -85,20 +126,54 @@ def cube_to_linear_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDAr
 
 
 def cube_to_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDArray[np.uint8]:
-    """8-bit sRGB picture (y, x, 3), see cube_to_linear_srgb."""
+    """8-bit sRGB picture of a cube, see ``cube_to_linear_srgb``.
+
+    Parameters
+    ----------
+    cube
+        The cube.
+    white
+        As ``cube_to_linear_srgb``.
+
+    Returns
+    -------
+    NDArray
+        (y, x, 3) uint8.
+    """
     return _encoded(cube_to_linear_srgb(cube, white))
 
 
 def raw_to_srgb(
     counts: NDArray[np.uint16], camera: SensorCamera, exposure_s: float, white: Spectrum
 ) -> NDArray[np.uint8]:
-    """8-bit sRGB picture (y, x, 3) of a raw frame (y, x) with a 2 x 2 mosaic of R, G and B; grey without mosaic.
+    """8-bit sRGB picture of a raw frame with a 2 x 2 mosaic of R, G and B; grey without mosaic.
 
-    Steps: subtract the dark level, invert the response curve F, balance for the illuminant ``white``, demosaic
-    bilinearly (OpenCV), apply a colour matrix of least mean square error (noise included) over the ColorChecker
-    under that illuminant, encode as sRGB.
+    1. Subtract the dark level, invert the response curve F.
+    2. Balance for the illuminant ``white``.
+    3. Interpolate the mosaic bilinearly (OpenCV).
+    4. Apply a colour matrix of least mean square error (noise included) over the ColorChecker under that illuminant.
+    5. Encode as sRGB.
 
-    Raises InputError for a mosaic of another kind.
+    Parameters
+    ----------
+    counts
+        (y, x) counts, DN.
+    camera
+        Camera of the frame.
+    exposure_s
+        Exposure, s.
+    white
+        Illuminant of the scene.
+
+    Returns
+    -------
+    NDArray
+        (y, x, 3) uint8.
+
+    Raises
+    ------
+    InputError
+        If the mosaic is of another kind.
     """
     linear = linear_counts(counts, camera, exposure_s)
     span = _WHITE_LEVEL * float(linear_counts(camera.detector.full_scale_dn, camera, exposure_s))
@@ -112,10 +187,10 @@ def raw_to_srgb(
 def _colour_matrix(
     camera: SensorCamera, exposure_s: float, span_dn: float, white: Spectrum
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3, 3) from balanced camera values to linear sRGB, and the (3,) balance that makes white (1, 1, 1).
+    """Colour matrix (3, 3) from balanced camera values to linear sRGB, and the balance (3,).
 
-    The fit also minimises the noise of a mid-grey after the matrix, so that a weak channel is not amplified too much.
-    span_dn : counts above dark of white in the strongest channel.
+    The balance makes white (1, 1, 1). The fit also minimises the noise of a mid-grey after the matrix, so that a weak
+    channel is not amplified too much. span_dn : counts above dark of white in the strongest channel.
     """
     reflectance = chart_reflectances()
     light = white.at(WAVELENGTH_NM)

@@ -1,4 +1,7 @@
-"""Radiance pictures: RGBE and XYZE, four bytes a pixel, run-length encoded or flat (G. Ward, "Real Pixels", 1991)."""
+"""Radiance pictures: RGBE and XYZE, four bytes a pixel (G. Ward, "Real Pixels", 1991).
+
+Rows are run-length encoded or flat.
+"""
 
 from __future__ import annotations
 
@@ -16,46 +19,94 @@ from .declared import Declared, photometric_factor, with_declarations
 
 __all__ = ["is_radiance", "read_radiance"]
 
-#: What Radiance's own programs mean by the two formats (179 lm/W; ra_xyze writes an exposure over 179).
+#: Hints on the unit of Radiance's programs in the two formats (179 lm/W; ra_xyze writes an exposure over 179).
 _HINTS = {
     "rgbe": "Programs of Radiance write W m^-2 sr^-1 at 179 lm/W: declare scale=179; their primaries "
     "are declare colour-space=radiance.",
     "xyze": "Programs of Radiance write cd m^-2.",
 }
+
+#: Note on the steps of stored values.
 _STEPS = (
     "eight bits a channel and one exponent for all three: a pixel's standard deviation is 0.29 steps, which is 0.11 to "
     "0.23 % of its largest channel and more of the others; values are taken in the middle of their steps, as Radiance "
     "does"
 )
-#: Pixels around, on each side, and steps, within which values that vary too little share their error.
-_AROUND_PX, _NEAR_STEPS = 4, 4.0
-#: Largest file header, bytes; largest side, px.
-_HEADER, _LARGEST = 2**16, 2**15
+
+#: Pixels on each side among which values that vary too little share their error.
+_AROUND_PX = 4
+
+#: Steps within which such values lie.
+_NEAR_STEPS = 4.0
+
+#: Largest file header, bytes.
+_MAX_HEADER_BYTES = 2**16
+
+#: Largest side of a picture, px.
+_MAX_SIDE_PX = 2**15
 
 
 @dataclass(frozen=True)
 class _Header:
-    """exposure : by which pixels were multiplied. colour : factors of R, G, B likewise."""
+    """Header of a picture."""
 
+    #: rgbe or xyze.
     form: str
+    #: Factor by which pixels were multiplied.
     exposure: float
+    #: (3,) factors by which R, G, B were multiplied in addition.
     colour: tuple[float, ...]
+    #: x, y of red, green, blue and white; None where not stated.
     primaries: tuple[float, ...] | None
+    #: Direction of rows, such as -Y.
     rows: str
+    #: Direction of columns, such as +X.
     columns: str
+    #: Rows.
     height: int
+    #: Columns.
     width: int
+    #: Byte of the first row.
     offset: int
 
 
 def is_radiance(path: Path) -> bool:
-    """Whether the file begins as Radiance's pictures do."""
+    """Whether the file begins as Radiance's pictures do.
+
+    Parameters
+    ----------
+    path
+        File of any kind.
+
+    Returns
+    -------
+    bool
+        True for '#?' at its beginning.
+    """
     with path.open("rb") as file:
         return file.read(2) == b"#?"
 
 
 def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
-    """X, Y, Z in cd m^-2, exposures divided out. Raises InputError for faults, and where unit or space are missing."""
+    """Picture in X, Y, Z of a Radiance file, exposures divided out.
+
+    Parameters
+    ----------
+    path
+        The file.
+    declared
+        Units and scale; colour space where the header states no primaries.
+
+    Returns
+    -------
+    xr.Dataset
+        ``xyz`` (y, x, component), cd m^-2, with ``rounding``.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, or unit or colour space are missing.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -88,8 +139,9 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
 
 
 def _header(path: Path, content: bytes) -> _Header:
+    """Header of a file's content. Raises InputError for a missing or unknown entry."""
     expected = "a Radiance picture with FORMAT=32-bit_rle_rgbe or 32-bit_rle_xyze"
-    end = content.find(b"\n\n", 0, _HEADER)
+    end = content.find(b"\n\n", 0, _MAX_HEADER_BYTES)
     line_end = content.find(b"\n", end + 2, end + 80)
     if end < 0 or line_end < 0:
         raise InputError(path, "no header with an empty line after it", expected)
@@ -100,13 +152,13 @@ def _header(path: Path, content: bytes) -> _Header:
     )
     if size is None or {size[1][1], size[3][1]} != {"X", "Y"}:
         raise InputError(path, "no size after the header", "a line such as '-Y 480 +X 640'")
-    stated = [line.partition("=")[::2] for line in lines if "=" in line]
-    form = [value.strip() for key, value in stated if key.strip() == "FORMAT"]
+    entries = [line.partition("=")[::2] for line in lines if "=" in line]
+    form = [value.strip() for key, value in entries if key.strip() == "FORMAT"]
     match = re.fullmatch(r"32-bit_rle_(rgbe|xyze)", form[-1] if form else "")
     if match is None:
         raise InputError(f"{path}: FORMAT", f"'{form[-1]}'" if form else "nothing", expected)
     exposure, colour, primaries = 1.0, np.ones(3), None
-    for key, value in ((k.strip(), v) for k, v in stated):
+    for key, value in ((k.strip(), v) for k, v in entries):
         if key == "EXPOSURE":
             exposure *= _numbers(path, key, value, 1)[0]
         elif key == "COLORCORR":
@@ -114,12 +166,13 @@ def _header(path: Path, content: bytes) -> _Header:
         elif key == "PRIMARIES":
             primaries = tuple(_numbers(path, key, value, 8))
     height, width = int(size[2]), int(size[4])
-    if not (0 < height <= _LARGEST and 0 < width <= _LARGEST):
-        raise InputError(path, f"{height} x {width} px", f"1 to {_LARGEST} px a side")
+    if not (0 < height <= _MAX_SIDE_PX and 0 < width <= _MAX_SIDE_PX):
+        raise InputError(path, f"{height} x {width} px", f"1 to {_MAX_SIDE_PX} px a side")
     return _Header(match[1], exposure, tuple(colour), primaries, size[1], size[3], height, width, line_end + 1)
 
 
 def _numbers(path: Path, key: str, text: str, count: int) -> NDArray[np.float64]:
+    """Numbers of an entry. Raises InputError for another count, and unless they are above 0."""
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
@@ -132,15 +185,14 @@ def _numbers(path: Path, key: str, text: str, count: int) -> NDArray[np.float64]
 def _rounding(
     values: NDArray[np.float64], step: NDArray[np.float64], matrix: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Standard deviations (y, x, 3) of X, Y, Z: of each pixel, and of the part that its neighbours share; and how many
-    pixels have a channel at 0 below which light of a colour outside the primaries may have been cut off.
+    """Standard deviations (y, x, 3) of X, Y, Z, their shared part, and pixels cut at 0.
 
     values : (y, x, 3) of the channels. step : (y, x, 1) between their values. matrix : to X, Y, Z.
 
     Within a step any value is equally likely: step / sqrt(12). Where the values around differ by a step or more such
-    errors are independent (Widrow and Kollar, Quantization Noise, 2008); where they are all equal, so are the errors;
-    between, the part shared is linear in the difference, about as even surfaces with noise show (a test counts). A
-    channel cut off at 0 is anything down to where X, Y or Z is 0.
+    errors are independent (Widrow and Kollar, Quantization Noise, 2008); where they are all equal, so are the errors.
+    Between, the part shared is linear in the difference, about as even surfaces with noise show (a test counts). A
+    channel at 0 may have been cut off there: it is anything down to where X, Y or Z is 0.
     """
     each = np.broadcast_to((step / np.sqrt(12)) ** 2, values.shape)
     same = np.clip(1 - _spread(values, step), 0, 1) ** 2 * each
@@ -156,13 +208,13 @@ def _rounding(
 
 
 def _spread(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x, 3) root mean square difference from the pixels around, in steps, of those no more than 4 steps away."""
+    """(y, x, 3) rms difference from the pixels around that are up to 4 steps away, in steps."""
     squares, count, reach = np.zeros(values.shape), np.ones(values.shape), _AROUND_PX
-    own = np.where(step > 0, step, 1.0)
+    size = np.where(step > 0, step, 1.0)
     around = np.pad(values, ((reach, reach), (reach, reach), (0, 0)), constant_values=np.inf)
     height, width = values.shape[:2]
     for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
-        apart = np.abs(around[down : down + height, right : right + width] - values) / own
+        apart = np.abs(around[down : down + height, right : right + width] - values) / size
         near = apart <= _NEAR_STEPS
         squares += np.where(near, apart, 0.0) ** 2
         count += near
@@ -170,13 +222,15 @@ def _spread(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[n
 
 
 def _decoded(path: Path, content: bytes, header: _Header) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values as stored (y, x, 3) and the steps between them (y, x, 1), the first row on top, the first column at the
-    left. A value is in the middle of its step: Radiance cuts off where it writes, and adds half a step where it reads.
+    """Values as stored (y, x, 3), and the steps between them (y, x, 1), top row first.
+
+    The first row is on top, the first column at the left. A value is in the middle of its step: Radiance cuts off where
+    it writes, and adds half a step where it reads.
     """
-    data, place = np.frombuffer(content, np.uint8), header.offset
+    data, position = np.frombuffer(content, np.uint8), header.offset
     pixels = np.empty((header.height, header.width, 4), np.uint8)
     for row in pixels:
-        place = _scanline(path, data, place, row)
+        position = _scanline(path, data, position, row)
     if header.rows[1] == "X":
         pixels = pixels.swapaxes(0, 1)
     signs = {header.rows[1]: header.rows[0], header.columns[1]: header.columns[0]}
@@ -186,47 +240,47 @@ def _decoded(path: Path, content: bytes, header: _Header) -> tuple[NDArray[np.fl
     return (pixels[..., :3] + 0.5) * step, step
 
 
-def _scanline(path: Path, data: NDArray[np.uint8], place: int, row: NDArray[np.uint8]) -> int:
+def _scanline(path: Path, data: NDArray[np.uint8], position: int, row: NDArray[np.uint8]) -> int:
     """Fill one row (width, 4); returns where the next one begins."""
     width = len(row)
-    start = data[place : place + 4]
+    start = data[position : position + 4]
     if not (8 <= width <= 0x7FFF and start.size == 4 and start[0] == start[1] == 2 and start[2] < 128):
-        return _flat(path, data, place, row)
+        return _flat(path, data, position, row)
     if int(start[2]) << 8 | int(start[3]) != width:
         raise InputError(path, "a row of another width", f"{width} px, as its header says")
-    place += 4
+    position += 4
     for channel in range(4):
         filled = 0
         while filled < width:
-            if place + 2 > data.size:
+            if position + 2 > data.size:
                 raise InputError(path, f"{data.size} bytes", "a complete picture")
-            count = int(data[place])
+            count = int(data[position])
             run = count > 128
             count -= 128 * run
-            values = data[place + 1 : place + 2] if run else data[place + 1 : place + 1 + count]
+            values = data[position + 1 : position + 2] if run else data[position + 1 : position + 1 + count]
             if count == 0 or filled + count > width or values.size < (1 if run else count):
-                raise InputError(path, f"a row that does not fit at byte {place}", "a complete picture")
+                raise InputError(path, f"a row that does not fit at byte {position}", "a complete picture")
             row[filled : filled + count, channel] = values
             filled += count
-            place += 1 + values.size
-    return place
+            position += 1 + values.size
+    return position
 
 
-def _flat(path: Path, data: NDArray[np.uint8], place: int, row: NDArray[np.uint8]) -> int:
+def _flat(path: Path, data: NDArray[np.uint8], position: int, row: NDArray[np.uint8]) -> int:
     """Pixels one by one; 1, 1, 1, n repeats the one before."""
     filled, shift = 0, 0
     while filled < len(row):
-        pixel = data[place : place + 4]
-        place += 4
+        pixel = data[position : position + 4]
+        position += 4
         if pixel.size < 4:
             raise InputError(path, f"{data.size} bytes", "a complete picture")
         if pixel[0] == pixel[1] == pixel[2] == 1:
             count = int(pixel[3]) << shift
             if filled == 0 or filled + count > len(row) or shift > 16:
-                raise InputError(path, f"a row that does not fit at byte {place - 4}", "a complete picture")
+                raise InputError(path, f"a row that does not fit at byte {position - 4}", "a complete picture")
             row[filled : filled + count] = row[filled - 1]
             filled, shift = filled + count, shift + 8
         else:
             row[filled] = pixel
             filled, shift = filled + 1, 0
-    return place
+    return position

@@ -16,10 +16,21 @@ __all__ = ["write_raw"]
 
 
 def write_raw(path: Path, counts: NDArray, metadata: Mapping[str, float | int | str] | None = None) -> None:
-    """Write uint16 counts (y, x) as a deflate-compressed TIFF; an incomplete file is removed.
+    """Write counts as a deflate-compressed TIFF.
 
-    metadata : stored as JSON in the ImageDescription tag. Raises InputError for counts of another type or shape, or
-    a path that cannot be written to.
+    Parameters
+    ----------
+    path
+        File to write; an incomplete one is removed.
+    counts
+        (y, x) uint16 counts, DN.
+    metadata
+        Values stored as JSON in the ImageDescription tag; None for no tag.
+
+    Raises
+    ------
+    InputError
+        If the counts have another type or shape, or the path cannot be written to.
     """
     counts = np.asarray(counts)
     if counts.ndim != 2 or counts.dtype != np.uint16:

@@ -1,4 +1,4 @@
-"""OpenEXR files of bands whose names do not state their wavelengths, such as those of Mitsuba's ``specfilm``."""
+"""OpenEXR files of bands without wavelengths in their names, such as those of ``specfilm``."""
 
 from __future__ import annotations
 
@@ -58,8 +58,10 @@ def cube_of_bands(path: Path, channels: ExrChannels, declared: Declared) -> xr.D
             "declare wavelengths=400:700:20.",
         )
     if len(declared.wavelengths_nm) != len(names):
-        found = f"{len(declared.wavelengths_nm)} wavelengths"
-        raise InputError("declared wavelengths", found, f"{len(names)}, for the channels {listed(names)} of {path}")
+        count_text = f"{len(declared.wavelengths_nm)} wavelengths"
+        raise InputError(
+            "declared wavelengths", count_text, f"{len(names)}, for the channels {listed(names)} of {path}"
+        )
     factor = spectral_factor(path, None, declared, _SCALE_HINT)
     planes, grid = sorted_planes(
         path, np.stack([channels.planes[name] for name in names], axis=-1), np.array(declared.wavelengths_nm)

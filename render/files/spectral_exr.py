@@ -1,4 +1,7 @@
-"""Spectral OpenEXR (layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021): one channel for each wavelength."""
+"""Spectral OpenEXR: one channel for each wavelength.
+
+Layout of Fichet, Pacanowski and Wilkie, JCGT 10(3), 2021.
+"""
 
 from __future__ import annotations
 
@@ -98,19 +101,19 @@ def cube_of_spectral_channels(path: Path, channels: ExrChannels, declared: Decla
     planes = np.stack([channels.planes[name] for name in wavelengths], axis=-1)
     planes, grid = sorted_planes(path, planes, np.array(list(wavelengths.values())))
     header, notes = channels.header, []
-    stated = header.get("emissiveUnits")
-    if stated == _PER_BAND:
-        notes.append(f"emissiveUnits '{stated}' is read as per nm, as the layout's authors write it")
-        stated = RADIANCE_UNIT
-    factor = spectral_factor(f"{path}: emissiveUnits", stated, declared)
+    file_unit = header.get("emissiveUnits")
+    if file_unit == _PER_BAND:
+        notes.append(f"emissiveUnits '{file_unit}' is read as per nm, as the layout's authors write it")
+        file_unit = RADIANCE_UNIT
+    factor = spectral_factor(f"{path}: emissiveUnits", file_unit, declared)
     others = sorted(set(channels.planes) - set(wavelengths) - {"R", "G", "B", "A"})
     if others:
         notes.append(f"channels that are not emissive spectra are left out: {', '.join(others[:8])}")
     cube = as_cube(scaled(planes, factor), grid, header.get("missing") == "NaN")
     cube = cube.assign_attrs({name: header[name] for name in PROVENANCE if isinstance(header.get(name), str)})
-    if stated is None:
+    if file_unit is None:
         return with_declarations(cube, declared, ("units", "scale"), notes)
-    return with_declarations(cube, declared, (), notes, {"units": stated})
+    return with_declarations(cube, declared, (), notes, {"units": file_unit})
 
 
 def _nanometres(match: re.Match[str]) -> float:

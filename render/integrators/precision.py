@@ -34,7 +34,7 @@ BATCHES = 8
 #: Samples of a pixel in a pass of the pilot, from which the number of samples of the proper passes is estimated.
 PILOT_SAMPLES = 64
 #: Exponent q of the error, which decreases as samples^-q: 0.7 for scrambled Sobol' points in these scenes (measured:
-#: docs/measurements.md).
+#: benchmarks/measured/history.md).
 CONVERGENCE = 0.7
 #: Largest number of samples of a pixel in a pass.
 MOST_SAMPLES = 2**15

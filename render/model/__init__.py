@@ -8,6 +8,7 @@ from .model_file import (
     named_effect,
     referred_scene,
     scene_reference,
+    with_scene_file,
     write_model,
 )
 from .stages import displacement, labelled_cube, model_cube_inputs, seen_through, with_further_distortion
@@ -27,5 +28,6 @@ __all__ = [
     "seen_through",
     "view_of",
     "with_further_distortion",
+    "with_scene_file",
     "write_model",
 ]

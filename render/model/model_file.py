@@ -29,6 +29,7 @@ __all__ = [
     "named_effect",
     "referred_scene",
     "scene_reference",
+    "with_scene_file",
     "write_model",
 ]
 
@@ -188,27 +189,44 @@ def scene_reference(scene: Scene, folder: Path | None) -> str:
     Parameters
     ----------
     scene
-        A scene with an origin.
+        Any scene.
     folder
         Folder of the file that will refer to it; None for absolute paths.
 
     Returns
     -------
     str
-        Name of the packaged scene, or the scene file's path relative to ``folder``.
+        Name of the packaged scene, or the scene file's path relative to ``folder``. For a scene that was built or
+        changed in memory a description, which no file can refer to: see ``with_scene_file``.
+    """
+    if scene.origin is None:
+        return f"in memory: {scene.name}"
+    if scene.origin.packaged or folder is None:
+        return scene.origin.reference
+    return Path(os.path.relpath(scene.origin.reference, folder.resolve())).as_posix()
+
+
+def with_scene_file(model: Model, path: Path) -> Model:
+    """Model whose scene is in a file.
+
+    Parameters
+    ----------
+    model
+        Any model.
+    path
+        File to which a scene that was built or changed in memory is written, .toml.
+
+    Returns
+    -------
+    Model
+        The same model where its scene has an origin.
 
     Raises
     ------
     InputError
-        If the scene was built or changed in memory, and so is in no file.
+        If the scene has a property that scene files cannot state.
     """
-    if scene.origin is None:
-        raise InputError(
-            f"scene '{scene.name}'", "a scene in memory", "a scene in a file", "Write it: scene.write(path)."
-        )
-    if scene.origin.packaged or folder is None:
-        return scene.origin.reference
-    return Path(os.path.relpath(scene.origin.reference, folder.resolve())).as_posix()
+    return model if model.scene.origin is not None else replace(model, scene=load_scene(model.scene.write(path)))
 
 
 def checked_effects(
@@ -286,7 +304,7 @@ def model_text(model: Model, folder: Path | None = None) -> str:
     Parameters
     ----------
     model
-        A model whose scene has an origin.
+        Any model; of a scene in memory the text describes it and cannot be loaded.
     folder
         Folder in which the file is to lie; None names files by their absolute paths.
 
@@ -294,11 +312,6 @@ def model_text(model: Model, folder: Path | None = None) -> str:
     -------
     str
         TOML.
-
-    Raises
-    ------
-    InputError
-        If the scene was built or changed in memory.
     """
     settings = {"noise": model.render.noise, "max_bounces": model.render.max_bounces, "seed": model.render.seed}
     content: dict[str, Any] = {
@@ -336,7 +349,6 @@ def write_model(path: Path, model: Model) -> None:
         If the scene has a property that scene files cannot state.
     """
     path = Path(path)
-    if model.scene.origin is None:
-        model = replace(model, scene=load_scene(model.scene.write(path.with_name(f"{path.stem}-scene.toml"))))
+    model = with_scene_file(model, path.with_name(f"{path.stem}-scene.toml"))
     with replacing(path) as temporary:
         temporary.write_text(model_text(model, path.parent), encoding="utf-8")

@@ -1,6 +1,7 @@
-"""Small changes of a picture without rendering it again: camera motion, surfaces, haze, blur."""
+"""Small changes of a picture without a new rendering: camera motion, surfaces, haze, blur."""
 
-from .brdf_change import Coat, Reflection, changed_reflection, fresnel, with_reflection
+from .brdf_change import Reflection, changed_reflection, with_reflection
+from .coat import Coat, fresnel
 from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
 from .patch_light import PatchLight, band_shares, patch_light, with_albedo

@@ -6,9 +6,8 @@ to light from the patches. At earlier ones light is treated as diffusely reflect
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -18,12 +17,24 @@ from numpy.typing import NDArray
 from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
+from .coat import Coat
 from .patch_light import PatchLight
 
-__all__ = ["Coat", "Reflection", "changed_reflection", "fresnel", "with_reflection"]
+__all__ = ["Reflection", "changed_reflection", "with_reflection"]
 
-#: Angles by which light from all directions is summed.
+#: Number of cosines, in equal steps, over which light from all directions is summed.
 _COSINES = 256
+
+#: Random numbers of a path that ends at the surface seen, and of one with a reflection before it.
+_DIMENSIONS_AT_SURFACE = 8
+_DIMENSIONS_BEFORE_LAST = 14
+
+#: Indices of the random numbers that place the camera ray in its pixel, across and down.
+_PIXEL_U = 4
+_PIXEL_V = 5
+
+#: Smallest cosine to the normal of a sampled direction above the surface.
+_MIN_COSINE = 1e-6
 
 Albedo: TypeAlias = "Callable[[mi.Float], tuple[mi.Float, mi.Float]]"
 Sample: TypeAlias = "Callable[[SobolPoints, mi.UInt32, mi.Ray3f], list[mi.Float]]"
@@ -32,109 +43,231 @@ Base: TypeAlias = "Callable[[mi.Vector3f, mi.Vector3f], mi.Float]"
 
 @dataclass(frozen=True, eq=False)
 class Reflection:
-    """A reflection in place of Lambert's.
+    """A reflection in place of Lambert's."""
 
-    base : diffuse BRDF relative to Lambert's, as a function of the directions of incoming and outgoing light in the
-    surface's frame. coat : a specular one above it. albedo : albedos of base (relative to Lambert's) and coat for light
-    from a cosine.
-    """
-
+    #: Diffuse BRDF over Lambert's, of the directions of incoming and outgoing light in the surface's frame.
     base: Base
+    #: Specular coat above the base; None without one.
     coat: Coat | None = None
+    #: Albedos of base (over Lambert's) and coat for light from a cosine; None where patches keep Lambert's.
     albedo: Albedo | None = None
 
 
 @dataclass
-class _Arriving:
-    """Light from a point of a lamp: form factor, direction in the surface's frame, density of the direction, 1/sr."""
+class _LampLight:
+    """Light that arrives at a point from a sampled point of a lamp."""
 
+    #: The lamp.
     lamp: LampSampler
+    #: Form factor, 0 where the lamp's point is hidden.
     weight: mi.Float
+    #: Direction towards the lamp in the surface's frame.
     incoming: mi.Vector3f
-    per_area: mi.Float
+    #: Probability density of the direction, 1/sr.
+    density: mi.Float
 
 
-class Coat:
-    """A specular coat: scale times the Fresnel reflectance (index 1.5) with a GGX lobe of roughness alpha.
+@dataclass
+class _Surface:
+    """A point of a surface, the direction in which its light leaves, and where the point counts."""
 
-    Smith's separable masking; visible normals are sampled after Heitz, JCGT 7(4), 2018.
-    """
-
-    def __init__(self, scale: float, alpha: float) -> None:
-        self.scale = dr.opaque(mi.Float, scale)
-        self.alpha = dr.opaque(mi.Float, max(alpha, 1e-3))
-
-    def value(self, incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
-        """BRDF, 1/sr, in the surface's frame (z is the normal)."""
-        half = dr.normalize(incoming + outgoing)
-        both = self._masking(incoming) * self._masking(outgoing)
-        below = 4 * incoming.z * outgoing.z
-        value = self.scale * fresnel(dr.dot(incoming, half)) * self._density(half) * both / below
-        return dr.select((incoming.z > 1e-6) & (outgoing.z > 1e-6), value, 0)
-
-    def sample(self, outgoing: mi.Vector3f, u: mi.Float, v: mi.Float) -> mi.Vector3f:
-        """A sampled direction of incoming light, from the normals visible from ``outgoing``."""
-        a = self.alpha
-        stretched = dr.normalize(mi.Vector3f(a * outgoing.x, a * outgoing.y, outgoing.z))
-        frame = mi.Frame3f(stretched)
-        radius, angle = dr.sqrt(u), 2 * np.pi * v
-        x, y = radius * dr.cos(angle), radius * dr.sin(angle)
-        # Heitz: the disc is warped to the visible part of the ellipsoid, along the frame's axis closest to z.
-        up = dr.normalize(mi.Vector3f(0, 0, 1) - stretched * stretched.z + mi.Vector3f(1e-12, 0, 0))
-        side = dr.select(stretched.z > 0.99999, frame.s, dr.cross(up, stretched))
-        up = dr.cross(stretched, side)
-        s = 0.5 * (1 + stretched.z)
-        y = (1 - s) * dr.safe_sqrt(1 - x * x) + s * y
-        normal = side * x + up * y + stretched * dr.safe_sqrt(1 - x * x - y * y)
-        half = dr.normalize(mi.Vector3f(a * normal.x, a * normal.y, dr.maximum(normal.z, 1e-6)))
-        return 2 * dr.dot(outgoing, half) * half - outgoing
-
-    def density(self, incoming: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Float:
-        """Probability density of ``sample``, 1/sr."""
-        half = dr.normalize(incoming + outgoing)
-        return dr.select(
-            (incoming.z > 1e-6) & (outgoing.z > 1e-6),
-            self._masking(outgoing) * self._density(half) / (4 * outgoing.z),
-            0,
-        )
-
-    def albedo(self, cosine: NDArray, strata: int = 96) -> NDArray[np.float64]:
-        """(n,) directional albedo (0 to 1) for light at ``cosine`` (n,) to the normal."""
-        place = (np.arange(strata) + 0.5) / strata
-        c, u, v = (
-            device_array(mi.Float, x) for x in np.meshgrid(np.asarray(cosine, float), place, place, indexing="ij")
-        )
-        outgoing = mi.Vector3f(dr.safe_sqrt(1 - c * c), 0, c)
-        incoming = self.sample(outgoing, u, v)
-        pdf = self.density(incoming, outgoing)
-        part = dr.select(pdf > 0, self.value(incoming, outgoing) * incoming.z / pdf, 0)
-        return np.array(part, float).reshape(-1, strata**2).mean(axis=1)
-
-    def _density(self, half: mi.Vector3f) -> mi.Float:
-        square = self.alpha * self.alpha
-        cosine = half.z * half.z
-        return square / (np.pi * dr.square(cosine * (square - 1) + 1))
-
-    def _masking(self, direction: mi.Vector3f) -> mi.Float:
-        cosine = dr.maximum(direction.z * direction.z, 1e-12)
-        tangent = dr.maximum(1 - cosine, 0) / cosine
-        return 2 / (1 + dr.sqrt(1 + self.alpha * self.alpha * tangent))
+    #: Frame with the normal as z.
+    frame: mi.Frame3f
+    #: Beginning of rays that leave the surface, mm.
+    origin: mi.Point3f
+    #: Direction of outgoing light in the frame.
+    outgoing: mi.Vector3f
+    #: Lanes whose point has the changed material.
+    active: mi.Bool
 
 
-def fresnel(cosine: mi.Float, index: float = 1.5) -> mi.Float:
-    """Reflectance of a dielectric for unpolarised light (Fresnel); a negative cosine is set to 0."""
-    cosine = dr.maximum(cosine, 0)
-    g = dr.sqrt(index * index - 1 + cosine * cosine)
-    a = dr.square((g - cosine) / (g + cosine))
-    b = dr.square((cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1))
-    return 0.5 * a * (1 + b)
+@dataclass(frozen=True, eq=False)
+class _ReflectionChange:
+    """Change of radiance along camera rays for a changed reflection of a material; w bands."""
+
+    #: Scene with its patches and lamps.
+    light: PatchedScene
+    #: The changed reflection.
+    reflection: Reflection
+    #: Index of the material.
+    material: int
+    #: Number of bands.
+    bands: int
+    #: (p w,) radiance of the patches, relative to the lamps' mean.
+    patch_radiance: mi.Float
+    #: (w) reflectance of the material.
+    reflectance: list[mi.Float]
+    #: (materials w,) reflectances of all materials and of the lamps.
+    all_reflectances: mi.Float
+    #: (lamps, w) radiance of each lamp relative to their mean.
+    lamp_shares: list[list[mi.Float]]
+
+    def at_surface(self, points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f) -> list[mi.Float]:
+        """Change at the surface that the camera sees, by band."""
+        hit = intersect(self.light.tracer, ray)
+        surface = self._surface(hit, ray, hit.front & (hit.material == self.material))
+        arriving = self._from_lamps(surface, points.point(i, 2), points.point(i, 3))
+        change = self._none()
+        for lamp, shares in zip(arriving, self.lamp_shares, strict=True):
+            excess = lamp.weight * (self.reflection.base(lamp.incoming, surface.outgoing) - 1)
+            change = [c + r * s * excess for c, r, s in zip(change, self.reflectance, shares, strict=True)]
+        gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
+        far = self._patches_along(surface, gathered)
+        factor = self.reflection.base(gathered, surface.outgoing) - 1
+        change = [c + r * factor * b for c, r, b in zip(change, self.reflectance, far, strict=True)]
+        change = self._with_coat(change, surface, arriving, points, i, first=6)
+        return [dr.select(surface.active, c, 0) for c in change]
+
+    def before_last(self, diffuse: list[mi.Float]) -> Sample:
+        """Sampler of the light that the material reflects towards the surface seen, minus its mean.
+
+        diffuse : albedos of base and coat for light from all directions.
+        """
+
+        def sample(points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f) -> list[mi.Float]:
+            tracer = self.light.tracer
+            hit = intersect(tracer, ray)
+            onwards = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
+            origin = hit.position + hit.normal * RAY_OFFSET_MM
+            ray = mi.Ray3f(origin, mi.Frame3f(hit.normal).to_world(onwards))
+            far = intersect(tracer, ray, hit.reflecting)
+            surface = self._surface(far, ray, far.front & (far.material == self.material))
+            arriving = self._from_lamps(surface, points.point(i, 8), points.point(i, 9))
+            change = self._lamps_less_mean(surface, arriving)
+            gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 12), points.point(i, 13)))
+            source = self._patches_along(surface, gathered)
+            base_mean, coat_mean = diffuse
+            factor = self.reflection.base(gathered, surface.outgoing) - base_mean
+            change = [
+                c + (r * factor - coat_mean) * b for c, r, b in zip(change, self.reflectance, source, strict=True)
+            ]
+            change = self._with_coat(change, surface, arriving, points, i, first=10)
+            entry = hit.material * self.bands
+            first = [dr.gather(mi.Float, self.all_reflectances, entry + k, hit.reflecting) for k in range(self.bands)]
+            return [dr.select(surface.active, f * c, 0) for f, c in zip(first, change, strict=True)]
+
+        return sample
+
+    def _none(self) -> list[mi.Float]:
+        """No change in any band."""
+        return [mi.Float(0) for _ in self.reflectance]
+
+    def _surface(self, hit: Hit, ray: mi.Ray3f, active: mi.Bool) -> _Surface:
+        """Point where a ray meets a surface, whose light leaves against the ray."""
+        frame = mi.Frame3f(hit.normal)
+        return _Surface(frame, hit.position + hit.normal * RAY_OFFSET_MM, frame.to_local(-ray.d), active)
+
+    def _from_lamps(self, surface: _Surface, u: mi.Float, v: mi.Float) -> list[_LampLight]:
+        """One point of each lamp, as light that arrives at a surface."""
+        tracer, arriving = self.light.tracer, []
+        for lamp in self.light.lamps:
+            weight, to_lamp, density = lamp_point(lamp, surface.origin, surface.frame.n, u, v, surface.active)
+            incoming = surface.frame.to_local(dr.normalize(to_lamp))
+            shining = surface.active & (weight > 0)
+            free = visible(tracer, surface.origin, surface.origin + to_lamp, shining, enclosed=True)
+            arriving.append(_LampLight(lamp, dr.select(free, weight, 0), incoming, density))
+        return arriving
+
+    def _patches_along(self, surface: _Surface, direction: mi.Vector3f) -> list[mi.Float]:
+        """Radiance of the patch in a direction of the surface's frame, by band."""
+        ray = mi.Ray3f(surface.origin, surface.frame.to_world(direction))
+        return self._patch_radiance(intersect(self.light.tracer, ray, surface.active), surface.active)
+
+    def _patch_radiance(self, hit: Hit, active: mi.Bool) -> list[mi.Float]:
+        """Radiance of the patch that a ray meets, by band; 0 where it meets none."""
+        on = hit.reflecting & active
+        patch = patch_of(self.light.patches, hit.triangle, hit.uv, on)
+        return [dr.gather(mi.Float, self.patch_radiance, patch * self.bands + k, on) for k in range(self.bands)]
+
+    def _lamps_less_mean(self, surface: _Surface, arriving: list[_LampLight]) -> list[mi.Float]:
+        """Lamps' light by the base, minus the light of base and coat spread evenly, by band."""
+        albedo, change = self.reflection.albedo, self._none()
+        for lamp, shares in zip(arriving, self.lamp_shares, strict=True):
+            # rays that meet no surface have no angle of incidence; the albedo may be read from a table
+            cosine = dr.select(surface.active, lamp.incoming.z, 0)
+            base_mean, coat_mean = albedo(cosine)  # type: ignore[misc]
+            excess = lamp.weight * (self.reflection.base(lamp.incoming, surface.outgoing) - base_mean)
+            change = [
+                c + s * (r * excess - lamp.weight * coat_mean)
+                for c, s, r in zip(change, shares, self.reflectance, strict=True)
+            ]
+        return change
+
+    def _with_coat(
+        self,
+        change: list[mi.Float],
+        surface: _Surface,
+        arriving: list[_LampLight],
+        points: SobolPoints,
+        i: mi.UInt32,
+        *,
+        first: int,
+    ) -> list[mi.Float]:
+        """Change with the light that the coat reflects, if there is one.
+
+        first : index of the first of its two random numbers.
+        """
+        coat = self.reflection.coat
+        if coat is None:
+            return change
+        u, v = points.point(i, first), points.point(i, first + 1)
+        lobes, strength, near, valid = self._by_coat(coat, surface, arriving, u, v)
+        return [
+            c + lobe + dr.select(valid, strength * b, 0)
+            for c, lobe, b in zip(change, lobes, self._patch_radiance(near, valid), strict=True)
+        ]
+
+    def _by_coat(
+        self, coat: Coat, surface: _Surface, arriving: list[_LampLight], u: mi.Float, v: mi.Float
+    ) -> tuple[list[mi.Float], mi.Float, Hit, mi.Bool]:
+        """Lamps' light by the coat, by band, and a sampled direction of its lobe.
+
+        By multiple importance sampling. Of the direction: its weight, what its ray meets, and whether it is valid.
+        """
+        outgoing = surface.outgoing
+        direction = coat.sample(outgoing, u, v)
+        valid = surface.active & (direction.z > _MIN_COSINE)
+        pdf = coat.density(direction, outgoing)
+        strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
+        toward = surface.frame.to_world(direction)
+        near = intersect(self.light.tracer, mi.Ray3f(surface.origin, toward), valid)
+        lobes = self._none()
+        for light, shares in zip(arriving, self.lamp_shares, strict=True):
+            value, density = coat.value(light.incoming, outgoing), coat.density(light.incoming, outgoing)
+            share = dr.select(light.density > 0, light.density / (light.density + density), 0)
+            lamp_cosine = -dr.dot(toward, light.lamp.normal)
+            lamp_pdf = dr.square(near.distance) / (light.lamp.area * dr.maximum(lamp_cosine, 1e-6))
+            emitted = lamp_seen(light.lamp, near, toward)
+            lobe = light.weight * np.pi * value * share
+            lobe += dr.select(emitted > 0, strength * emitted * pdf / (pdf + lamp_pdf), 0)
+            lobes = [old + s * lobe for old, s in zip(lobes, shares, strict=True)]
+        return lobes, strength, near, valid
 
 
 def _for_diffuse_light(albedo: Albedo) -> list[mi.Float]:
-    """The albedos of base and coat for light that is equally bright from all directions."""
+    """Albedos of base and coat for light that is equally bright from all directions."""
     cosine = (np.arange(_COSINES) + 0.5) / _COSINES
     each = albedo(device_array(mi.Float, cosine))
     return [dr.opaque(mi.Float, float(np.mean(2 * cosine * np.array(mean, float)))) for mean in each]
+
+
+def _means(
+    sample: Sample, camera: Camera, pixels: NDArray, samples: int, dimensions: int, bands: int, seed: int
+) -> NDArray[np.float64]:
+    """(w, n) means of a sample over ``samples`` camera rays of each of n pixels."""
+    lane = device_array(mi.UInt32, pixels)
+    rays = pixel_rays(camera, lane)
+    points = SobolPoints(dimensions, samples, lane, seed)
+
+    def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
+        change = sample(points, i, rays(points.point(i, _PIXEL_U), points.point(i, _PIXEL_V)))
+        return i + 1, [total + c for total, c in zip(sums, change, strict=True)]
+
+    last = dr.opaque(mi.UInt32, samples)
+    start = (dr.zeros(mi.UInt32, len(pixels)), [dr.zeros(mi.Float, len(pixels)) for _ in range(bands)])
+    _, sums = dr.while_loop(start, lambda i, _: i < last, body)
+    dr.eval(sums)
+    return np.stack([np.array(total) for total in sums]) / samples
 
 
 def changed_reflection(
@@ -150,161 +283,87 @@ def changed_reflection(
     samples: tuple[int, int] = (256, 256),
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Change (w, y, x) of radiance, relative to the lamps' mean, for a changed reflection of one ``material``.
+    """Change of a picture for a changed reflection of one material.
 
-    radiance : (p, w) of the patches, relative to the lamps' mean. reflectances : (material, w) of all materials
-    and of the lamps. lamp_shares : (lamps, w) radiance of each lamp relative to their mean. reflection : if it has
-    albedos, which ``radiance`` includes, the light reflected towards the surfaces seen by the camera gets the
-    directional distribution of the changed reflection. seen_in : (n,) pixels that see the material, counted along the
-    rows. samples : rays of each of these, and of all pixels for the reflection before, which the last one spreads.
+    If the reflection has albedos, the patches' radiance includes them. The light that the material reflects towards
+    the surfaces seen by the camera then gets the directional distribution of the changed reflection.
+
+    Parameters
+    ----------
+    light
+        Scene with its patches and lamps.
+    camera
+        Camera of the picture.
+    radiance
+        (p, w) of the patches, relative to the lamps' mean.
+    reflectances
+        (material, w) of all materials and of the lamps.
+    lamp_shares
+        (lamps, w) radiance of each lamp relative to their mean.
+    reflection
+        The changed reflection.
+    material
+        Index of the material.
+    seen_in
+        (n,) pixels that see the material, counted along the rows.
+    samples
+        Rays of each of these pixels, and of every pixel for the reflection before, which the last one spreads.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    NDArray
+        (w, y, x) change of radiance, relative to the lamps' mean.
     """
-    tracer, patches = light.tracer, light.patches
-    base, coat, albedo = reflection.base, reflection.coat, reflection.albedo
-    bands = radiance.shape[1]
-    table = device_array(mi.Float, radiance)
-    rho = [dr.opaque(mi.Float, float(r)) for r in reflectances[material]]
-    table_rho = device_array(mi.Float, reflectances)
-    shares = [[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares]
-    count = camera.width_px * camera.height_px
-
-    def seen(hit: Hit, active: mi.Bool) -> list[mi.Float]:
-        on = hit.reflecting & active
-        patch = patch_of(patches, hit.triangle, hit.uv, on)
-        return [dr.gather(mi.Float, table, patch * bands + k, on) for k in range(bands)]
-
-    def at_surface(points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f) -> list[mi.Float]:
-        """The change at the surface that the camera sees."""
-        hit = intersect(tracer, ray)
-        mine = hit.front & (hit.material == material)
-        frame = mi.Frame3f(hit.normal)
-        outgoing = frame.to_local(-ray.d)
-        origin = hit.position + hit.normal * RAY_OFFSET_MM
-        arriving = from_lamps(frame, origin, points.point(i, 2), points.point(i, 3), mine)
-        change = [mi.Float(0) for _ in rho]
-        for one, own in zip(arriving, shares, strict=True):
-            beyond = one.weight * (base(one.incoming, outgoing) - 1)
-            change = [c + r * s * beyond for c, r, s in zip(change, rho, own, strict=True)]
-        gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
-        far = intersect(tracer, mi.Ray3f(origin, frame.to_world(gathered)), mine)
-        factor = base(gathered, outgoing) - 1
-        change = [c + r * factor * b for c, r, b in zip(change, rho, seen(far, mine), strict=True)]
-        if coat is not None:
-            u, v = points.point(i, 6), points.point(i, 7)
-            lobes, strength, near, valid = mirrored(coat, frame, origin, arriving, outgoing, u=u, v=v, active=mine)
-            change = [
-                c + lobe + dr.select(valid, strength * b, 0)
-                for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
-            ]
-        return [dr.select(mine, c, 0) for c in change]
-
-    def from_lamps(frame: mi.Frame3f, origin: mi.Point3f, u: mi.Float, v: mi.Float, active: mi.Bool) -> list[_Arriving]:
-        """One point of each lamp, as light that arrives at ``origin``."""
-        found = []
-        for lamp in light.lamps:
-            weight, to_lamp, per_area = lamp_point(lamp, origin, frame.n, u, v, active)
-            incoming = frame.to_local(dr.normalize(to_lamp))
-            free = visible(tracer, origin, origin + to_lamp, active & (weight > 0), enclosed=True)
-            found.append(_Arriving(lamp, dr.select(free, weight, 0), incoming, per_area))
-        return found
-
-    def mirrored(
-        coat: Coat,
-        frame: mi.Frame3f,
-        origin: mi.Point3f,
-        arriving: list[_Arriving],
-        outgoing: mi.Vector3f,
-        *,
-        u: mi.Float,
-        v: mi.Float,
-        active: mi.Bool,
-    ) -> tuple[list[mi.Float], mi.Float, Hit, mi.Bool]:
-        """The lamps' light by the coat (multiple importance sampling); the weight and hit of a sampled direction."""
-        direction = coat.sample(outgoing, u, v)
-        valid = active & (direction.z > 1e-6)
-        pdf = coat.density(direction, outgoing)
-        strength = dr.select(pdf > 0, coat.value(direction, outgoing) * direction.z / pdf, 0)
-        near = intersect(tracer, mi.Ray3f(origin, frame.to_world(direction)), valid)
-        lobes = [mi.Float(0) for _ in rho]
-        for one, own in zip(arriving, shares, strict=True):
-            value, density = coat.value(one.incoming, outgoing), coat.density(one.incoming, outgoing)
-            share = dr.select(one.per_area > 0, one.per_area / (one.per_area + density), 0)
-            lamp_cosine = -dr.dot(frame.to_world(direction), one.lamp.normal)
-            lamp_pdf = dr.square(near.distance) / (one.lamp.area * dr.maximum(lamp_cosine, 1e-6))
-            emitted = lamp_seen(one.lamp, near, frame.to_world(direction))
-            lobe = one.weight * np.pi * value * share
-            lobe += dr.select(emitted > 0, strength * emitted * pdf / (pdf + lamp_pdf), 0)
-            lobes = [old + s * lobe for old, s in zip(lobes, own, strict=True)]
-        return lobes, strength, near, valid
-
-    def before_last(
-        albedo: Albedo, diffuse: Sequence[mi.Float], points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f
-    ) -> list[mi.Float]:
-        """The light reflected by the material before the surface seen, minus its mean over directions."""
-        hit = intersect(tracer, ray)
-        onwards = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 0), points.point(i, 1)))
-        origin = hit.position + hit.normal * RAY_OFFSET_MM
-        ray = mi.Ray3f(origin, mi.Frame3f(hit.normal).to_world(onwards))
-        far = intersect(tracer, ray, hit.reflecting)
-        theirs = far.front & (far.material == material)
-        frame = mi.Frame3f(far.normal)
-        outgoing = frame.to_local(-ray.d)
-        there = far.position + far.normal * RAY_OFFSET_MM
-        arriving = from_lamps(frame, there, points.point(i, 8), points.point(i, 9), theirs)
-        change = [mi.Float(0) for _ in rho]
-        for one, own in zip(arriving, shares, strict=True):
-            # rays that meet no surface have no angle of incidence; the albedo may be read from a table
-            base_mean, coat_mean = albedo(dr.select(theirs, one.incoming.z, 0))
-            beyond = one.weight * (base(one.incoming, outgoing) - base_mean)
-            change = [c + s * (r * beyond - one.weight * coat_mean) for c, s, r in zip(change, own, rho, strict=True)]
-        base_mean, coat_mean = diffuse
-        gathered = mi.warp.square_to_cosine_hemisphere(mi.Point2f(points.point(i, 12), points.point(i, 13)))
-        source = intersect(tracer, mi.Ray3f(there, frame.to_world(gathered)), theirs)
-        factor = base(gathered, outgoing) - base_mean
-        change = [c + (r * factor - coat_mean) * b for c, r, b in zip(change, rho, seen(source, theirs), strict=True)]
-        if coat is not None:
-            u, v = points.point(i, 10), points.point(i, 11)
-            lobes, strength, near, valid = mirrored(coat, frame, there, arriving, outgoing, u=u, v=v, active=theirs)
-            change = [
-                c + lobe + dr.select(valid, strength * b, 0)
-                for c, lobe, b in zip(change, lobes, seen(near, valid), strict=True)
-            ]
-        entry = hit.material * bands
-        first = [dr.gather(mi.Float, table_rho, entry + k, hit.reflecting) for k in range(bands)]
-        return [dr.select(theirs, f * c, 0) for f, c in zip(first, change, strict=True)]
-
-    def means(pixels: NDArray, dimensions: int, own_samples: int, sample: Sample) -> NDArray[np.float64]:
-        """(w, n) mean changes of some pixels."""
-        lane = device_array(mi.UInt32, pixels)
-        rays, points = pixel_rays(camera, lane), SobolPoints(dimensions, own_samples, lane, seed)
-
-        def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
-            change = sample(points, i, rays(points.point(i, 4), points.point(i, 5)))
-            return i + 1, [total + c for total, c in zip(sums, change, strict=True)]
-
-        last = dr.opaque(mi.UInt32, own_samples)
-        start = (dr.zeros(mi.UInt32, len(pixels)), [dr.zeros(mi.Float, len(pixels)) for _ in range(bands)])
-        _, sums = dr.while_loop(start, lambda i, _: i < last, body)
-        dr.eval(sums)
-        return np.stack([np.array(total) for total in sums]) / own_samples
-
-    change = np.zeros((bands, count))
+    bands, count = radiance.shape[1], camera.width_px * camera.height_px
+    change = _ReflectionChange(
+        light,
+        reflection,
+        material,
+        bands,
+        patch_radiance=device_array(mi.Float, radiance),
+        reflectance=[dr.opaque(mi.Float, float(r)) for r in reflectances[material]],
+        all_reflectances=device_array(mi.Float, reflectances),
+        lamp_shares=[[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares],
+    )
+    picture = np.zeros((bands, count))
     if len(seen_in):
-        change[:, seen_in] = means(seen_in, 8, samples[0], at_surface)
-    if albedo is not None:
-        change += means(np.arange(count), 14, samples[1], partial(before_last, albedo, _for_diffuse_light(albedo)))
-    return change.reshape(bands, camera.height_px, camera.width_px)
+        picture[:, seen_in] = _means(
+            change.at_surface, camera, seen_in, samples[0], _DIMENSIONS_AT_SURFACE, bands, seed
+        )
+    if reflection.albedo is not None:
+        sample = change.before_last(_for_diffuse_light(reflection.albedo))
+        picture += _means(sample, camera, np.arange(count), samples[1], _DIMENSIONS_BEFORE_LAST, bands, seed)
+    return picture.reshape(bands, camera.height_px, camera.width_px)
 
 
 def with_reflection(
     light: PatchLight, material: int, reflection: Reflection, *, of: tuple[str | float, ...], samples: tuple[int, int]
 ) -> PatchLight:
-    """The light with a changed reflection of one material, whose patches have the albedo of it already.
+    """Light with a changed reflection of one material, whose patches have its albedo already.
 
-    of : what determines the reflection; where the light is the same as well, rays traced before are used again.
+    Parameters
+    ----------
+    light
+        Light of the scene.
+    material
+        Index of the material.
+    reflection
+        The changed reflection.
+    of
+        What determines the reflection; rays traced before for the same reflection and light are used again.
+    samples
+        As ``changed_reflection``.
+
+    Returns
+    -------
+    PatchLight
+        The light with the change added to its picture.
     """
     transport, radiance = light.transport, light.patch_radiance()
     reflectances = light.scene.reflectances(light.wavelength_nm)
-    added = transport.kept(
+    added = transport.cached(
         (*of, material, *samples, radiance, reflectances, light.lamp_shares),
         lambda: changed_reflection(
             transport.light,

@@ -2,7 +2,7 @@
 
 A blur of pixel values does not know where an edge lies within a pixel. At 0.2 px it changes all pixels along an edge
 similarly, whereas an optical blur changes mainly the pixels whose border is close to the edge. Here the coverages of
-the faces, known on a grid of subpixels, are blurred both ways; the difference, times each face's signal beside its
+the faces, known on a grid of subpixels, are blurred both ways; the difference, times each face's signal at its
 edge, is the correction.
 """
 
@@ -21,8 +21,11 @@ from .warp import Warp
 
 __all__ = ["EdgeBlur", "build_edge_blur"]
 
-#: Subpixels across a pixel, and camera rays across a subpixel.
-_ACROSS, _RAYS = 8, 4
+#: Subpixels across a pixel.
+_ACROSS = 8
+
+#: Camera rays across a subpixel.
+_RAYS = 4
 
 #: Pixels per call, which limits memory.
 _PIXELS_PER_CALL = 1024
@@ -37,21 +40,34 @@ _MARGIN = 7
 
 @dataclass(frozen=True, eq=False)
 class EdgeBlur(OwnMappings):
-    """faces : by index into the warp's faces, for each with a visible edge, the rows and columns of its blurred
-    coverage, and its coverage there, (subpixel rows, subpixel columns), 0 to 1.
-    """
+    """Coverages of the faces that have a visible edge, on subpixels."""
 
+    #: The picture by faces.
     warp: Warp
+    #: By index into the warp's faces: rows and columns of the blurred coverage, and the coverage there, (subpixel rows,
+    #: subpixel columns), 0 to 1.
     faces: Mapping[int, tuple[slice, slice, NDArray]]
+    #: Differences of coverage by index into _NODES and by face; computed when needed.
     _beyond: dict[int, dict[int, NDArray]] = field(default_factory=dict, init=False)
 
     def beyond_pixels(self, sigma_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(band, y, x) signals blurred by Gaussians of ``sigma_px`` (band,) before minus after pixel integration."""
+        """Signals blurred before minus after the integration over pixels.
+
+        Parameters
+        ----------
+        sigma_px
+            (band,) standard deviations of Gaussian blurs, px.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) differences, in the unit of the warp's signals.
+        """
         result = np.zeros(self.warp.base.shape)
-        places = np.interp(np.square(sigma_px), _NODES**2, np.arange(len(_NODES)))
-        for band, place in enumerate(places):
-            low = int(place)
-            for node, share in ((low, low + 1 - place), (low + 1, place - low)):
+        positions = np.interp(np.square(sigma_px), _NODES**2, np.arange(len(_NODES)))
+        for band, position in enumerate(positions):
+            low = int(position)
+            for node, share in ((low, low + 1 - position), (low + 1, position - low)):
                 if share > 0 and 0 < node < len(_NODES) - 1:
                     for face, change in self._at(node).items():
                         rows, columns, _ = self.faces[face]
@@ -59,7 +75,7 @@ class EdgeBlur(OwnMappings):
         return result
 
     def _at(self, node: int) -> dict[int, NDArray]:
-        """For each face, its coverage blurred on subpixels minus its coverage blurred on pixels."""
+        """Coverage of each face blurred on subpixels minus its coverage blurred on pixels."""
         if node not in self._beyond:
             sigma = float(_NODES[node])
             self._beyond[node] = {
@@ -70,38 +86,51 @@ class EdgeBlur(OwnMappings):
 
 
 def build_edge_blur(warp: Warp) -> EdgeBlur:
-    """Find the coverage of the faces on the subpixels of a picture's border pixels."""
+    """Coverage of the faces on the subpixels of a picture's border pixels.
+
+    Parameters
+    ----------
+    warp
+        The picture by faces.
+
+    Returns
+    -------
+    EdgeBlur
+        Coverages of the faces with a visible edge.
+    """
     camera = warp.camera
-    whole = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
+    only_face = np.where(warp.coverage.any(axis=-1), warp.coverage.argmax(axis=-1), -1)
     parts = np.array_split(warp.border, len(warp.border) // _PIXELS_PER_CALL + 1)
     rays = _ACROSS * _RAYS
-    seen = np.concatenate([pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)])
-    seen = seen.reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).swapaxes(2, 3)
-    seen = seen.reshape(-1, _ACROSS, _ACROSS, _RAYS**2)  # the rays of a subpixel together
+    ray_face = np.concatenate([pixel_faces(warp.tracer, camera, part, rays, seed) for seed, part in enumerate(parts)])
+    ray_face = ray_face.reshape(-1, _ACROSS, _RAYS, _ACROSS, _RAYS).swapaxes(2, 3)
+    ray_face = ray_face.reshape(-1, _ACROSS, _ACROSS, _RAYS**2)  # the rays of a subpixel together
     rows, columns = np.divmod(warp.border, camera.width_px)
-    whole[rows, columns] = -1
-    found = {}
+    only_face[rows, columns] = -1
+    coverages = {}
     for index, face in enumerate(warp.faces):
-        own = (seen == face).any(axis=(1, 2, 3))
-        here = whole == face
-        here[rows, columns] = own
-        if not here.any():
+        on_border = (ray_face == face).any(axis=(1, 2, 3))
+        covered = only_face == face
+        covered[rows, columns] = on_border
+        if not covered.any():
             continue
-        down, across = (_reached(here.any(axis=axis)) for axis in (1, 0))
-        alone = (whole == face)[down, across]
+        down, across = (_reached(covered.any(axis=axis)) for axis in (1, 0))
+        alone = (only_face == face)[down, across]
         fine = np.zeros((alone.shape[0], _ACROSS, alone.shape[1], _ACROSS), np.float32)
         fine += alone[:, None, :, None]
-        shares = (seen[own] == face).mean(axis=-1, dtype=np.float32)
-        fine[rows[own] - down.start, :, columns[own] - across.start, :] = shares
-        found[index] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
-    return EdgeBlur(warp, found)
+        shares = (ray_face[on_border] == face).mean(axis=-1, dtype=np.float32)
+        fine[rows[on_border] - down.start, :, columns[on_border] - across.start, :] = shares
+        coverages[index] = (down, across, fine.reshape(_ACROSS * alone.shape[0], -1))
+    return EdgeBlur(warp, coverages)
 
 
-def _reached(here: NDArray[np.bool_]) -> slice:
-    places = np.flatnonzero(here)
-    return slice(max(int(places[0]) - _MARGIN, 0), min(int(places[-1]) + _MARGIN + 1, len(here)))
+def _reached(covered: NDArray[np.bool_]) -> slice:
+    """Range of the places where a face is, with the margin of the widest blur."""
+    indices = np.flatnonzero(covered)
+    return slice(max(int(indices[0]) - _MARGIN, 0), min(int(indices[-1]) + _MARGIN + 1, len(covered)))
 
 
 def _pixels(fine: NDArray) -> NDArray:
+    """Means over pixels of values on subpixels."""
     height, width = (size // _ACROSS for size in fine.shape)
     return fine.reshape(height, _ACROSS, width, _ACROSS).mean(axis=(1, 3))

@@ -1,4 +1,7 @@
-"""Light transport for haze: exchange of cells of air with lamps and patches, and the lamps' light along camera rays."""
+"""Transport of light for haze.
+
+Cells of air exchange light with lamps and patches; the lamps' light in the air is known along camera rays.
+"""
 
 from __future__ import annotations
 
@@ -19,65 +22,88 @@ __all__ = ["STEPS", "AirLamp", "AirTransport", "air_transport"]
 #: Number of segments of each camera ray.
 STEPS = 16
 
-#: Cells in x, y and z of the air in the box, and of the air between box and camera, which extends further sideways.
-_INSIDE, _IN_FRONT = (8, 8, 8), (6, 6, 6)
+#: Cells in x, y and z of the air in the box.
+_CELLS_INSIDE = (8, 8, 8)
+
+#: Cells in x, y and z of the air between box and camera.
+_CELLS_IN_FRONT = (6, 6, 6)
+
+#: Distance by which the air in front of the box extends beyond its sides, mm.
 _SIDE_MARGIN_MM = 350.0
 
-_CELL_SAMPLES, _RAY_SAMPLES = 2048, 32
+#: Rays of each cell of air.
+_CELL_SAMPLES = 2048
+
+#: Samples of each lamp's light in each segment of a camera ray.
+_RAY_SAMPLES = 32
 
 
 @dataclass(frozen=True, eq=False)
 class AirLamp:
-    """One lamp's light in the air.
+    """One lamp's light in the air."""
 
-    cells : (v,) fraction covered by the lamp, weighted with its pattern. rays : (y, x, STEPS) the same, mean over each
-    segment of a pixel's central ray. centre : (3,) mm.
-    """
-
+    #: (v,) fraction of the sphere of directions that the lamp covers, weighted with its pattern.
     cells: NDArray[np.float64]
+    #: (y, x, STEPS) the same, mean over each segment of a pixel's central ray.
     rays: NDArray[np.float64]
+    #: (3,) centre of the lamp, mm.
     centre: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class AirTransport:
-    """The air between the camera and the back wall. Fractions are of the full sphere of directions.
+    """The air between the camera and the back wall; fractions are of the sphere of directions."""
 
-    axes : centres of the cells, mm, along x, y, z: of the air in the box, then of the air in front of it.
-    front_mm : z of the plane between the two. corner, size : (v, 3) of the cells, mm. volume : (v,) mm^3 of air in a
-    cell. seen : (v, p) fraction covered by each patch, mean over the cell. escape : (v,) fraction that hits nothing.
-    lamps : what each sends. depth : (y, x) mm to the surface seen; to the plane of the back wall where there is none.
-    direction : (y, x, 3) of the central rays.
-    """
-
+    #: Centres of the cells along x, y, z, mm: of the air in the box, then of the air in front of it.
     axes: tuple[tuple[NDArray[np.float64], ...], ...]
+    #: z of the plane between the two, mm.
     front_mm: float
+    #: (v, 3) lower corners of the cells, mm.
     corner: NDArray[np.float64]
+    #: (v, 3) edges of the cells, mm.
     size: NDArray[np.float64]
+    #: (v,) volume of air in each cell, mm^3.
     volume: NDArray[np.float64]
+    #: (v, p) fraction covered by each patch, mean over the cell.
     seen: NDArray[np.float32]
+    #: (v,) fraction that meets nothing.
     escape: NDArray[np.float64]
+    #: Light of each lamp.
     lamps: tuple[AirLamp, ...]
+    #: (y, x) distance to the surface seen, mm; to the plane of the back wall where there is none.
     depth: NDArray[np.float64]
+    #: (y, x, 3) directions of the central rays.
     direction: NDArray[np.float64]
 
     @property
     def centres(self) -> NDArray[np.float64]:
-        """(v, 3) mm."""
+        """(v, 3) centres of the cells, mm."""
         return self.corner + self.size / 2
 
     def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
-        """(..., w) light that is given in the cells (v, w), interpolated at points (..., 3) in mm.
+        """Light that is given in the cells, interpolated at points.
 
-        0 beside the box, where only the black backs of its walls are seen.
+        Parameters
+        ----------
+        points_mm
+            (..., 3) points, mm.
+        values
+            (v, w) light in the cells.
+
+        Returns
+        -------
+        NDArray
+            (..., w) light; 0 at the sides of the box, where only the black backs of its walls are seen.
         """
         part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
         result, start = np.empty((*part.shape, values.shape[1])), 0
         for k, axes in enumerate(self.axes):
-            here = part == k
+            inside = part == k
             shape = tuple(len(axis) for axis in axes)
-            own = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
-            result[here] = RegularGridInterpolator(axes, own, bounds_error=False, fill_value=None)(points_mm[here])
+            of_part = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
+            result[inside] = RegularGridInterpolator(axes, of_part, bounds_error=False, fill_value=None)(
+                points_mm[inside]
+            )
             start += int(np.prod(shape))
         aside = [
             np.abs(points_mm[..., i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
@@ -87,30 +113,55 @@ class AirTransport:
         return result
 
     def between_cells(self, extinction_per_mm: float) -> NDArray[np.float64]:
-        """(v, v) mm: mean radiance in the cell of a row per source (radiance per mm) in the cell of a column.
+        """Mean radiance in each cell per source in each other cell.
 
-        Occlusion by blocks is ignored. A cell's own contribution is that of a ball of the same volume.
+        Occlusion by blocks is ignored. A cell's contribution to itself is that of a ball of the same volume.
+
+        Parameters
+        ----------
+        extinction_per_mm
+            Extinction coefficient of the air, 1/mm.
+
+        Returns
+        -------
+        NDArray
+            (v, v) mm: radiance in the cell of a row per source (radiance per mm) in the cell of a column.
         """
         away = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
-        own = (3 * self.volume / (4 * np.pi)) ** (1 / 3)
+        radius = (3 * self.volume / (4 * np.pi)) ** (1 / 3)
         np.fill_diagonal(away, 1.0)
         matrix = self.volume * np.exp(-extinction_per_mm * away) / (4 * np.pi * away**2)
-        np.fill_diagonal(matrix, own)
+        np.fill_diagonal(matrix, radius)
         return matrix
 
 
 @lru_cache(maxsize=2)
 def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
-    """Trace the exchange of the air with a scene's patches; cached."""
+    """Exchange of the air with a scene's patches and lamps; the last two are cached.
+
+    Parameters
+    ----------
+    transport
+        Exchange of the scene's surfaces.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    AirTransport
+        The traced exchange.
+    """
     light, camera = transport.light, transport.camera
     tracer, patches = light.tracer, light.patches
     corners = tracer.scene.corners_mm
     low, high = corners.min(axis=0), corners.max(axis=0)
-    zones = [_cells(low, high, _INSIDE)]
+    zones = [_cells(low, high, _CELLS_INSIDE)]
     eye = camera.position_mm[2]
     if eye < low[2]:
         margin = np.array([_SIDE_MARGIN_MM, _SIDE_MARGIN_MM, 0.0])
-        zones.append(_cells(np.append((low - margin)[:2], eye), np.append((high + margin)[:2], low[2]), _IN_FRONT))
+        zones.append(
+            _cells(np.append((low - margin)[:2], eye), np.append((high + margin)[:2], low[2]), _CELLS_IN_FRONT)
+        )
     corner, size = (np.concatenate([zone[i] for zone in zones]) for i in (1, 2))
     count = len(corner)
     lane = dr.arange(mi.UInt32, count)
@@ -119,7 +170,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
     matrix = dr.zeros(mi.Float, count * len(patches))
     patch_count = dr.opaque(mi.UInt32, len(patches))
     empty, exposed = (dr.zeros(mi.Float, count) for _ in range(2))
-    lit = [dr.zeros(mi.Float, count) for _ in light.lamps]
+    from_lamps = [dr.zeros(mi.Float, count) for _ in light.lamps]
 
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         u = [random.point(i, k) for k in range(7)]
@@ -131,13 +182,13 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
         patch = patch_of(patches, hit.triangle, hit.uv, hit.reflecting)
         dr.scatter_add(matrix, mi.Float(1), lane * patch_count + patch, hit.reflecting)
-        for own, lamp in zip(lit, light.lamps, strict=True):
-            dr.scatter_add(own, _from_lamp(tracer, lamp, point, u[5], u[6]), lane, air)
+        for lamp_light, lamp in zip(from_lamps, light.lamps, strict=True):
+            dr.scatter_add(lamp_light, _from_lamp(tracer, lamp, point, u[5], u[6]), lane, air)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, _CELL_SAMPLES)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
-    dr.eval(matrix, empty, exposed, lit)
+    dr.eval(matrix, empty, exposed, from_lamps)
     free = np.array(exposed).astype(float)
     share = 1 / np.maximum(free, 1)
     centres = [tracer.lamp_triangles(k).reshape(-1, 3).mean(axis=0) for k in range(len(light.lamps))]
@@ -152,8 +203,8 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         seen=np.array(matrix).reshape(count, -1) * share[:, None].astype(np.float32),
         escape=np.array(empty) * share,
         lamps=tuple(
-            AirLamp(np.array(own) * share, _along_rays(tracer, lamp, eye_mm, depth, direction, seed), centre)
-            for own, lamp, centre in zip(lit, light.lamps, centres, strict=True)
+            AirLamp(np.array(lamp_light) * share, _along_rays(tracer, lamp, eye_mm, depth, direction, seed), centre)
+            for lamp_light, lamp, centre in zip(from_lamps, light.lamps, centres, strict=True)
         ),
         depth=depth,
         direction=direction,
@@ -169,6 +220,7 @@ def _cells(low: NDArray, high: NDArray, shape: tuple[int, int, int]) -> tuple[tu
 
 
 def _columns(values: NDArray) -> list[mi.Float]:
+    """Coordinates of points (n, 3), one array each."""
     return [device_array(mi.Float, values[:, i]) for i in range(3)]
 
 
@@ -184,7 +236,7 @@ def _from_lamp(tracer: Tracer, lamp: LampSampler, point: mi.Point3f, u: mi.Float
 def _along_rays(
     tracer: Tracer, lamp: LampSampler, eye: NDArray, depth: NDArray, direction: NDArray, seed: int
 ) -> NDArray[np.float64]:
-    """(y, x, STEPS) the lamp's radiance averaged over the sphere, in each segment of the central rays."""
+    """(y, x, STEPS) a lamp's radiance averaged over the sphere, in segments of the central rays."""
     count = depth.size * STEPS
     lane = dr.arange(mi.UInt32, count)
     pixel, step = lane // STEPS, mi.Float(lane % STEPS)
@@ -217,8 +269,10 @@ def _depth(transport: PatchTransport, back_mm: float, centres: list[NDArray]) ->
 
     on_lamp = np.maximum(transport.covered - per_pixel(transport.coverage), 0)
     beyond = (back_mm - camera.position_mm[2]) / np.maximum(direction[..., 2], 1e-3)
-    seen = (transport.lamp_radiance > 0) + 1e-9  # the lamps' mean distance where none is seen, and where dark ones are
+    visibility = (
+        transport.lamp_radiance > 0
+    ) + 1e-9  # the lamps' mean distance where none is seen, and where dark ones are
     to_lamps = np.linalg.norm(np.array(centres) - camera.position_mm, axis=1)
-    to_lamp = np.einsum("jyx,j->yx", seen, to_lamps) / seen.sum(axis=0)
+    to_lamp = np.einsum("jyx,j->yx", visibility, to_lamps) / visibility.sum(axis=0)
     depth = per_pixel(transport.coverage * reach) + on_lamp * to_lamp + (1 - transport.covered) * beyond
     return depth, direction

@@ -1,4 +1,4 @@
-"""A picture with changed materials and surroundings, from the exchange between patches; see ``patch_transport``."""
+"""A picture with changed materials and surroundings; see ``patch_transport``."""
 
 from __future__ import annotations
 
@@ -18,39 +18,70 @@ __all__ = ["PatchLight", "band_shares", "patch_light", "with_albedo"]
 
 @dataclass(frozen=True, eq=False)
 class PatchLight:
-    """Reflectances and sources of light for each band; all radiances are relative to the lamps' mean in that band.
+    """Reflectances and sources of light for each band.
 
-    wavelength_nm : (w,) at which each band's reflectances are evaluated. weights : (w, n) of the bands on grid_nm
-    (n,); lamp : (n,) the lamps' mean radiance there (``Scene.lamp_radiance``). lamp_shares : (lamps, w) each lamp's
-    signal over that of the mean. patch_reflectance : (p, w), fragment_reflectance : (f, w).
-    patch_emission, fragment_emission : (p, w), (f, w) radiance emitted in addition to reflection.
-    surround : (w,) radiance of the surroundings seen through the opening. added : (w, y, x) further radiance.
-    max_bounces : largest number of reflections between lamp and camera, None for no limit. samples : for effects that
-    trace additional rays.
+    All radiances are relative to the lamps' mean in that band; w bands, p patches, f fragments of pixels.
     """
 
+    #: Exchange between patches, lamps and pixels.
     transport: PatchTransport
+    #: Materials and lamps.
     scene: Scene
+    #: (w,) wavelengths at which the bands' reflectances are evaluated, nm.
     wavelength_nm: NDArray[np.float64]
+    #: (n,) wavelengths of spectra, nm.
     grid_nm: NDArray[np.float64]
+    #: (w, n) weights of the bands on grid_nm.
     weights: NDArray[np.float64]
+    #: (n,) mean radiance of the lamps on grid_nm (``Scene.lamp_radiance``).
     lamp: NDArray[np.float64]
+    #: (lamps, w) each lamp's signal over that of the mean.
     lamp_shares: NDArray[np.float64]
+    #: (p, w) reflectance of the patches.
     patch_reflectance: NDArray[np.float64]
+    #: (f, w) reflectance of the fragments.
     fragment_reflectance: NDArray[np.float64]
+    #: (p, w) radiance that patches emit in addition to reflection.
     patch_emission: NDArray[np.float64]
+    #: (f, w) radiance that fragments emit in addition to reflection.
     fragment_emission: NDArray[np.float64]
+    #: (w,) radiance of the surroundings, seen through the opening.
     surround: NDArray[np.float64]
+    #: (w, y, x) further radiance of the picture.
     added: NDArray[np.float64]
+    #: Largest number of reflections between lamp and camera; None for no limit.
     max_bounces: int | None
+    #: Rays of effects that trace additional ones.
     samples: int
 
     def change(self, **values: Any) -> PatchLight:
-        """A copy with other arrays."""
+        """Copy with other arrays.
+
+        Parameters
+        ----------
+        **values
+            Fields to replace.
+
+        Returns
+        -------
+        PatchLight
+            The copy.
+        """
         return replace(self, **values)
 
     def over_lamp(self, spectrum: NDArray) -> NDArray[np.float64]:
-        """(w,) signal of a radiance spectrum (n,) relative to that of the lamps' mean, in each band."""
+        """Signal of a spectrum relative to that of the lamps' mean.
+
+        Parameters
+        ----------
+        spectrum
+            (n,) radiance on ``grid_nm``, in the unit of ``lamp``.
+
+        Returns
+        -------
+        NDArray
+            (w,) ratio in each band.
+        """
         return (self.weights @ spectrum) / (self.weights @ self.lamp)
 
     @property
@@ -69,7 +100,13 @@ class PatchLight:
         return np.einsum("jw,jyx->wyx", self.lamp_shares, self.transport.lamp_radiance)
 
     def patch_radiance(self) -> NDArray[np.float64]:
-        """(p, w) outgoing radiance of the patches."""
+        """Outgoing radiance of the patches: b = rho (e + F b), plus what they emit.
+
+        Returns
+        -------
+        NDArray
+            (p, w) radiance after up to ``max_bounces`` - 1 reflections.
+        """
         exchange = self.transport.light.exchange
         first = self.patch_direct + np.outer(exchange.escape, self.surround)
         emitted = exchange.form_factors @ self.patch_emission.astype(np.float32)
@@ -77,13 +114,19 @@ class PatchLight:
         if cut is not None and cut < 1:
             return self.patch_emission
         arriving = first + emitted
-        return self.patch_emission + self.transport.kept(
+        return self.patch_emission + self.transport.cached(
             ("solution", cut, self.patch_reflectance, arriving),
             lambda: solve(exchange, self.patch_reflectance, arriving, cut),
         )
 
     def picture(self) -> NDArray[np.float64]:
-        """(w, y, x) radiance relative to the lamps' mean."""
+        """Radiance of the picture.
+
+        Returns
+        -------
+        NDArray
+            (w, y, x) radiance relative to the lamps' mean; with ``max_bounces`` = 0 the lamps alone.
+        """
         t = self.transport
         if self.max_bounces == 0:
             return self.seen_lamps
@@ -104,9 +147,31 @@ def patch_light(
     max_bounces: int | None = None,
     samples: int = 256,
 ) -> PatchLight:
-    """The scene with its own materials and no other light source; the geometry is that of ``transport``.
+    """Light of a scene with its materials and lamps alone.
 
-    lamp : (n,) the unit of the radiances, ``Scene.lamp_radiance`` on grid_nm or any multiple at each wavelength.
+    Parameters
+    ----------
+    transport
+        Exchange, whose geometry is used.
+    scene
+        Materials and lamps.
+    wavelength_nm
+        (w,) wavelengths of the reflectances, nm.
+    grid_nm
+        (n,) wavelengths of spectra, nm.
+    weights
+        (w, n) weights of the bands on ``grid_nm``.
+    lamp
+        (n,) unit of the radiances: ``Scene.lamp_radiance`` on ``grid_nm``, or any multiple at each wavelength.
+    max_bounces
+        Largest number of reflections between lamp and camera; None for no limit.
+    samples
+        Rays of effects that trace additional ones.
+
+    Returns
+    -------
+    PatchLight
+        Light without emission and without surroundings.
     """
     table = scene.reflectances(wavelength_nm)
     patches, fragments, bands = len(transport.light.patches), len(transport.pixel), len(wavelength_nm)
@@ -131,9 +196,23 @@ def patch_light(
 
 
 def band_shares(scene: Scene, grid_nm: NDArray, weights: NDArray, lamp: NDArray) -> NDArray[np.float64]:
-    """(lamps, w) signal of each lamp over that of the lamps' mean; 1 in bands in which none shines.
+    """Signal of each lamp over that of the lamps' mean.
 
-    weights : (w, n) on grid_nm (n,). lamp : (n,) the lamps' mean, or any multiple at each wavelength.
+    Parameters
+    ----------
+    scene
+        The lamps.
+    grid_nm
+        (n,) wavelengths, nm.
+    weights
+        (w, n) weights of the bands.
+    lamp
+        (n,) radiance of the lamps' mean, or any multiple at each wavelength.
+
+    Returns
+    -------
+    NDArray
+        (lamps, w) ratios; 1 in bands in which no lamp shines.
     """
     if not scene.further_lamps:
         return np.ones((1, len(weights)))
@@ -148,20 +227,35 @@ def with_albedo(
     diffuse: Callable[[NDArray], NDArray],
     direct: Callable[[NDArray, NDArray], NDArray],
 ) -> PatchLight:
-    """The patches of one material with another albedo, and a separate albedo for the lamps' direct light.
+    """Light with another albedo of one material's patches, separate for the lamps' direct light.
 
-    diffuse : albedo for diffuse light, as a function of the reflectance (n, w). direct : albedo for direct light, as
-    a function of the reflectance (n, w) and the cosine (n, 1) towards a lamp's centre. Reflected light is diffuse.
+    Parameters
+    ----------
+    light
+        Light of the scene.
+    material
+        Index of the material.
+    diffuse
+        Albedo for diffuse light, a function of the reflectance (n, w).
+    direct
+        Albedo for direct light, a function of the reflectance (n, w) and the cosine (n, 1) towards a lamp's centre.
+
+    Returns
+    -------
+    PatchLight
+        Light whose patches reflect with these albedos; reflected light is diffuse.
     """
     field = light.transport.light
-    own = field.patches.material == material
-    rho = light.patch_reflectance[own]
+    of_material = field.patches.material == material
+    rho = light.patch_reflectance[of_material]
     reflectance, emission = light.patch_reflectance.copy(), light.patch_emission.copy()
-    reflectance[own] = diffuse(rho)
+    reflectance[of_material] = diffuse(rho)
     if light.max_bounces is None or light.max_bounces > 1:
-        for lamp, shares, arriving in zip(field.lamps, light.lamp_shares, field.exchange.direct[own].T, strict=True):
-            way = lamp.centre - field.patches.centre[own]
-            cosine = np.einsum("px,px->p", way, field.patches.normal[own]) / np.linalg.norm(way, axis=1)
-            more = direct(rho, np.clip(cosine, 0, 1)[:, None]) - reflectance[own]
-            emission[own] += more * np.outer(arriving, shares)
+        for lamp, shares, arriving in zip(
+            field.lamps, light.lamp_shares, field.exchange.direct[of_material].T, strict=True
+        ):
+            way = lamp.centre - field.patches.centre[of_material]
+            cosine = np.einsum("px,px->p", way, field.patches.normal[of_material]) / np.linalg.norm(way, axis=1)
+            more = direct(rho, np.clip(cosine, 0, 1)[:, None]) - reflectance[of_material]
+            emission[of_material] += more * np.outer(arriving, shares)
     return light.change(patch_reflectance=reflectance, patch_emission=emission)

@@ -2,11 +2,11 @@
 
 The change by an effect is small relative to the picture, so a coarser method suffices: surfaces are divided into
 patches of constant radiance. All radiances are relative to a lamp's. Patches: b = rho (e + F b). Pixels:
-L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face it sees (those of lamps, if
-they reflect, included; their emission is apart); c_f is the share
-covered, e_f the direct irradiance over pi, G_fj the fraction of f's hemisphere covered by patch j. All rays are traced
-once; an effect then takes a few matrix products, without new noise. A fragment's rays meet about a twelfth of the
-patches, so G is sparse, and is traced by strips of pixels.
+L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face that it sees. Faces of lamps
+that reflect are among them; the lamps' emission is apart. c_f is the share covered, e_f the direct irradiance over pi,
+G_fj the fraction of f's hemisphere covered by patch j. All rays are traced once; an effect then takes a few matrix
+products, without new noise. A fragment's rays meet about a twelfth of the patches, so G is sparse, and is traced by
+strips of pixels.
 """
 
 from __future__ import annotations
@@ -34,41 +34,58 @@ _COVERAGE_SAMPLES = 512
 #: Entries of G, fragments times patches, that are traced at once: 32 MiB.
 _ENTRIES = 2**23
 
-#: Solutions and traced changes that are kept: those of the effect found, while others are tried beside it.
-_MOST_KEPT = 12
+#: Solutions and traced changes in memory: those of one effect, while others are tried together with it.
+_MAX_RESULTS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class PatchTransport:
-    """Exchange between lamps, patches, surroundings and pixels.
+    """Exchange between lamps, patches, surroundings and pixels: f fragments, p patches."""
 
-    pixel, face : (f,) of each fragment. coverage : (f,) c_f, 0 to 1. position : (f, 3) mm, intersection of the pixel's
-    central ray with the plane of the face. direct : (f, lamps) e_f by each lamp. gather : (f, p) G. escape : (f,)
-    fraction of the hemisphere that leaves the box. covered : (y, x) share of each pixel covered by any face.
-    lamp_radiance : (lamps, y, x) share of a pixel covered by a lamp times the radiance there relative to the lamp's
-    mean along its normal.
-    """
-
+    #: Scene with its patches and lamps.
     light: PatchedScene
+    #: Camera of the picture.
     camera: Camera
+    #: (f,) pixel of each fragment, counted along the rows.
     pixel: NDArray[np.int64]
+    #: (f,) flat face of each fragment.
     face: NDArray[np.int64]
+    #: (f,) c_f, 0 to 1.
     coverage: NDArray[np.float64]
+    #: (f, 3) intersection of the pixel's central ray with the plane of the face, mm.
     position: NDArray[np.float64]
+    #: (f, lamps) e_f by each lamp.
     direct: NDArray[np.float32]
+    #: (f, p) G.
     gather: csr_array
+    #: (f,) fraction of the hemisphere that leaves the box.
     escape: NDArray[np.float32]
+    #: (y, x) share of each pixel that any face covers.
     covered: NDArray[np.float64]
+    #: (lamps, y, x) share of a pixel covered by a lamp, times the radiance there over the lamp's mean along its normal.
     lamp_radiance: NDArray[np.float64]
-    _kept: dict[tuple[Any, ...], NDArray[Any]] = field(default_factory=dict, init=False, repr=False)
+    _results: dict[tuple[Any, ...], NDArray[Any]] = field(default_factory=dict, init=False, repr=False)
 
-    def kept(self, of: tuple[Any, ...], made: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        """What ``made`` computes for this geometry, or computed before from the same numbers and arrays ``of``."""
+    def cached(self, of: tuple[Any, ...], compute: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        """Result for this geometry, computed before from the same numbers or now.
+
+        Parameters
+        ----------
+        of
+            Numbers, texts and arrays that determine the result.
+        compute
+            Computes the result.
+
+        Returns
+        -------
+        NDArray
+            The result; the last _MAX_RESULTS stay in memory.
+        """
         key = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in of)
-        result = self._kept.pop(key) if key in self._kept else made()
-        self._kept[key] = result  # the last one used comes last
-        if len(self._kept) > _MOST_KEPT:
-            del self._kept[next(iter(self._kept))]
+        result = self._results.pop(key) if key in self._results else compute()
+        self._results[key] = result  # the last one used comes last
+        if len(self._results) > _MAX_RESULTS:
+            del self._results[next(iter(self._results))]
         return result
 
     @property
@@ -93,11 +110,33 @@ class PatchTransport:
         return self.light.tracer.facet_surface[self.face]
 
     def pixels_of(self, material: int) -> NDArray[np.int64]:
-        """(n,) pixels that see a material, by its index, counted along the rows."""
+        """Pixels that see a material.
+
+        Parameters
+        ----------
+        material
+            Index of the material.
+
+        Returns
+        -------
+        NDArray
+            (n,) pixels, counted along the rows.
+        """
         return np.unique(self.pixel[self.material == material])
 
     def pixels(self, values: NDArray) -> NDArray[np.float64]:
-        """Pictures (w, y, x) of the fragments' radiance (f, w)."""
+        """Pictures of the fragments' radiance.
+
+        Parameters
+        ----------
+        values
+            (f, w) radiance.
+
+        Returns
+        -------
+        NDArray
+            (w, y, x) sums over fragments, weighted with their coverage.
+        """
         height, width = self.camera.height_px, self.camera.width_px
         weighted = self.coverage[:, None] * values
         flat = [np.bincount(self.pixel, column, minlength=height * width) for column in weighted.T]
@@ -105,7 +144,24 @@ class PatchTransport:
 
 
 def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
-    """Compute the exchange by tracing one camera ray and one gathering ray per sample."""
+    """Exchange of a scene, traced with one camera ray and one gathering ray per sample.
+
+    Parameters
+    ----------
+    light
+        Scene with its patches and lamps.
+    camera
+        Camera of the picture.
+    samples
+        Camera rays per pixel.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    PatchTransport
+        The exchange.
+    """
     tracer = light.tracer
     everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
     lamps = len(light.lamps)  # each has one face; they are the last
@@ -119,7 +175,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
     ]
     dr.flush_malloc_cache()  # the strips' matrices
     direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
-    seen = np.moveaxis(everything[..., -lamps:], -1, 0)
+    lamp_coverage = np.moveaxis(everything[..., -lamps:], -1, 0)
     return PatchTransport(
         light,
         camera,
@@ -131,12 +187,12 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
         gather=csr_array(vstack([strip[3] for strip in strips])),
         escape=escape,
         covered=everything.sum(axis=-1).astype(float),
-        lamp_radiance=seen * glow.T.reshape(seen.shape),
+        lamp_radiance=lamp_coverage * glow.T.reshape(lamp_coverage.shape),
     )
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[int, int]]:
-    """First pixel and end of strips whose fragments times patches are at most ``_ENTRIES``, or one pixel."""
+    """First pixel and end of strips of up to ``_ENTRIES`` fragments times patches, or one pixel."""
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
     while ends[-1] < pixels:
@@ -148,21 +204,24 @@ def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[i
 def _traced(
     light: PatchedScene, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:
-    """Of a strip's fragments: direct light, escape; of its pixels: the lamps' patterns; of its fragments: G."""
+    """Exchange of a strip of pixels.
+
+    Returns direct light and escape of its fragments, the lamps' patterns of its pixels, and G of its fragments.
+    """
     tracer, patches = light.tracer, light.patches
     count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
-    own = slice(*np.searchsorted(pixel, pixels))
-    fragments = own.stop - own.start
+    of_strip = slice(*np.searchsorted(pixel, pixels))
+    fragments = of_strip.stop - of_strip.start
     index = np.full(count * faces, fragments, np.uint32)
-    index[(pixel[own] - pixels[0]) * faces + face[own]] = np.arange(fragments)
+    index[(pixel[of_strip] - pixels[0]) * faces + face[of_strip]] = np.arange(fragments)
     lookup = device_array(mi.UInt32, index)
     lane = dr.arange(mi.UInt32, count)
-    here = lane + dr.opaque(mi.UInt32, pixels[0])
-    rays = pixel_rays(camera, here)
-    points = SobolPoints(6, samples, here, seed)
+    strip_pixel = lane + dr.opaque(mi.UInt32, pixels[0])
+    rays = pixel_rays(camera, strip_pixel)
+    points = SobolPoints(6, samples, strip_pixel, seed)
     matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
     patch_count = dr.opaque(mi.UInt32, len(patches))
-    escaped, seen = (dr.zeros(mi.Float, fragments + 1) for _ in range(2))
+    escaped, ray_count = (dr.zeros(mi.Float, fragments + 1) for _ in range(2))
     direct = [dr.zeros(mi.Float, fragments + 1) for _ in light.lamps]
     glow, on_lamp = ([dr.zeros(mi.Float, count) for _ in light.lamps] for _ in range(2))
 
@@ -181,17 +240,17 @@ def _traced(
             dr.scatter_add(direct[k], arriving, fragment, shaded)
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
-        lit = far.reflecting
-        patch = patch_of(patches, far.triangle, far.uv, lit)
-        dr.scatter_add(seen, mi.Float(1), fragment, shaded)
+        on_patch = far.reflecting
+        patch = patch_of(patches, far.triangle, far.uv, on_patch)
+        dr.scatter_add(ray_count, mi.Float(1), fragment, shaded)
         dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
-        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, lit)
+        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
-    dr.eval(direct, escaped, seen, glow, on_lamp, matrix)
-    scale = (1 / np.maximum(np.array(seen), 1))[:-1].astype(np.float32)
+    dr.eval(direct, escaped, ray_count, glow, on_lamp, matrix)
+    scale = (1 / np.maximum(np.array(ray_count), 1))[:-1].astype(np.float32)
     counts = matrix.numpy()[: fragments * len(patches)]  # not a copy
     met = np.flatnonzero(counts != 0)  # of booleans, in less than half the time
     row, column = np.divmod(met, len(patches))
@@ -200,7 +259,7 @@ def _traced(
     gather = csr_array((counts[met] * scale[row], column.astype(np.int32), ends), shape=(fragments, len(patches)))
     shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
     return (
-        np.stack([np.array(own)[:-1] * scale for own in direct], axis=1),
+        np.stack([np.array(lamp_sum)[:-1] * scale for lamp_sum in direct], axis=1),
         np.array(escaped)[:-1] * scale,
         np.stack(shining, axis=1),
         gather,
@@ -208,16 +267,16 @@ def _traced(
 
 
 def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:
-    """(f, 3) intersections of the pixels' central rays with the planes of the faces, clipped to their extent."""
+    """(f, 3) points where the pixels' central rays meet the faces' planes, inside their extent."""
     row, column = np.divmod(pixel, camera.width_px)
     direction = camera.directions(column.astype(float), row.astype(float))
     positions = np.empty((len(pixel), 3))
     for f in np.unique(face):
-        own, triangles = face == f, tracer.facet == f
+        on_face, triangles = face == f, tracer.facet == f
         corner, normal = tracer.vertices[triangles][0, 0], tracer.normals[triangles][0]
-        slope = direction[own] @ normal
+        slope = direction[on_face] @ normal
         distance = ((corner - camera.position_mm) @ normal) / np.where(np.abs(slope) < 1e-9, 1e-9, slope)
         extent = tracer.vertices[triangles].reshape(-1, 3)
-        points = camera.position_mm + distance[:, None] * direction[own]
-        positions[own] = np.clip(points, extent.min(axis=0), extent.max(axis=0))
+        points = camera.position_mm + distance[:, None] * direction[on_face]
+        positions[on_face] = np.clip(points, extent.min(axis=0), extent.max(axis=0))
     return positions

@@ -1,8 +1,8 @@
 """The picture of a slightly moved camera, without rendering again.
 
 In a pixel I = Sum_f c_f L_f, with c_f the share covered by flat face f and L_f the signal of that face. A motion of
-the camera changes c_f near borders of faces, and moves the point seen on each face, for which L_f is interpolated in
-the picture of the first camera. The difference between the two cameras is added to the rendered picture.
+the camera changes c_f near borders of faces. It also moves the point seen on each face, for which L_f is interpolated
+in the picture of the first camera. The difference between the two cameras is added to the rendered picture.
 """
 
 from __future__ import annotations
@@ -23,60 +23,77 @@ from ..visibility import Tracer, border_pixels, pixel_coverage
 
 __all__ = ["Warp", "build_warp", "pixels_per_unit", "warp_change", "warp_derivatives"]
 
-# Rays of a pixel where the coverage is not known exactly. It then changes in steps of 1 / samples; with 64 samples
-# these steps exceed a camera's noise.
+#: Rays of a pixel where the coverage is not known exactly. It then changes in steps of 1 / samples; with 64 samples
+#: these steps exceed a camera's noise.
 _COVERAGE_SAMPLES = 512
 
-# Pixels per step, which limits memory.
+#: Pixels per step, which limits memory.
 _PIXELS_PER_STEP = 2**16
 
-# What a camera sees of a face lies nearer than this to the same pixel in the warp's picture, px.
+#: Largest distance between what a camera sees of a face and the same pixel in the warp's picture, px.
 _LOST_PX = 2.0
 
-# Part of a step over which the motion of points is taken for straight.
+#: Part of a step over which the motion of points is taken for straight.
 _SMALL = 1e-3
 
-# Weights of four neighbours, by powers of the place between the middle ones.
+#: Weights of four neighbours, by powers of the place between the middle ones.
 _KEYS = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
 
-# Smallest coverage by a face of pixels that are used for the face's signal.
-_MOST = 0.5
+#: Smallest coverage by a face of pixels that are used for the face's signal.
+_MIN_COVERAGE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """A picture decomposed by faces.
+    """A picture decomposed by flat faces."""
 
-    coverage : (y, x, f) of the first camera. border : (n,) pixels, counted along the rows, in which another
-    camera's coverage may differ. faces : (k,) those in sight. layers : (k, y, x, band) their signals, extrapolated
-    beyond each face's border.
-    base : (band, y, x) the picture reconstructed from the layers.
-    """
-
+    #: Geometry of the scene.
     tracer: Tracer
+    #: The first camera.
     camera: Camera
+    #: (y, x, f) shares of each pixel that faces cover, through the first camera.
     coverage: NDArray[np.float32]
+    #: (n,) pixels, counted along the rows, in which another camera's coverage may differ.
     border: NDArray[np.int64]
+    #: (k,) faces in sight.
     faces: NDArray[np.int64]
+    #: (k, y, x, band) signals of the faces in sight, extrapolated beyond each face's border.
     layers: NDArray[np.float64]
+    #: (band, y, x) picture reconstructed from the layers.
     base: NDArray[np.float64]
 
     @cached_property
     def inside(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """(m,) pixels beyond the border that see a face, and its index in ``faces``."""
-        seen = self.coverage.reshape(-1, self.coverage.shape[-1])[:, self.faces] > 0
-        seen[self.border] = False
-        pixel, face = np.nonzero(seen)
+        covered = self.coverage.reshape(-1, self.coverage.shape[-1])[:, self.faces] > 0
+        covered[self.border] = False
+        pixel, face = np.nonzero(covered)
         return pixel, face
 
 
 def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDArray[np.float64]) -> Warp:
-    """Decompose signals (band, y, x), rendered through ``camera``, by faces.
+    """Decomposition of rendered signals by faces.
 
     The layer of a face has the signals of the pixels that see only this face, extrapolated to the others. In pixels
     that see several faces, the difference to the rendered signal is then assigned to the face that covers most of the
     pixel, which keeps shadows along borders. Not in pixels that see the lamp, where a small error of the lamp's
     coverage would dominate.
+
+    Parameters
+    ----------
+    tracer
+        Geometry of the scene.
+    camera
+        Camera of the picture.
+    image
+        Rendered image, for its coverages.
+    signal
+        (band, y, x) signals of the image.
+
+    Returns
+    -------
+    Warp
+        The picture by faces.
     """
     border = border_pixels(image.coverage)
     coverage = image.coverage.copy()
@@ -86,30 +103,56 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     layers = np.empty((*parts.shape, len(signal)))
     alone = parts == parts.max(axis=(1, 2), keepdims=True)
     lacking = np.moveaxis(signal, 0, -1).copy()
-    for layer, part, own in zip(layers, parts, alone, strict=True):
-        layer[:] = _continued(np.moveaxis(signal, 0, -1), own)
+    for layer, part, single in zip(layers, parts, alone, strict=True):
+        layer[:] = _continued(np.moveaxis(signal, 0, -1), single)
         lacking -= part[..., None] * layer
-    for layer, part, own in zip(layers, parts, alone, strict=True):
-        most = (part >= _MOST) & ~image.sees_lamp
-        own_signal = layer + lacking / np.where(most, part, 1.0)[..., None]
-        layer[:] = _continued(np.where(own[..., None], np.moveaxis(signal, 0, -1), own_signal), own | most)
+    for layer, part, single in zip(layers, parts, alone, strict=True):
+        most = (part >= _MIN_COVERAGE) & ~image.sees_lamp
+        face_signal = layer + lacking / np.where(most, part, 1.0)[..., None]
+        layer[:] = _continued(np.where(single[..., None], np.moveaxis(signal, 0, -1), face_signal), single | most)
     still = Warp(tracer, camera, coverage, border, faces, layers, np.zeros_like(signal))
     return replace(still, base=warp_change(still, camera))
 
 
 def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
-    """Change (band, y, x) of the signals if ``camera`` replaces the camera of the warp.
+    """Change of the signals if another camera replaces the camera of the warp.
 
     Valid for motions up to about a pixel; surfaces that only the new camera sees are not known.
+
+    Parameters
+    ----------
+    warp
+        The picture by faces.
+    camera
+        The other camera.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) change.
     """
     return _change(warp, camera, _coverage(warp, [camera])[0])
 
 
 def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives (10, band, y, x) of ``warp_change`` by ``camera.parameters``, by the rule for products.
+    """Derivatives of ``warp_change`` by the camera's parameters, by the product rule.
 
-    The coverage's by central differences over ``steps`` (10,) of the parameters; that of a face's signal is its layer's
-    slope times the motion of the point seen.
+    Those of the coverage are central differences over ``steps``. That of a face's signal is its layer's slope times the
+    motion of the point seen.
+
+    Parameters
+    ----------
+    warp
+        The picture by faces.
+    camera
+        Camera at which the derivatives are taken.
+    steps
+        (10,) steps of ``camera.parameters``.
+
+    Returns
+    -------
+    NDArray
+        (10, band, y, x) derivatives.
     """
     ahead, behind = (
         [camera.with_parameters(camera.parameters + row) for row in np.diag(sign * steps)] for sign in (1, -1)
@@ -126,12 +169,12 @@ def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> 
     for start in range(0, len(pixel), _PIXELS_PER_STEP):
         part = slice(start, start + _PIXELS_PER_STEP)
         first = np.flatnonzero(np.append(True, np.diff(pixel[part])))
-        places = _seen_at(warp, camera, face[part], pixel[part])
-        value, down, right = _layers_at(warp, face[part], *_filled(warp, places, pixel[part]), slopes=True)
-        for own, there, step, up in zip(result, nearby, steps, rise, strict=True):
-            rows, columns = (_seen_at(warp, there, face[part], pixel[part]) - places) / (_SMALL * step)
+        positions = _seen_at(warp, camera, face[part], pixel[part])
+        value, down, right = _layers_at(warp, face[part], *_filled(warp, positions, pixel[part]), slopes=True)
+        for derivative, other, step, up in zip(result, nearby, steps, rise, strict=True):
+            rows, columns = (_seen_at(warp, other, face[part], pixel[part]) - positions) / (_SMALL * step)
             moved = np.nan_to_num(rows)[:, None] * down + np.nan_to_num(columns)[:, None] * right
-            own[pixel[part][first]] += np.add.reduceat(share[part, None] * moved + up[part, None] * value, first)
+            derivative[pixel[part][first]] += np.add.reduceat(share[part, None] * moved + up[part, None] * value, first)
     return np.moveaxis(result, 2, 1).reshape(len(steps), *warp.base.shape)
 
 
@@ -160,31 +203,36 @@ def _interpolated(warp: Warp, camera: Camera, pixel: NDArray, face: NDArray) -> 
     return _layers_at(warp, face, *_filled(warp, _seen_at(warp, camera, face, pixel), pixel))[0]
 
 
-def _filled(warp: Warp, places: NDArray[np.float64], pixel: NDArray) -> NDArray[np.float64]:
+def _filled(warp: Warp, positions: NDArray[np.float64], pixel: NDArray) -> NDArray[np.float64]:
     """(2, n) rows and columns, those of the pixels themselves where they are not known."""
-    return np.where(np.isnan(places), np.divmod(pixel, warp.layers.shape[2]), places)
+    return np.where(np.isnan(positions), np.divmod(pixel, warp.layers.shape[2]), positions)
 
 
 def _layers_at(
     warp: Warp, face: NDArray, rows: NDArray, columns: NDArray, *, slopes: bool = False
 ) -> list[NDArray[np.float64]]:
-    """(n, band) values of the layers ``face`` at positions clipped to the picture, interpolated; with ``slopes`` also
-    their derivatives along rows and along columns of positions."""
+    """(n, band) values of the layers ``face`` at positions clipped to the picture, interpolated.
+
+    With ``slopes`` also their derivatives along rows and along columns of positions.
+    """
     height, width = warp.layers.shape[1:3]
     row, *down = _cubic(rows, height)
     column, *right = _cubic(columns, width)
-    places = ((face[:, None] * height + row)[..., None] * width + column[:, None]).reshape(len(face), 16)
+    samples = ((face[:, None] * height + row)[..., None] * width + column[:, None]).reshape(len(face), 16)
     flat = warp.layers.reshape(-1, warp.layers.shape[-1])
-    ends = np.arange(0, places.size + 1, 16)
+    ends = np.arange(0, samples.size + 1, 16)
     pairs = [(down[0], right[0]), (down[1], right[0]), (down[0], right[1])] if slopes else [(down[0], right[0])]
     return [
-        csr_array(((one[..., None] * other[:, None]).ravel(), places.ravel(), ends), (len(places), len(flat))) @ flat
-        for one, other in pairs
+        csr_array(
+            ((row_weight[..., None] * column_weight[:, None]).ravel(), samples.ravel(), ends), (len(samples), len(flat))
+        )
+        @ flat
+        for row_weight, column_weight in pairs
     ]
 
 
 def _cubic(position: NDArray[np.float64], size: int) -> tuple[NDArray[np.int64], NDArray, NDArray]:
-    """(n, 4) neighbours of positions (n,) along an axis, their weights, and the weights' derivatives.
+    """(n, 4) neighbours of positions (n,) along an axis, their weights, and the weights' slopes.
 
     After Keys, IEEE Trans. ASSP 29, 1981. Where pixels meet the signal has the same slope on both sides; with straight
     lines between pixels a motion of 0.05 px was wrong by 0.16 of chi2 per sample (128 x 128 pixels).
@@ -194,19 +242,21 @@ def _cubic(position: NDArray[np.float64], size: int) -> tuple[NDArray[np.int64],
     t = position - before
     powers = np.stack([np.ones_like(t), t, t**2, t**3], axis=1)
     rising = np.stack([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=1)
-    places = np.clip(before[:, None] + [-1, 0, 1, 2], 0, size - 1)
-    return places, powers @ _KEYS, rising @ _KEYS
+    neighbours = np.clip(before[:, None] + [-1, 0, 1, 2], 0, size - 1)
+    return neighbours, powers @ _KEYS, rising @ _KEYS
 
 
-def _continued(signal: NDArray, own: NDArray) -> NDArray[np.float64]:
-    """Signals (y, x, band), with those of the nearest pixel of ``own`` (y, x) in all other pixels."""
-    rows, columns = distance_transform_edt(~own, return_distances=False, return_indices=True)
+def _continued(signal: NDArray, inside: NDArray) -> NDArray[np.float64]:
+    """Signals (y, x, band); pixels not ``inside`` (y, x) have those of the nearest one that is."""
+    rows, columns = distance_transform_edt(~inside, return_distances=False, return_indices=True)
     return signal[rows, columns]
 
 
 def _seen_at(warp: Warp, camera: Camera, face: NDArray, pixel: NDArray) -> NDArray[np.float64]:
-    """(2, n) rows and columns in the warp's picture of what ``camera`` sees of a face in the middle of some pixels; NaN
-    where the face only touches the pixel and the ray in its middle misses it."""
+    """(2, n) rows and columns in the warp's picture of what ``camera`` sees at some pixels.
+
+    Of each pixel's middle on a face. NaN where the face only touches the pixel and the ray in its middle misses it.
+    """
     rows, columns = np.divmod(pixel, warp.layers.shape[2])
     triangle = np.array([np.argmax(warp.tracer.facet == f) for f in warp.faces])
     corner, normal = warp.tracer.vertices[triangle, 0], warp.tracer.normals[triangle]
@@ -220,9 +270,25 @@ def _seen_at(warp: Warp, camera: Camera, face: NDArray, pixel: NDArray) -> NDArr
 
 
 def pixels_per_unit(tracer: Tracer, camera: Camera) -> NDArray[np.float64]:
-    """(10,) rms motion, px, of the scene's corners inside the image, per unit of each camera parameter.
+    """Motion of the picture per unit of each camera parameter.
 
-    Where the image shows none, of all that are in front of the camera. Raises InputError where there are none.
+    Parameters
+    ----------
+    tracer
+        Geometry, for its corners.
+    camera
+        The camera.
+
+    Returns
+    -------
+    NDArray
+        (10,) rms motion of the corners inside the image, px per unit. Where it shows none, of all in front of the
+        camera.
+
+    Raises
+    ------
+    InputError
+        If no corner is in front of the camera.
     """
     points = tracer.vertices.reshape(-1, 3)
     image = camera.project(points)

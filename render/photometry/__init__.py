@@ -1,4 +1,7 @@
-"""Luminance, chromaticity and illuminance of a rendered box, by surface (CIE 1931 2-degree observer, 683 lm/W)."""
+"""Luminance, chromaticity and illuminance of a rendered box, by surface.
+
+For the CIE 1931 2-degree observer and 683 lm/W.
+"""
 
 from .illuminance import surface_illuminance
 from .observer import tristimulus_weights, why_no_luminance

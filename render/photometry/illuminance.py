@@ -20,12 +20,31 @@ def surface_illuminance(
     patch_samples: int = 2048,
     seed: int = 0,
 ) -> dict[str, float]:
-    """Mean illuminance in lx of each surface, the lamps' last: pi times the mean radiance that arrives at its patches.
+    """Mean illuminance of each surface: pi times the mean radiance that arrives at its patches.
 
-    The mean is over the part of the surface that no other one touches, both lit and in shadow; NaN where there is none.
-    Light that was reflected ``max_bounces`` - 1 times before counts, as in a picture (None: all). patch_samples, seed :
-    as in ``solve_light``, which shares the traced exchange of light. Raises InputError for a scene that is not diffuse,
-    and for fewer than two wavelengths.
+    The mean is over the part of the surface that no other one touches, both lit and in shadow. Light that was reflected
+    up to ``max_bounces`` - 1 times before counts, as in a picture.
+
+    Parameters
+    ----------
+    scene
+        Scene of diffuse materials.
+    wavelength_nm
+        (w,) wavelengths over which illuminance is integrated, nm.
+    max_bounces
+        Largest number of reflections between lamp and camera; None for no limit.
+    patch_samples, seed
+        As in ``solve_light``, which shares the traced exchange of light.
+
+    Returns
+    -------
+    dict
+        Illuminance by name of the surface, lx, the lamps' last; NaN for a surface that others cover.
+
+    Raises
+    ------
+    InputError
+        If the scene is not diffuse, or there are fewer than two wavelengths.
     """
     patched = build_patched_scene(scene, patch_samples=patch_samples, seed=seed)
     exchange, patches = patched.exchange, patched.patches
@@ -39,17 +58,20 @@ def surface_illuminance(
         arriving = arriving + exchange.form_factors @ leaving.astype(np.float32)
     illuminance = np.pi * arriving @ weights
     area = patches.area * exchange.exposed * ~_resting(patched)
-    # of several lamps each is a surface of its own; patches count them as one
+    # each of several lamps is one surface here; patches count them together as one
     surface = patches.surface + np.maximum(patches.material - len(patched.tracer.material_names), 0)
     count = len(scene.all_surfaces)
-    light, whole = (np.bincount(surface, part, count) for part in (area * illuminance, area))
+    light, exposed_area = (np.bincount(surface, part, count) for part in (area * illuminance, area))
     with np.errstate(invalid="ignore"):
-        means = np.where(whole > 0, light / whole, np.nan)
+        means = np.where(exposed_area > 0, light / exposed_area, np.nan)
     return {each.name: float(mean) for each, mean in zip(scene.all_surfaces, means, strict=True)}
 
 
 def _resting(patched: PatchedScene) -> NDArray[np.bool_]:
-    """(p,) whether a patch lies on another surface, as a block's underside does: its rays begin behind that one."""
+    """(p,) whether a patch lies on another surface, as a block's underside does.
+
+    Rays of such a patch begin behind the other surface.
+    """
     patches, tracer = patched.patches, patched.tracer
     blind = (patched.exchange.escape > 1 - 1e-6) & ~patched.exchange.direct.any(axis=1)
     resting = np.zeros(len(blind), bool)

@@ -10,15 +10,29 @@ from ..files import xyz_weights
 
 __all__ = ["tristimulus_weights", "why_no_luminance"]
 
-#: Wavelengths that have to be covered, nm: 99.7 % of the luminance of light of equal energy per nm.
-FIRST_NM, LAST_NM = 400.0, 700.0
+#: Shortest wavelength that has to be covered, nm; with LAST_NM 99.7 % of the luminance of equal energy per nm.
+FIRST_NM = 400.0
+
+#: Longest wavelength that has to be covered, nm.
+LAST_NM = 700.0
 
 #: Fewest wavelengths over which luminance is integrated.
 FEWEST = 10
 
 
 def why_no_luminance(wavelength_nm: NDArray[np.float64]) -> str | None:
-    """A sentence where wavelengths (w,), ascending, do not suffice for luminances, else None."""
+    """Reason why wavelengths do not suffice for luminances.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (w,) wavelengths, ascending, nm.
+
+    Returns
+    -------
+    str or None
+        A sentence; None where they suffice.
+    """
     first, last, count = wavelength_nm[0], wavelength_nm[-1], len(wavelength_nm)
     if first <= FIRST_NM and last >= LAST_NM and count >= FEWEST:
         return None
@@ -29,8 +43,17 @@ def why_no_luminance(wavelength_nm: NDArray[np.float64]) -> str | None:
 
 
 def tristimulus_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(w, 3) weights: radiance (W m^-2 sr^-1 nm^-1) times these is X, Y, Z, Y the luminance in cd m^-2.
+    """Weights from spectra to X, Y, Z, see ``xyz_weights``.
 
-    The same weights make X, Y, Z of irradiance (W m^-2 nm^-1), Y the illuminance in lx; see ``xyz_weights``.
+    Parameters
+    ----------
+    wavelength_nm
+        (w,) wavelengths, nm.
+
+    Returns
+    -------
+    NDArray
+        (w, 3) weights. Radiance (W m^-2 sr^-1 nm^-1) times these is X, Y, Z with Y in cd m^-2; irradiance
+        (W m^-2 nm^-1) times these has Y in lx.
     """
     return LUMINOUS_EFFICACY * xyz_weights(wavelength_nm)

@@ -1,4 +1,4 @@
-"""Mean luminance and chromaticity of each surface in a rendered image, over the pixels that it covers whole."""
+"""Mean luminance and chromaticity of each surface, over pixels that it covers completely."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ _ROUNDING = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class PartLight:
-    """The light of one part of the picture: the means of X, Y, Z over its pixels; NaN without pixels.
+    """Light of one part of the picture; NaN for a part without pixels."""
 
-    xyz : (3,), Y in cd m^-2. covariance : (3, 3) of it, from the scatter of the picture's batches, NaN for a single
-    one.
-    """
-
+    #: Number of pixels.
     pixels: int
+    #: (3,) means of X, Y, Z over the pixels, Y in cd m^-2.
     xyz: NDArray[np.float64]
+    #: (3, 3) covariance of ``xyz``, from the scatter of the picture's batches; NaN for a single batch.
     covariance: NDArray[np.float64]
 
     @property
@@ -51,15 +50,21 @@ class PartLight:
     @property
     def chromaticity_sigma(self) -> NDArray[np.float64]:
         """(2,) standard errors of x and y, to first order."""
-        whole = float(self.xyz.sum())
-        if not whole > 0:
+        total = float(self.xyz.sum())
+        if not total > 0:
             return np.full(2, np.nan)
-        slopes = (np.eye(3)[:2] - self.chromaticity[:, None]) / whole
+        slopes = (np.eye(3)[:2] - self.chromaticity[:, None]) / total
         variance = np.einsum("ai,ij,aj->a", slopes, self.covariance, slopes)
         return np.asarray(np.sqrt(np.maximum(variance, 0)))  # rounding takes that of one spectrum below 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; None for what is not known."""
+        """Plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Luminance, chromaticity, their standard errors and the number of pixels; None for what is not known.
+        """
         values = {
             "luminance_cd_m2": self.luminance,
             "luminance_sigma_cd_m2": self.luminance_sigma,
@@ -71,14 +76,15 @@ class PartLight:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSums:
-    """Sums of X, Y, Z over pixels, for each surface, then the lamps, then the whole picture: n parts.
+    """Sums over n parts: the pixels of each surface, of all lamps together, and of the picture."""
 
-    pixels : (n,). xyz : (n, 3). covariance : (n, 3, 3) of the sums.
-    """
-
+    #: Names of the surfaces.
     surface_names: tuple[str, ...]
+    #: (n,) number of pixels.
     pixels: NDArray[np.int64]
+    #: (n, 3) sums of X, Y, Z, Y in cd m^-2.
     xyz: NDArray[np.float64]
+    #: (n, 3, 3) covariances of the sums.
     covariance: NDArray[np.float64]
 
     def __add__(self, other: SurfaceSums) -> SurfaceSums:
@@ -91,18 +97,46 @@ class SurfaceSums:
         )
 
     def text(self) -> str:
-        """All of it as one line, exact to the bit."""
+        """Sums as one line of text, exact to the bit.
+
+        Returns
+        -------
+        str
+            JSON.
+        """
         arrays = (self.pixels, self.xyz, self.covariance)
         return json.dumps([self.surface_names, *(array.tolist() for array in arrays)])
 
     @classmethod
     def from_text(cls, text: str) -> SurfaceSums:
-        """What ``text`` made the line of."""
+        """Sums from a line of ``text``.
+
+        Parameters
+        ----------
+        text
+            JSON.
+
+        Returns
+        -------
+        SurfaceSums
+            The same sums.
+        """
         names, pixels, xyz, covariance = json.loads(text)
         return cls(tuple(names), np.array(pixels, int), np.array(xyz, float), np.array(covariance, float))
 
     def part(self, index: int) -> PartLight:
-        """The means of one part."""
+        """Means of one part.
+
+        Parameters
+        ----------
+        index
+            Index of the part.
+
+        Returns
+        -------
+        PartLight
+            Its light.
+        """
         count = int(self.pixels[index])
         if not count:
             return PartLight(0, np.full(3, np.nan), np.full((3, 3), np.nan))
@@ -110,10 +144,21 @@ class SurfaceSums:
 
 
 def surface_sums(image: RenderedImage) -> SurfaceSums:
-    """Sums over the pixels that each surface covers whole, those that the lamps cover whole, and all pixels.
+    """Sums of X, Y, Z over the parts of an image.
 
-    Pixels that see several surfaces, or the background beside one, count in the picture alone. The errors of different
-    pixels are taken as independent.
+    A surface's part, and that of the lamps, are the pixels that it covers completely. Pixels that see several
+    surfaces, or a surface and the background, count in the picture alone. The errors of different pixels are taken as
+    independent.
+
+    Parameters
+    ----------
+    image
+        Rendered image.
+
+    Returns
+    -------
+    SurfaceSums
+        Sums; of an image of a single batch the covariances are NaN.
     """
     names = image.surface_names
     shares = np.stack([image.coverage[..., image.facet_surface == s].sum(-1) for s in range(len(names) + 1)])
@@ -126,8 +171,8 @@ def surface_sums(image: RenderedImage) -> SurfaceSums:
         inside = where[:, row].astype(float)
         xyz += inside @ values.mean(axis=0)
         scatter = values - values.mean(axis=0)
-        own = np.einsum("bxi,bxj->xij", scatter, scatter) / max(batches - 1, 1) / batches
-        covariance += np.einsum("nx,xij->nij", inside, own)
+        pixel_covariance = np.einsum("bxi,bxj->xij", scatter, scatter) / max(batches - 1, 1) / batches
+        covariance += np.einsum("nx,xij->nij", inside, pixel_covariance)
     pixels = where.sum(axis=(1, 2))
     if batches == 1:
         covariance[pixels > 0] = np.nan
@@ -136,14 +181,13 @@ def surface_sums(image: RenderedImage) -> SurfaceSums:
 
 @dataclass(frozen=True, eq=False)
 class Photometry(OwnMappings):
-    """Luminances, chromaticities and illuminances of a rendered box.
+    """Luminances, chromaticities and illuminances of a rendered box."""
 
-    sums : see ``surface_sums``. wavelength_nm : (w,) over which luminance was integrated. illuminance_lx : mean of each
-    surface, NaN for one that is covered; None where it was not computed.
-    """
-
+    #: Sums over surfaces, lamps and picture.
     sums: SurfaceSums
+    #: (w,) wavelengths over which luminance was integrated, nm.
     wavelength_nm: NDArray[np.float64]
+    #: Mean illuminance by surface, lx, NaN for one that others cover; None where it was not computed.
     illuminance_lx: Mapping[str, float] | None = None
 
     @property
@@ -153,12 +197,12 @@ class Photometry(OwnMappings):
 
     @property
     def lamp(self) -> PartLight:
-        """Of all lamps together: what they emit and reflect."""
+        """Light of all lamps together: what they emit and reflect."""
         return self.sums.part(len(self.sums.surface_names))
 
     @property
     def picture(self) -> PartLight:
-        """Of all pixels, those of edges, lamps and background included."""
+        """Light of all pixels, those of edges, lamps and background included."""
         return self.sums.part(len(self.sums.surface_names) + 1)
 
     @property
@@ -168,11 +212,28 @@ class Photometry(OwnMappings):
         return f"integrated over {grid.size} wavelengths from {grid[0]:g} to {grid[-1]:g} nm"
 
     def illuminance(self, name: str) -> float:
-        """Mean illuminance of a surface, lx; NaN where it is not known."""
+        """Mean illuminance of a surface.
+
+        Parameters
+        ----------
+        name
+            Name of the surface.
+
+        Returns
+        -------
+        float
+            lx; NaN where it is not known.
+        """
         return float("nan") if self.illuminance_lx is None else self.illuminance_lx[name]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; None for what is not known."""
+        """Plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Range of wavelengths, observer, and the light of surfaces, lamps and picture; None for what is not known.
+        """
         surfaces = {
             name: {**light.to_dict(), "illuminance_lx": _known(self.illuminance(name))}
             for name, light in self.surfaces.items()
@@ -191,4 +252,5 @@ class Photometry(OwnMappings):
 
 
 def _known(value: float) -> float | None:
+    """A finite value, else None."""
     return value if np.isfinite(value) else None

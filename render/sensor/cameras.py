@@ -1,4 +1,4 @@
-"""Reads a SensorCamera from a TOML file and its CSV tables (see data/README.md)."""
+"""Sensor cameras in TOML files with CSV tables (see data/README.md)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from .optics import Blur, Vignetting
 
 __all__ = ["load_camera", "packaged_cameras"]
 
+#: Folder of the packaged cameras and their tables.
 PACKAGED = Path(__file__).parent / "data"
 
 Positive = Annotated[float, Field(gt=0)]
@@ -101,18 +102,37 @@ class _CameraFile(_Table):
 
 
 def packaged_cameras() -> list[str]:
-    """Names of the packaged cameras."""
+    """Names of the packaged cameras.
+
+    Returns
+    -------
+    list of str
+        Names, sorted.
+    """
     return sorted(path.stem for path in PACKAGED.glob("*.toml"))
 
 
 def load_camera(name_or_path: str | Path) -> SensorCamera:
-    """A packaged camera by name ("dcs200", "pxl1300l"), or a camera in a TOML file.
+    """Camera of a name or a file.
 
-    Raises InputError with file and key for an unknown name and for faults of the file or its tables.
+    Parameters
+    ----------
+    name_or_path
+        Name of a packaged camera ("dcs200", "pxl1300l"), or path of a TOML file.
+
+    Returns
+    -------
+    SensorCamera
+        The camera.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or the file or its tables have faults, with file and key.
     """
-    known = packaged_cameras()
-    path = PACKAGED / f"{name_or_path}.toml" if str(name_or_path) in known else Path(name_or_path)
-    hint = suggestion(str(name_or_path), known) or f"packaged cameras: {', '.join(known)}"
+    names = packaged_cameras()
+    path = PACKAGED / f"{name_or_path}.toml" if str(name_or_path) in names else Path(name_or_path)
+    hint = suggestion(str(name_or_path), names) or f"packaged cameras: {', '.join(names)}"
     content = read_toml(path, "a camera file in TOML", hint)
     try:
         file = _CameraFile.model_validate(content)
@@ -145,6 +165,7 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
 
 
 def _detector(path: Path, file: _CameraFile) -> Detector:
+    """Detector of a camera file. Raises InputError where blooming lacks a full well."""
     exposure, mean, sigma = _columns(path, "dark", file.dark.exposure_s, file.dark.mean_dn, file.dark.sigma_dn)
     values, pattern = file.detector, file.fixed_pattern
     if values.overflow == "column" and values.full_well_e is None:
@@ -197,7 +218,10 @@ def _columns(path: Path, table: str, *columns: list[float]) -> list[np.ndarray]:
 
 
 def _channels(path: Path, file: _CameraFile) -> dict[str, Spectrum]:
-    """Responsivities, e- s^-1 per (W m^-2 sr^-1): (pi / 4) pixel area / N^2 times quanta per joule, QE."""
+    """Responsivities by channel, e- s^-1 per (W m^-2 sr^-1).
+
+    (pi / 4) pixel area / N^2 times quanta per joule times the quantum efficiency.
+    """
     kind, peak = file.sensitivity.kind, file.sensitivity.peak_quantum_efficiency
     if (kind == "relative_energy") != (peak is not None):
         raise InputError(
@@ -211,8 +235,8 @@ def _channels(path: Path, file: _CameraFile) -> dict[str, Spectrum]:
         low = max(curve.wavelength_nm[0] for curve in curves)
         high = min(curve.wavelength_nm[-1] for curve in curves)
         if any(np.any(curve.values < 0) for curve in curves) or low >= high:
-            found = "a negative value" if low < high else "tables without a common range of wavelengths"
-            raise InputError(f"{path}: channel.{name}", found, "curves of 0 or more with a common range")
+            fault = "a negative value" if low < high else "tables without a common range of wavelengths"
+            raise InputError(f"{path}: channel.{name}", fault, "curves of 0 or more with a common range")
         grid = np.arange(low, high + 0.5)
         product = np.prod([curve.at(grid) for curve in curves], axis=0)
         efficiencies[name] = (grid, product / grid if kind == "relative_energy" else product)

@@ -28,38 +28,40 @@ from .optics import Blur, Vignetting
 
 __all__ = ["Detector", "SensorCamera", "channel_map", "digitise", "noisy_counts", "quantise", "shot_noise"]
 
-#: More than any pixel holds; Poisson numbers of larger means cannot be drawn.
-_MOST_ELECTRONS = 1e18
+#: Largest mean of Poisson numbers, e-: more than any pixel holds; larger ones cannot be drawn.
+_MAX_ELECTRONS = 1e18
 
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """The detector and its electronics.
+    """The detector and its electronics."""
 
-    gain_e_per_dn : e-/DN. bit_depth : counts are 0 to 2^bit_depth - 1.
-    dark_exposure_s, dark_mean_dn, dark_sigma_dn : (k,) mean and standard deviation (before rounding) of a count
-        without light, DN, by exposure; mean and variance are interpolated linearly, constant beyond.
-    full_well_e : largest charge of a pixel, e-; None if the converter saturates first.
-    blooms : whether charge above the full well flows along its column; otherwise it is drained.
-    leakage : share of a pixel's charge that goes to each neighbour in its row, in its column.
-    sensitivity_spread : standard deviation of the sensitivity over pixels, relative.
-    offset_spread_dn : standard deviation of the dark level over pixels, DN. pattern_seed : of both patterns, which
-        are the same in every frame of a camera.
-    linear_dn, recorded_dn : (k,) the static nonlinearity F, both ascending; None for the identity.
-    """
-
+    #: Gain, e-/DN.
     gain_e_per_dn: float
+    #: Counts are 0 to 2^bit_depth - 1.
     bit_depth: int
+    #: (k,) exposures of the dark level, s; between them mean and variance are interpolated linearly, beyond them
+    #: constant.
     dark_exposure_s: NDArray[np.float64]
+    #: (k,) mean of a count without light, DN.
     dark_mean_dn: NDArray[np.float64]
+    #: (k,) standard deviation of a count without light, before rounding, DN.
     dark_sigma_dn: NDArray[np.float64]
+    #: Largest charge of a pixel, e-; None if the converter saturates first.
     full_well_e: float | None = None
+    #: Whether charge above the full well flows along its column; otherwise it is drained.
     blooms: bool = False
+    #: Share of a pixel's charge that goes to each neighbour in its row, in its column.
     leakage: tuple[float, float] = (0.0, 0.0)
+    #: Standard deviation of the sensitivity over pixels, relative.
     sensitivity_spread: float = 0.0
+    #: Standard deviation of the dark level over pixels, DN.
     offset_spread_dn: float = 0.0
+    #: Seed of both patterns, which are the same in every frame of a camera.
     pattern_seed: int = 0
+    #: (k,) linear DN of the static nonlinearity F, ascending; None for the identity.
     linear_dn: NDArray[np.float64] | None = None
+    #: (k,) recorded DN of F, ascending; None for the identity.
     recorded_dn: NDArray[np.float64] | None = None
 
     @property
@@ -68,7 +70,20 @@ class Detector:
         return 2**self.bit_depth - 1
 
     def dark(self, exposure_s: float) -> tuple[float, float]:
-        """Mean and standard deviation in DN of a count without light, before F and rounding."""
+        """Distribution of a count without light, before F and rounding.
+
+        Parameters
+        ----------
+        exposure_s
+            Exposure, s.
+
+        Returns
+        -------
+        mean : float
+            Mean, DN.
+        sigma : float
+            Standard deviation, DN.
+        """
         mean, variance = (
             float(np.interp(exposure_s, self.dark_exposure_s, table))
             for table in (self.dark_mean_dn, self.dark_sigma_dn**2)
@@ -76,14 +91,36 @@ class Detector:
         return mean, float(np.sqrt(variance))
 
     def record(self, linear_dn: ArrayLike) -> NDArray[np.float64]:
-        """F: recorded DN for linear DN (any shape), not rounded; constant beyond the table."""
+        """F: recorded counts of linear ones, not rounded.
+
+        Parameters
+        ----------
+        linear_dn
+            Linear DN of any shape.
+
+        Returns
+        -------
+        NDArray
+            Recorded DN; constant beyond the table.
+        """
         values = np.asarray(linear_dn, float)
         if self.linear_dn is None or self.recorded_dn is None:
             return values
         return np.interp(values, self.linear_dn, self.recorded_dn)
 
     def linearise(self, recorded_dn: ArrayLike) -> NDArray[np.float64]:
-        """The inverse of F: linear DN for recorded DN (any shape)."""
+        """Inverse of F: linear counts of recorded ones.
+
+        Parameters
+        ----------
+        recorded_dn
+            Recorded DN of any shape.
+
+        Returns
+        -------
+        NDArray
+            Linear DN; constant beyond the table.
+        """
         values = np.asarray(recorded_dn, float)
         if self.linear_dn is None or self.recorded_dn is None:
             return values
@@ -92,35 +129,67 @@ class Detector:
 
 @dataclass(frozen=True, eq=False)
 class SensorCamera(OwnMappings):
-    """A camera for the simulation of counts.
+    """A camera for the simulation of counts."""
 
-    channels : responsivity c by letter (mosaic) or name (filters, one frame each), e- s^-1 per (W m^-2 sr^-1), zero
-        beyond its table. pattern : rows of letters, repeated over the sensor; None without a mosaic. source : of the
-        numbers. f_number, pixel_pitch_um : for which the channels are valid; f_number is the working f-number (times
-        image distance over focal length). blur, vignetting : of the lens; None for none.
-    """
-
+    #: Name in messages and files.
     name: str
+    #: Responsivity c by letter (mosaic) or name (filters, one frame each), e- s^-1 per (W m^-2 sr^-1), zero beyond its
+    #: table.
     channels: Mapping[str, Spectrum]
+    #: Rows of letters of the mosaic, repeated over the sensor; None without a mosaic.
     pattern: tuple[str, ...] | None
+    #: Detector and electronics.
     detector: Detector
+    #: Source of the numbers.
     source: str
+    #: Working f-number for which the channels are valid: f-number times image distance over focal length.
     f_number: float = 1.0
+    #: Pixel pitch for which the channels are valid, um.
     pixel_pitch_um: float = 1.0
+    #: Blur of the lens; None without.
     blur: Blur | None = None
+    #: Vignetting of the lens; None without.
     vignetting: Vignetting | None = None
 
     def at_f_number(self, f_number: float) -> SensorCamera:
-        """The same camera at another f-number; the light is proportional to its inverse square."""
+        """Camera at another f-number; the light is proportional to its inverse square.
+
+        Parameters
+        ----------
+        f_number
+            Working f-number.
+
+        Returns
+        -------
+        SensorCamera
+            Camera with scaled channels.
+        """
         factor = (self.f_number / f_number) ** 2
         channels = {name: curve.scaled(factor) for name, curve in self.channels.items()}
         return replace(self, channels=channels, f_number=f_number)
 
 
 def channel_map(pattern: tuple[str, ...], letters: tuple[str, ...], shape: tuple[int, int]) -> NDArray[np.int64]:
-    """(y, x) index into ``letters`` of each pixel of a mosaic whose first row starts at pixel (0, 0).
+    """Channel of each pixel of a mosaic whose first row starts at pixel (0, 0).
 
-    Raises InputError for an empty or ragged pattern and for a letter without a channel.
+    Parameters
+    ----------
+    pattern
+        Rows of letters.
+    letters
+        Letters of the channels.
+    shape
+        Rows and columns of the frame.
+
+    Returns
+    -------
+    NDArray
+        (y, x) indices into ``letters``.
+
+    Raises
+    ------
+    InputError
+        If the pattern is empty or ragged, or has a letter without a channel.
     """
     if not pattern or not pattern[0] or len({len(row) for row in pattern}) > 1:
         raise InputError("mosaic.pattern", repr(list(pattern)), "rows of letters, all of the same length")
@@ -135,8 +204,21 @@ def channel_map(pattern: tuple[str, ...], letters: tuple[str, ...], shape: tuple
 
 
 def shot_noise(expected_e: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
-    """Numbers of electrons, Poisson distributed. expected_e : >= 0 (any shape)."""
-    return generator.poisson(np.minimum(expected_e, _MOST_ELECTRONS)).astype(np.float64)
+    """Random numbers of electrons, Poisson distributed.
+
+    Parameters
+    ----------
+    expected_e
+        Expected electrons of any shape, 0 or more.
+    generator
+        Random numbers.
+
+    Returns
+    -------
+    NDArray
+        Electrons of the same shape.
+    """
+    return generator.poisson(np.minimum(expected_e, _MAX_ELECTRONS)).astype(np.float64)
 
 
 def noisy_counts(
@@ -146,9 +228,23 @@ def noisy_counts(
     detector: Detector,
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Counts in DN before rounding: shot noise, full well with a drain, gain, dark level, read noise, F.
+    """Counts before rounding: shot noise, full well with a drain, gain, dark level, noise, F.
 
-    expected_e : expected electrons >= 0 (any shape). dark_mean_dn, dark_sigma_dn : DN, broadcast against it.
+    Parameters
+    ----------
+    expected_e
+        Expected electrons of any shape, 0 or more.
+    dark_mean_dn, dark_sigma_dn
+        Mean and standard deviation of a count without light, DN, broadcast against ``expected_e``.
+    detector
+        Gain, full well and F.
+    generator
+        Random numbers.
+
+    Returns
+    -------
+    NDArray
+        Counts of the same shape, DN.
     """
     electrons = shot_noise(expected_e, generator)
     return digitise(electrons, dark_mean_dn, dark_sigma_dn, detector, generator)
@@ -161,7 +257,20 @@ def digitise(
     detector: Detector,
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """``noisy_counts`` for given numbers of electrons; the array is overwritten."""
+    """Counts before rounding of numbers of electrons, see ``noisy_counts``.
+
+    Parameters
+    ----------
+    electrons
+        Electrons of any shape; the array is overwritten.
+    dark_mean_dn, dark_sigma_dn, detector, generator
+        As ``noisy_counts``.
+
+    Returns
+    -------
+    NDArray
+        Counts of the same shape, DN.
+    """
     if detector.full_well_e is not None:
         np.minimum(electrons, detector.full_well_e, out=electrons)
     electrons /= detector.gain_e_per_dn
@@ -171,5 +280,18 @@ def digitise(
 
 
 def quantise(counts: ArrayLike, bit_depth: int) -> NDArray[np.uint16]:
-    """Counts rounded to whole DN and clipped to 0 .. 2^bit_depth - 1."""
+    """Counts rounded to integers and clipped to the bit depth.
+
+    Parameters
+    ----------
+    counts
+        Counts of any shape, DN.
+    bit_depth
+        Bits of a count.
+
+    Returns
+    -------
+    NDArray
+        0 to 2^bit_depth - 1.
+    """
     return np.clip(np.rint(counts), 0, 2**bit_depth - 1).astype(np.uint16)

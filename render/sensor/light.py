@@ -23,38 +23,54 @@ __all__ = ["BLOCK_ROWS", "frame_shape", "integration_weights", "rate_blocks", "r
 LARGEST_LOSS = 0.01
 #: Rows in memory at once.
 BLOCK_ROWS = 64
-# A rendered radiance may be negative by at most this many standard errors.
+#: Standard errors by which a rendered radiance may be negative.
 _NEGATIVE_SIGMAS = 6.0
 
 
 def integration_weights(responsivity: Spectrum, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-    """(n,) weights w with w @ L = Int c(l) L(l) dl, exact for c and L linear between their samples.
+    """Weights w with w @ L = Int c(l) L(l) dl.
 
-    Structure of c finer than the samples of L is included. Raises InputError for wavelengths that do not ascend, and
-    if more than LARGEST_LOSS of c lies outside them.
+    Exact for c and L linear between their samples; structure of c finer than the samples of L is included.
+
+    Parameters
+    ----------
+    responsivity
+        c, of any wavelengths.
+    wavelength_nm
+        (n,) wavelengths of L, nm, ascending.
+
+    Returns
+    -------
+    NDArray
+        (n,) weights.
+
+    Raises
+    ------
+    InputError
+        If the wavelengths do not ascend, or more than LARGEST_LOSS of c lies outside them.
     """
     grid = np.asarray(wavelength_nm, float)
     if grid.ndim != 1 or grid.size < 2 or not np.all(np.diff(grid) > 0):
-        found = f"{grid.size} samples, shape {grid.shape}"
-        raise InputError("cube: wavelength", found, "two or more, ascending")
+        shape_text = f"{grid.size} samples, shape {grid.shape}"
+        raise InputError("cube: wavelength", shape_text, "two or more, ascending")
     table = responsivity.wavelength_nm
     knots = np.union1d(table, grid)
     left, right = knots[:-1], knots[1:]
-    kept = (left >= max(table[0], grid[0])) & (right <= min(table[-1], grid[-1]))
+    inside = (left >= max(table[0], grid[0])) & (right <= min(table[-1], grid[-1]))
     step, middle = right - left, (left + right) / 2
     weights = np.zeros(grid.size)
-    for place, share in ((left, 1 / 6), (middle, 4 / 6), (right, 1 / 6)):  # Simpson: exact for a quadratic
-        value = share * (step * responsivity.at(place))[kept]
-        cell = np.clip(np.searchsorted(grid, place[kept], side="right") - 1, 0, grid.size - 2)
-        part = (place[kept] - grid[cell]) / (grid[cell + 1] - grid[cell])
+    for position, share in ((left, 1 / 6), (middle, 4 / 6), (right, 1 / 6)):  # Simpson: exact for a quadratic
+        value = share * (step * responsivity.at(position))[inside]
+        cell = np.clip(np.searchsorted(grid, position[inside], side="right") - 1, 0, grid.size - 2)
+        part = (position[inside] - grid[cell]) / (grid[cell + 1] - grid[cell])
         np.add.at(weights, cell, value * (1 - part))
         np.add.at(weights, cell + 1, value * part)
-    whole = float(np.trapezoid(responsivity.values, table))
-    if weights.sum() < (1 - LARGEST_LOSS) * whole:
-        held = f"which covers {weights.sum() / whole:.1%} of a channel's sensitivity"
+    total = float(np.trapezoid(responsivity.values, table))
+    if weights.sum() < (1 - LARGEST_LOSS) * total:
+        coverage = f"which covers {weights.sum() / total:.1%} of a channel's sensitivity"
         raise InputError(
             "cube: wavelength",
-            f"{grid[0]:g} to {grid[-1]:g} nm, {held}",
+            f"{grid[0]:g} to {grid[-1]:g} nm, {coverage}",
             f"at least {1 - LARGEST_LOSS:.0%} of the sensitivity, {table[0]:g} to {table[-1]:g} nm",
             "Render the cube over a wider range.",
         )
@@ -64,14 +80,27 @@ def integration_weights(responsivity: Spectrum, wavelength_nm: ArrayLike) -> NDA
 def require_radiance(
     radiance: NDArray, wavelengths: int, standard_error: NDArray | None = None, first_row: int = 0
 ) -> None:
-    """Raise InputError for radiance that has another shape than (y, x, w), is negative or not finite.
+    """Raise InputError for radiance of another shape, negative or not finite.
 
-    standard_error : (y, x, w) of a Monte Carlo radiance, which may be negative by _NEGATIVE_SIGMAS times as much; 0 if
-    None. first_row : of the radiance in its cube, for the message.
+    Parameters
+    ----------
+    radiance
+        (y, x, w) radiance.
+    wavelengths
+        w.
+    standard_error
+        (y, x, w) of a Monte Carlo radiance, which may be negative by _NEGATIVE_SIGMAS times as much; 0 if None.
+    first_row
+        Row of the radiance in its cube, for the message.
+
+    Raises
+    ------
+    InputError
+        If a value is none of radiance, with its place.
     """
     if radiance.ndim != 3 or radiance.shape[-1] != wavelengths:
-        found = f"shape {radiance.shape} for {wavelengths} wavelengths"
-        raise InputError("cube: radiance", found, "(y, x, wavelength), one value per wavelength")
+        shapes = f"shape {radiance.shape} for {wavelengths} wavelengths"
+        raise InputError("cube: radiance", shapes, "(y, x, wavelength), one value per wavelength")
     if radiance.size == 0 or (radiance.min() >= 0 and radiance.max() < np.inf):
         return
     lowest = 0.0 if standard_error is None else -_NEGATIVE_SIGMAS * np.nan_to_num(standard_error)
@@ -86,24 +115,36 @@ def require_radiance(
 
 
 def frame_shape(cube: xr.Dataset) -> tuple[int, int]:
-    """(y, x) of a cube."""
+    """Size of a cube's frames.
+
+    Parameters
+    ----------
+    cube
+        Dataset over y and x.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns.
+    """
     return cube.sizes["y"], cube.sizes["x"]
 
 
 def _rows(cube: xr.Dataset, name: str, rows: slice) -> NDArray:
+    """Some rows of an array of a cube, (rows, x, ...)."""
     array = cube[name].isel(y=rows)
     return array.transpose("y", "x", ...).values
 
 
-def _seen(camera: SensorCamera, channel: str | None) -> tuple[str, ...]:
+def _used_channels(camera: SensorCamera, channel: str | None) -> tuple[str, ...]:
     """The channels used in a frame."""
     letters = tuple(camera.channels)
     if camera.pattern is None:
         if channel is None and len(letters) == 1:
             channel = letters[0]
         if channel not in letters:
-            found = "no channel" if channel is None else f"the channel '{channel}'"
-            raise InputError(f"camera {camera.name}", found, f"one of {', '.join(letters)}")
+            description = "no channel" if channel is None else f"the channel '{channel}'"
+            raise InputError(f"camera {camera.name}", description, f"one of {', '.join(letters)}")
         return (channel,)
     if channel is not None:
         expected = "none: a mosaic records all channels at once"
@@ -114,21 +155,39 @@ def _seen(camera: SensorCamera, channel: str | None) -> tuple[str, ...]:
 def rate_blocks(
     cube: xr.Dataset, camera: SensorCamera, channel: str | None = None
 ) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Electrons per second (rows, x) in blocks of BLOCK_ROWS rows, after optics, sensitivity and leakage.
+    """Rate of electrons in blocks of rows, after optics, sensitivity and leakage.
 
-    channel : the filter, for a camera without mosaic that has several. Raises InputError for a channel that does not
-    exist and like integration_weights and require_radiance.
+    Parameters
+    ----------
+    cube
+        Radiance, or coefficients of a spectral basis.
+    camera
+        The camera.
+    channel
+        The filter, for a camera without mosaic that has several.
+
+    Yields
+    ------
+    rows : slice
+        Up to BLOCK_ROWS rows.
+    rate : NDArray
+        (rows, x) electrons per second.
+
+    Raises
+    ------
+    InputError
+        If the channel does not exist, and as ``integration_weights`` and ``require_radiance``.
     """
-    seen = _seen(camera, channel)
+    used = _used_channels(camera, channel)
     wavelength = cube["wavelength"].values
-    weights = np.stack([integration_weights(camera.channels[name], wavelength) for name in seen], axis=-1)
+    weights = np.stack([integration_weights(camera.channels[name], wavelength) for name in used], axis=-1)
     shape = frame_shape(cube)
     pattern = camera.pattern or ("-",)
-    cell = channel_map(pattern, seen if camera.pattern else ("-",), (len(pattern), len(pattern[0])))
+    cell = channel_map(pattern, used if camera.pattern else ("-",), (len(pattern), len(pattern[0])))
     for start in range(0, shape[0], BLOCK_ROWS):
         stop = min(start + BLOCK_ROWS, shape[0])
         low, high = max(start - _halo(camera), 0), min(stop + _halo(camera), shape[0])
-        plane = _seen_light(cube, camera, weights, wavelength, slice(low, high), np.roll(cell, -low, axis=0))
+        plane = _light_on_sensor(cube, camera, weights, wavelength, slice(low, high), np.roll(cell, -low, axis=0))
         if camera.vignetting is not None:
             plane = plane * camera.vignetting.at(shape, slice(low, high))
         if any(camera.detector.leakage):
@@ -137,11 +196,11 @@ def rate_blocks(
 
 
 def _halo(camera: SensorCamera) -> int:
-    """Rows beside a block that affect it."""
+    """Rows next to a block that affect it."""
     return (0 if camera.blur is None else camera.blur.reach_px) + (1 if any(camera.detector.leakage) else 0)
 
 
-def _seen_light(
+def _light_on_sensor(
     cube: xr.Dataset,
     camera: SensorCamera,
     weights: NDArray[np.float64],
@@ -149,7 +208,10 @@ def _seen_light(
     rows: slice,
     cell: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """(rows, x) electrons per second after blur, before vignetting. cell : the mosaic's channels from the first row."""
+    """(rows, x) electrons per second after blur, before vignetting.
+
+    cell : channels of the mosaic's letters, from the first row.
+    """
     if "radiance" in cube:
         radiance = _rows(cube, "radiance", rows)
         error = _rows(cube, "standard_error", rows) if "standard_error" in cube else None
@@ -160,21 +222,21 @@ def _seen_light(
         if not np.isfinite(coefficient).all():
             raise InputError("cube: coefficient", "a value that is not finite", "finite numbers")
         if camera.blur is None:
-            return _weighed(coefficient, basis @ weights, mean @ weights, cell)
+            return _weighted(coefficient, basis @ weights, mean @ weights, cell)
         radiance = coefficient @ basis + mean
     if camera.blur is not None:
         radiance = camera.blur.spread(radiance, wavelength, frame_shape(cube), rows)
-    return _weighed(radiance, weights, np.zeros(weights.shape[1]), cell)
+    return _weighted(radiance, weights, np.zeros(weights.shape[1]), cell)
 
 
-def _weighed(
+def _weighted(
     samples: NDArray, weights: NDArray[np.float64], offset: NDArray[np.float64], cell: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """(y, x) >= 0: samples (y, x, k) times weights (k, c) plus offset (c,), for each pixel's channel."""
+    """(y, x) samples (y, x, k) times weights (k, c) plus offset (c,) of each pixel's channel."""
     rate = np.empty(samples.shape[:2])
     down, right = cell.shape
     for y, x in np.ndindex(down, right):
         channel = cell[y, x]
-        own = samples[y::down, x::right].astype(np.float64)
-        rate[y::down, x::right] = own @ weights[:, channel] + offset[channel]
+        of_channel = samples[y::down, x::right].astype(np.float64)
+        rate[y::down, x::right] = of_channel @ weights[:, channel] + offset[channel]
     return np.maximum(rate, 0.0, out=rate)

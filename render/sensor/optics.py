@@ -13,13 +13,28 @@ from scipy.ndimage import gaussian_filter
 
 __all__ = ["Blur", "Vignetting", "field_height"]
 
-# Radius of the point spread in standard deviations, and number of Gaussians that approximate it over the field.
+#: Radius of the point spread, standard deviations.
 _REACH = 4.0
+
+#: Number of Gaussians that approximate the point spread over the field.
 _NODES = 5
 
 
 def field_height(shape: tuple[int, int], rows: slice) -> NDArray[np.float64]:
-    """(rows, x) field height of some rows of a frame of ``shape`` (y, x)."""
+    """Field height of some rows of a frame.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the frame.
+    rows
+        The rows.
+
+    Returns
+    -------
+    NDArray
+        (rows, x) distance from the centre over that of a corner pixel, 0 to 1.
+    """
     y, x = ((size - 1) / 2 for size in shape)
     v = np.arange(rows.start, rows.stop)[:, None] - y
     return np.hypot(v, np.arange(shape[1]) - x) / max(np.hypot(x, y), 0.5)
@@ -27,26 +42,40 @@ def field_height(shape: tuple[int, int], rows: slice) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Vignetting:
-    """Relative illumination (n,), 0 to 1, by field height (n,), interpolated linearly."""
+    """Relative illumination by field height, interpolated linearly."""
 
+    #: (n,) field heights, 0 to 1, ascending.
     field: NDArray[np.float64]
+    #: (n,) relative illumination, 0 to 1.
     illumination: NDArray[np.float64]
 
     def at(self, shape: tuple[int, int], rows: slice) -> NDArray[np.float64]:
-        """(rows, x) relative illumination of some rows of a frame of ``shape`` (y, x)."""
+        """Relative illumination of some rows of a frame.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns of the frame.
+        rows
+            The rows.
+
+        Returns
+        -------
+        NDArray
+            (rows, x) relative illumination.
+        """
         return np.interp(field_height(shape, rows), self.field, self.illumination)
 
 
 @dataclass(frozen=True, eq=False)
 class Blur:
-    """A Gaussian point spread whose variance is linear in the square of the field height.
+    """A Gaussian point spread whose variance is linear in the square of the field height."""
 
-    wavelength_nm : (n,). centre_px, corner_px : (n,) standard deviations in px at the centre and in the corners of the
-    frame, interpolated linearly in wavelength, constant beyond.
-    """
-
+    #: (n,) wavelengths, nm; between them standard deviations are interpolated linearly, beyond them constant.
     wavelength_nm: NDArray[np.float64]
+    #: (n,) standard deviations at the centre of the frame, px.
     centre_px: NDArray[np.float64]
+    #: (n,) standard deviations in its corners, px.
     corner_px: NDArray[np.float64]
 
     @property
@@ -57,10 +86,26 @@ class Blur:
     def spread(
         self, radiance: NDArray, wavelength_nm: NDArray[np.float64], shape: tuple[int, int], rows: slice
     ) -> NDArray[np.float64]:
-        """Blurred radiance (y, x, wavelength) of ``rows`` of a frame of ``shape``; the sum is unchanged.
+        """Blurred radiance of some rows of a frame; the sum is unchanged.
 
         Light is reflected at the borders of the given rows: pass ``reach_px`` rows more than needed. The point spread
         between two field heights is the mixture of their Gaussians with the right variance.
+
+        Parameters
+        ----------
+        radiance
+            (y, x, w) radiance of the rows.
+        wavelength_nm
+            (w,) wavelengths, nm.
+        shape
+            Rows and columns of the frame.
+        rows
+            The rows.
+
+        Returns
+        -------
+        NDArray
+            (y, x, w) blurred radiance.
         """
         centre = np.interp(wavelength_nm, self.wavelength_nm, self.centre_px)
         corner = np.interp(wavelength_nm, self.wavelength_nm, self.corner_px)
@@ -78,4 +123,5 @@ class Blur:
 
     @staticmethod
     def _radius(sigma: float) -> int:
+        """Radius of the point spread of a standard deviation, px."""
         return int(_REACH * sigma + 0.5)

@@ -1,4 +1,4 @@
-"""Simulated recording of a spectral cube: expected electrons and counts, and frames with noise.
+"""Simulated recording of a spectral cube: expected electrons and counts, frames with noise.
 
 Every frame has a seed, and each block of rows a separate random stream. The fixed pattern uses the camera's seed, so
 that it is the same in every frame.
@@ -20,6 +20,7 @@ __all__ = ["auto_exposure", "expected_counts", "expected_electrons", "simulate"]
 
 
 def _require_exposure(exposure_s: float) -> None:
+    """Raise InputError for an exposure that is not above 0."""
     if not (np.isfinite(exposure_s) and exposure_s > 0):
         raise InputError("exposure", f"{exposure_s:g} s", "a time above 0")
 
@@ -35,11 +36,28 @@ def _rate(cube: xr.Dataset, camera: SensorCamera, channel: str | None) -> NDArra
 def expected_electrons(
     cube: xr.Dataset, camera: SensorCamera, exposure_s: float, channel: str | None = None
 ) -> NDArray[np.float64]:
-    """Expected photoelectrons (y, x), without dark charge, full well and fixed pattern.
+    """Expected photoelectrons, without dark charge, full well and fixed pattern.
 
-    cube : radiance (y, x, wavelength) as in ``RenderedImage.cube``, or coefficients (``spectral_basis``).
-    channel : the filter, for a camera without mosaic that has several. Raises InputError for an exposure not above 0
-    and like rate_blocks.
+    Parameters
+    ----------
+    cube
+        Radiance (y, x, wavelength) as in ``RenderedImage.cube``, or coefficients (``spectral_basis``).
+    camera
+        The camera.
+    exposure_s
+        Exposure, s.
+    channel
+        The filter, for a camera without mosaic that has several.
+
+    Returns
+    -------
+    NDArray
+        (y, x) electrons.
+
+    Raises
+    ------
+    InputError
+        If the exposure is not above 0, and as ``rate_blocks``.
     """
     _require_exposure(exposure_s)
     rate = _rate(cube, camera, channel)
@@ -50,7 +68,23 @@ def expected_electrons(
 def expected_counts(
     cube: xr.Dataset, camera: SensorCamera, exposure_s: float, channel: str | None = None
 ) -> NDArray[np.float64]:
-    """Counts (y, x) in DN without noise and rounding: F of the expected input, clipped to the bit depth."""
+    """Counts without noise and rounding: F of the expected input, clipped to the bit depth.
+
+    Parameters
+    ----------
+    cube, camera, exposure_s, channel
+        As ``expected_electrons``.
+
+    Returns
+    -------
+    NDArray
+        (y, x) counts, DN.
+
+    Raises
+    ------
+    InputError
+        As ``expected_electrons``.
+    """
     electrons = expected_electrons(cube, camera, exposure_s, channel)
     detector = camera.detector
     if detector.full_well_e is not None:
@@ -64,9 +98,28 @@ def expected_counts(
 def simulate(
     cube: xr.Dataset, camera: SensorCamera, exposure_s: float, seed: int, channel: str | None = None
 ) -> NDArray[np.uint16]:
-    """One raw frame (y, x) in DN, repeatable by ``seed``. Arguments and errors as for expected_electrons.
+    """One raw frame.
 
     Memory is needed for one block of the cube and for the frame; with blooming also for the frame's electrons.
+
+    Parameters
+    ----------
+    cube, camera, exposure_s
+        As ``expected_electrons``.
+    seed
+        Seed of the frame's noise; the same seed gives the same frame.
+    channel
+        As ``expected_electrons``.
+
+    Returns
+    -------
+    NDArray
+        (y, x) counts, DN.
+
+    Raises
+    ------
+    InputError
+        As ``expected_electrons``.
     """
     _require_exposure(exposure_s)
     detector, shape = camera.detector, frame_shape(cube)
@@ -104,6 +157,7 @@ def _counted(
     rows: slice,
     stream: np.random.Generator,
 ) -> NDArray[np.uint16]:
+    """Counts of a block's electrons (rows, x)."""
     mean, sigma = detector.dark(exposure_s)
     level: NDArray[np.float64] | float = mean
     if detector.offset_spread_dn:
@@ -113,9 +167,26 @@ def _counted(
 
 
 def auto_exposure(cube: xr.Dataset, camera: SensorCamera, channel: str | None = None, level: float = 0.7) -> float:
-    """Exposure (s) for which the 99th percentile of the counts outside the lamp is ``level`` times full scale.
+    """Exposure that brings bright pixels outside the lamp to a part of full scale.
 
-    Needed for cubes of relative radiance. Raises InputError for a cube without light outside the lamp.
+    Needed for cubes of relative radiance.
+
+    Parameters
+    ----------
+    cube, camera, channel
+        As ``expected_electrons``.
+    level
+        99th percentile of the counts outside the lamp over full scale.
+
+    Returns
+    -------
+    float
+        Exposure, s.
+
+    Raises
+    ------
+    InputError
+        If the cube has no light outside the lamp, and as ``rate_blocks``.
     """
     detector = camera.detector
     rate = _rate(cube, camera, channel)
@@ -124,8 +195,8 @@ def auto_exposure(cube: xr.Dataset, camera: SensorCamera, channel: str | None = 
     bright = float(np.percentile(rate, 99))
     if bright <= 0:
         raise InputError("cube: radiance", "no light outside the lamp", "light, to choose an exposure")
-    wanted = float(detector.linearise(level * detector.full_scale_dn))
-    exposure = wanted * detector.gain_e_per_dn / bright
+    target_dn = float(detector.linearise(level * detector.full_scale_dn))
+    exposure = target_dn * detector.gain_e_per_dn / bright
     for _ in range(20):  # converges fast, since the dark level changes slowly with the exposure
-        exposure = max(wanted - detector.dark(exposure)[0], 1.0) * detector.gain_e_per_dn / bright
+        exposure = max(target_dn - detector.dark(exposure)[0], 1.0) * detector.gain_e_per_dn / bright
     return exposure

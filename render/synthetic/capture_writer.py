@@ -1,4 +1,4 @@
-"""Writes a complete simulated capture of a box (capture format, version 1)."""
+"""Complete simulated captures of a box in files (capture format, version 1)."""
 
 from __future__ import annotations
 
@@ -31,12 +31,36 @@ __all__ = [
 
 
 def tungsten_lamp(radiance_550: float = 8e-4, temperature_k: float = 3000.0) -> Spectrum:
-    """Radiance of a tungsten lamp with a neutral diffuser (Planck's law), W m^-2 sr^-1 nm^-1, 400 to 700 nm."""
+    """Radiance of a tungsten lamp with a neutral diffuser (Planck's law), 400 to 700 nm.
+
+    Parameters
+    ----------
+    radiance_550
+        Radiance at 550 nm, W m^-2 sr^-1 nm^-1.
+    temperature_k
+        Temperature, K.
+
+    Returns
+    -------
+    Spectrum
+        W m^-2 sr^-1 nm^-1; 0 outside 400 to 700 nm.
+    """
     return Spectrum(WAVELENGTH_NM, radiance_550 * planck(WAVELENGTH_NM, temperature_k), "zero")
 
 
 def sphere_spectrum(brightness: float = 1.0) -> Spectrum:
-    """Radiance of the integrating sphere: Planck's law at 2856 K, at 1 about as bright as a wall of the box."""
+    """Radiance of the integrating sphere: Planck's law at 2856 K.
+
+    Parameters
+    ----------
+    brightness
+        Factor; at 1 the sphere is about as bright as a wall of the box.
+
+    Returns
+    -------
+    Spectrum
+        W m^-2 sr^-1 nm^-1; 0 outside 400 to 700 nm.
+    """
     return Spectrum(WAVELENGTH_NM, brightness * 1e-5 * planck(WAVELENGTH_NM, 2856.0), "zero")
 
 
@@ -50,7 +74,22 @@ def unit_factors(
     width_px: int,
     grid: WavelengthGrid = INTEGRAL_GRID,
 ) -> ResponseFactors:
-    """The bands' responses on ``grid`` for one second, factored: signals come in DN/s."""
+    """Responses of the bands for one second, factored: signals come in DN/s.
+
+    Parameters
+    ----------
+    settings
+        Camera, lens and filters.
+    width_px
+        Columns of a frame; the pixel pitch is the film width over it.
+    grid
+        Wavelengths of the responses.
+
+    Returns
+    -------
+    ResponseFactors
+        Responses on ``grid``.
+    """
     filters = settings.filters
     rest = rest_curve(_curves()["quantum_efficiency"], _curves()["lens"], grid)
     pitch_um = settings.film_width_mm * 1e3 / width_px
@@ -71,21 +110,40 @@ def write_photographs(
     seed: int,
     hooks: FrameHooks | None = None,
 ) -> None:
-    """Simulate the frames from expected signals and write the folder; an incomplete folder is removed.
+    """Write the folder of a capture, simulated from expected signals.
 
-    signals, field : (band, y, x) DN/s of the scene and of the sphere, in the order of the settings' filters.
-    sees_lamp : (y, x) pixels ignored in the choice of exposures. camera, scene : used for the survey of the points
-    and the measurement of the lamp; the camera is not written. hooks : changes inside the camera. seed : results are
-    repeatable.
+    Parameters
+    ----------
+    folder
+        Folder to write; an incomplete one is removed.
+    signals
+        (band, y, x) signals of the scene, DN/s, in the order of the settings' filters.
+    field
+        (band, y, x) signals of the sphere, DN/s.
+    sees_lamp
+        (y, x) pixels ignored in the choice of exposures.
+    camera
+        Camera of the survey; it is not written.
+    scene
+        Scene of the survey and of the lamp's measurement.
+    settings
+        Settings of the laboratory.
+    seed
+        Seed of all random numbers.
+    hooks
+        Changes inside the camera; None for none.
 
-    Raises InputError if the folder is not empty, and if no exposure fits the radiance.
+    Raises
+    ------
+    InputError
+        If the folder is not empty, or no exposure fits the radiance.
     """
     bands = tuple(settings.filters)
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
     maps = pixel_maps(camera, settings, streams[0])
     rates = {
-        name: dict(zip(bands, np.percentile(values[:, ~lit], 99.5, axis=1).tolist(), strict=True))
-        for name, values, lit in (
+        name: dict(zip(bands, np.percentile(values[:, ~ignored], 99.5, axis=1).tolist(), strict=True))
+        for name, values, ignored in (
             ("scene", signals * maps.flat, sees_lamp),
             ("field", field * maps.flat, np.zeros_like(sees_lamp)),
         )
@@ -176,17 +234,17 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
         toml_table("[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"),
     ]
     for shot in shots:
-        own: dict[str, object] = {"frames": shot.paths, "exposure_s": shot.exposure_s}
+        entries: dict[str, object] = {"frames": shot.paths, "exposure_s": shot.exposure_s}
         if shot.kind != "dark":
-            own |= {"f_number": settings.f_number, "image_distance_mm": settings.image_distance_mm}
+            entries |= {"f_number": settings.f_number, "image_distance_mm": settings.image_distance_mm}
         if shot.kind == "band":
             filter_column = f"spectra/filters.csv:{shot.band}"
-            own = {"id": shot.band, "transmittance": filter_column, **own, "start_s": shot.start_s}
+            entries = {"id": shot.band, "transmittance": filter_column, **entries, "start_s": shot.start_s}
         elif shot.kind != "dark":
-            own = {"band": shot.band, **own}
+            entries = {"band": shot.band, **entries}
         if shot.kind == "reference":
-            own = {"radiance": "spectra/sphere.csv:radiance", **own}
-        parts.append(toml_table(f"[[{shot.kind}]]", **own))
+            entries = {"radiance": "spectra/sphere.csv:radiance", **entries}
+        parts.append(toml_table(f"[[{shot.kind}]]", **entries))
     relative = settings.lamp_relative_uncertainty
     parts.append(toml_table("[lamp]", radiance="spectra/lamp.csv:radiance", relative_uncertainty=relative))
     parts.append(toml_table("[geometry]", points="points.csv", point_sigma_px=settings.point_sigma_px))

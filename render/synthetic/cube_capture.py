@@ -1,4 +1,4 @@
-"""Writes a simulated capture of a spectral cube: frames, darks and flats (capture format, version 1)."""
+"""Simulated captures of a spectral cube: frames, darks, flats (capture format, version 1)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,31 @@ from .capture_writer import toml_table
 
 __all__ = ["uniform_cube", "write_cube_capture"]
 
+#: Frames of each exposure.
 REPEATS = 2
+
 #: Stated as focal length and image distance; the signals depend only on the camera's working f-number.
 NOMINAL_FOCAL_MM = 50.0
+
+#: Name of the single band of a camera with mosaic.
 _OPEN = "open"
 
 
 def uniform_cube(spectrum: Spectrum, shape: tuple[int, int]) -> xr.Dataset:
-    """A cube (y, x) = ``shape`` with the same spectrum in all pixels, in the memory of one pixel."""
+    """Cube with the same spectrum in all pixels, in the memory of one pixel.
+
+    Parameters
+    ----------
+    spectrum
+        Radiance.
+    shape
+        Rows and columns.
+
+    Returns
+    -------
+    xr.Dataset
+        ``radiance`` (y, x, wavelength).
+    """
     radiance = np.broadcast_to(spectrum.values, (*shape, spectrum.values.size))
     return xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": spectrum.wavelength_nm})
 
@@ -35,12 +52,28 @@ def write_cube_capture(
 ) -> None:
     """Write repeated frames of a cube, flats of its white, and darks for every exposure.
 
-    A camera without mosaic takes one band per channel, one with mosaic a single band "open". exposure_s : of the
-    scene; None chooses one per band. scene : name for the manifest. seed : results are repeatable. An incomplete
-    folder is removed.
+    A camera without mosaic takes one band per channel, one with mosaic a single band "open".
 
-    Raises InputError if the folder is not empty, for a static nonlinearity (the format requires linear counts), for
-    a mosaic that the format does not support, and for the faults of ``simulate``.
+    Parameters
+    ----------
+    folder
+        Folder to write; an incomplete one is removed.
+    cube
+        Radiance (y, x, wavelength), or coefficients of a spectral basis.
+    camera
+        The camera.
+    exposure_s
+        Exposure of the scene, s; None chooses one per band.
+    seed
+        Seed of all random numbers.
+    scene
+        Name of the scene in the manifest.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty, or the camera has a static nonlinearity: the format requires linear counts. If the
+        format does not support the mosaic, and as ``simulate``.
     """
     if camera.detector.linear_dn is not None:
         raise InputError(f"camera {camera.name}", "a static nonlinearity", "linear counts, for a capture")
@@ -60,7 +93,7 @@ def write_cube_capture(
             frames[path] = simulate(source, camera, seconds, next(seeds), channel)
         return paths
 
-    stated = {"f_number": camera.f_number, "image_distance_mm": NOMINAL_FOCAL_MM}
+    optics = {"f_number": camera.f_number, "image_distance_mm": NOMINAL_FOCAL_MM}
     with replacing_folder(folder) as temporary:
         for kind, source in (("band", cube), ("flat", field)):
             for band, channel in bands.items():
@@ -69,15 +102,15 @@ def write_cube_capture(
                 exposures.add(seconds)
                 name = band if kind == "band" else f"flat-{band}"
                 paths = photograph(source, name, channel, seconds)
-                own: dict[str, object] = {"id": band} if kind == "band" else {"band": band}
+                entries: dict[str, object] = {"id": band} if kind == "band" else {"band": band}
                 if kind == "band":
-                    own["transmittance"] = f"spectra/channels.csv:{channel or 'one'}"
-                tables.append(toml_table(f"[[{kind}]]", **own, frames=paths, exposure_s=seconds, **stated))
-        one = next(iter(bands.values()))
+                    entries["transmittance"] = f"spectra/channels.csv:{channel or 'one'}"
+                tables.append(toml_table(f"[[{kind}]]", **entries, frames=paths, exposure_s=seconds, **optics))
+        first_channel = next(iter(bands.values()))
         curve = next(iter(camera.channels.values()))
         black = uniform_cube(Spectrum(curve.wavelength_nm, np.zeros(curve.values.size), "zero"), shape)
         for seconds in sorted(exposures):
-            paths = photograph(black, f"dark-{seconds:g}s", one, seconds)
+            paths = photograph(black, f"dark-{seconds:g}s", first_channel, seconds)
             tables.append(toml_table("[[dark]]", frames=paths, exposure_s=seconds))
         for path, counts in frames.items():
             write_raw(temporary / path, counts)
@@ -87,6 +120,7 @@ def write_cube_capture(
 
 
 def _rounded(seconds: float) -> float:
+    """Seconds with two digits."""
     return float(f"{seconds:.2g}")
 
 
@@ -102,6 +136,7 @@ def _write_channels(path: Path, camera: SensorCamera) -> None:
 
 
 def _head(camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: float) -> list[str]:
+    """Tables of a manifest in front of those of the frames."""
     detector = camera.detector
     column = "spectra/channels.csv:{}".format
     efficiency = column("one") if camera.pattern is None else [column(letter) for letter in "RGB"]

@@ -1,4 +1,4 @@
-"""Plans the frames of a simulated capture and computes their counts.
+"""Plan and counts of the frames of a simulated capture.
 
 The simulation follows the sensor equation of the capture format (``calibration.radiometry``): signal, cosine-fourth
 fall-off, vignetting, pixel sensitivity, bias, dark current, hot pixels, shot and read noise, rounding and clipping.
@@ -42,52 +42,73 @@ EXPOSURE_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 @lru_cache
 def band_filters() -> dict[str, Spectrum]:
-    """Transmittances of the seven filters by band, 380 to 720 nm."""
+    """Transmittances of the seven filters, 380 to 720 nm.
+
+    Returns
+    -------
+    dict
+        Transmittance by band.
+    """
     return read_spectra(PACKAGED / "pxl1300l-filters.csv", "zero")
 
 
 @dataclass(frozen=True)
 class CaptureSettings(OwnMappings):
-    """Settings of the laboratory. Units are in the names; defaults: a cooled 12-bit camera, a 35 mm lens at f/8.
+    """Settings of the laboratory; by default a cooled 12-bit camera and a 35 mm lens at f/8."""
 
-    name, scene : of the capture, as its manifest states them; those of the scene where empty.
-    film_width_mm : width of the sensor; pixel pitch = film_width_mm / width in px.
-    level : largest fraction of full scale for the 99.5th percentile outside the lamp.
-    bias_pattern_dn, dark_current_spread, prnu : standard deviations over pixels of the bias (DN), of the logarithm
-        of the dark current, of the relative sensitivity. hot_share : share of hot pixels, with 10 to 100 times the
-        dark current. vignetting : loss in the corner in addition to the cosine-fourth law.
-    sphere_brightness : radiance of the integrating sphere, for flats and references, over that of a wall of the box.
-    lamp_relative_uncertainty : one sigma of the scale of the spectroradiometer's reading in lamp.csv.
-    filter_change_s : shortest time between the end of one band and the start of the next.
-    filters : transmittances by band, all at the same wavelengths.
-    """
-
+    #: Name of the capture in its manifest; that of the scene where empty.
     name: str = ""
+    #: Scene in the manifest; the scene's name where empty.
     scene: str = ""
+    #: Model of the camera.
     model: str = "PXL 1300L class"
+    #: Width of the sensor, mm; the pixel pitch is this over the width in px.
     film_width_mm: float = 25.0
+    #: Bits of a count.
     bit_depth: int = 12
+    #: Gain, e-/DN.
     gain_e_per_dn: float = 12.0
+    #: Read noise, e-.
     read_noise_e: float = 10.0
+    #: Focal length, mm.
     focal_length_mm: float = 35.0
+    #: f-number.
     f_number: float = 8.0
+    #: Distance from lens to sensor, mm.
     image_distance_mm: float = 36.6
+    #: Time from the end of a frame to the next one, s.
     readout_s: float = 1.2
+    #: Shortest time between the end of one band and the start of the next, s.
     filter_change_s: float = 6.0
+    #: Frames of each exposure.
     repeats: int = 2
+    #: Frames of each exposure of the sphere as reference.
     reference_repeats: int = 1
+    #: Largest fraction of full scale for the 99.5th percentile outside the lamp.
     level: float = 0.7
+    #: Bias, DN.
     bias_dn: float = 100.0
+    #: Standard deviation of the bias over pixels, DN.
     bias_pattern_dn: float = 0.5
+    #: Dark current, e-/s.
     dark_current_e_s: float = 6.0
+    #: Standard deviation over pixels of the logarithm of the dark current.
     dark_current_spread: float = 0.1
+    #: Share of hot pixels, with 10 to 100 times the dark current.
     hot_share: float = 5e-4
+    #: Standard deviation over pixels of the relative sensitivity.
     prnu: float = 0.01
+    #: Loss of light in the corner in addition to the cosine-fourth law.
     vignetting: float = 0.08
+    #: Radiance of the integrating sphere, for flats and references, over that of a wall of the box.
     sphere_brightness: float = 1.0
+    #: Standard deviation of the scale of the spectroradiometer's reading in lamp.csv.
     lamp_relative_uncertainty: float = 0.02
+    #: Number of surveyed points.
     point_count: int = 50
+    #: Standard deviation of their image positions, px.
     point_sigma_px: float = 0.15
+    #: Transmittances by band, all at the same wavelengths.
     filters: Mapping[str, Spectrum] = field(default_factory=band_filters)
 
     @property
@@ -98,12 +119,17 @@ class CaptureSettings(OwnMappings):
 
 @dataclass(frozen=True)
 class Shot:
-    """A table of capture.toml: an exposure and its repeats. start_s : of the first repeat; None if not recorded."""
+    """A table of capture.toml: an exposure and its repeats."""
 
+    #: Kind of table.
     kind: Kind
+    #: Band; None for darks.
     band: str | None
+    #: Exposure, s.
     exposure_s: float
+    #: Number of frames.
     repeats: int
+    #: Start of the first repeat since the first frame, s; None if not recorded.
     start_s: float | None = None
 
     @property
@@ -120,35 +146,41 @@ class Shot:
 
 @dataclass(frozen=True)
 class Frame:
-    """Description of one frame, for hooks. start_s : since the first frame of the sequence, or None."""
+    """Description of one frame, for hooks."""
 
+    #: Kind of its table.
     kind: Kind
+    #: Band; None for darks.
     band: str | None
+    #: Stated exposure, s.
     exposure_s: float
+    #: Index among the repeats.
     repeat: int
+    #: Start since the first frame of the sequence, s; None if not recorded.
     start_s: float | None
 
 
 @dataclass(frozen=True)
 class FrameHooks:
-    """Functions that simulate faults in the camera; the defaults change nothing.
+    """Functions that simulate faults in the camera; the defaults change nothing."""
 
-    exposure_s : frame -> the actual exposure time, s.
-    light : frame, expected signal (y, x) in DN above dark, flat included, unclipped -> changed signal.
-    counts : frame, counts (y, x) with bias and noise before rounding and clipping -> changed counts.
-    """
-
+    #: Frame -> the actual exposure time, s.
     exposure_s: Callable[[Frame], float] = lambda frame: frame.exposure_s
+    #: Frame, expected signal (y, x) in DN above dark, flat included, unclipped -> changed signal.
     light: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, signal: signal
+    #: Frame, counts (y, x) with bias and noise before rounding and clipping -> changed counts.
     counts: Callable[[Frame, NDArray[np.float64]], NDArray[np.float64]] = lambda frame, counts: counts
 
 
 @dataclass(frozen=True, eq=False)
 class PixelMaps:
-    """Properties of each pixel. flat : (y, x), mean 1. bias_dn : (y, x). dark_current_e_s : (y, x)."""
+    """Properties of each pixel."""
 
+    #: (y, x) relative response to uniform light, mean 1.
     flat: NDArray[np.float64]
+    #: (y, x) bias, DN.
     bias_dn: NDArray[np.float64]
+    #: (y, x) dark current, e-/s.
     dark_current_e_s: NDArray[np.float64]
 
 
@@ -156,6 +188,20 @@ def pixel_maps(camera: Camera, settings: CaptureSettings, generator: np.random.G
     """Random properties of the pixels, and the flat field of the lens.
 
     The optical part of the flat is cos^4 of the field angle times 1 - vignetting r^2, r = 1 in the corner.
+
+    Parameters
+    ----------
+    camera
+        Camera, for size and field angles.
+    settings
+        Settings of the laboratory.
+    generator
+        Random numbers.
+
+    Returns
+    -------
+    PixelMaps
+        Properties of each pixel.
     """
     shape = camera.height_px, camera.width_px
     v, u = np.indices(shape)
@@ -171,9 +217,24 @@ def pixel_maps(camera: Camera, settings: CaptureSettings, generator: np.random.G
 
 
 def chosen_exposure(rate_dn_s: float, settings: CaptureSettings) -> float:
-    """The longest time of EXPOSURE_STEPS (s) for which bias plus signal, at ``rate_dn_s``, stays within the level.
+    """Longest time of EXPOSURE_STEPS for which bias plus signal stays within the level.
 
-    Raises InputError for a rate that is not above 0, and if the time is not between 0.1 ms and one hour.
+    Parameters
+    ----------
+    rate_dn_s
+        Signal of bright pixels, DN/s.
+    settings
+        Bias, level and bit depth.
+
+    Returns
+    -------
+    float
+        Exposure, s.
+
+    Raises
+    ------
+    InputError
+        If the rate is not above 0, or the time is not between 0.1 ms and one hour.
     """
     span_dn = settings.level * settings.full_scale_dn - settings.bias_dn
     longest = span_dn / rate_dn_s if rate_dn_s > 0 else np.inf
@@ -195,10 +256,25 @@ def plan_shots(
     settings: CaptureSettings,
     generator: np.random.Generator,
 ) -> tuple[Shot, ...]:
-    """All exposures of a capture: bands in random order, then flats, references, and darks for every exposure used.
+    """All exposures of a capture.
 
-    scene_dn_s : by band, DN/s of the 99.5th percentile outside the lamp. field_dn_s : by band, DN/s of the uniform
-    source of flats and references.
+    Bands in random order, then flats, references, and darks for every exposure used.
+
+    Parameters
+    ----------
+    scene_dn_s
+        By band, 99.5th percentile of the scene's signal outside the lamp, DN/s.
+    field_dn_s
+        By band, signal of the uniform source of flats and references, DN/s.
+    settings
+        Settings of the laboratory.
+    generator
+        Random numbers.
+
+    Returns
+    -------
+    tuple of Shot
+        In the order of the manifest.
     """
     bands, shots, start = list(scene_dn_s), [], 0.0
     for index in generator.permutation(len(bands)):
@@ -217,7 +293,20 @@ def plan_shots(
 
 
 def frames_of(shot: Shot, readout_s: float) -> tuple[Frame, ...]:
-    """The repeats of a shot; each starts after the exposure and readout of the previous one."""
+    """Frames of a shot; each starts after the exposure and readout of the previous one.
+
+    Parameters
+    ----------
+    shot
+        The shot.
+    readout_s
+        Time between frames, s.
+
+    Returns
+    -------
+    tuple of Frame
+        One description a repeat.
+    """
     return tuple(
         Frame(
             shot.kind,
@@ -238,9 +327,27 @@ def photograph(
     generator: np.random.Generator,
     hooks: FrameHooks | None = None,
 ) -> dict[str, NDArray[np.uint16]]:
-    """Counts (y, x) of every frame of the shots, by path.
+    """Counts of every frame of the shots.
 
-    signals : shot -> expected signal (y, x) in DN per second for a flat of 1; not called for darks.
+    Parameters
+    ----------
+    shots
+        The shots.
+    signals
+        Shot -> expected signal (y, x) in DN per second for a flat of 1; not called for darks.
+    maps
+        Properties of each pixel.
+    settings
+        Settings of the laboratory.
+    generator
+        Random numbers.
+    hooks
+        Changes inside the camera; None for none.
+
+    Returns
+    -------
+    dict
+        Counts (y, x), uint16, by path of the frame.
     """
     hooks = hooks or FrameHooks()
     none = np.zeros(0)

@@ -1,4 +1,4 @@
-"""What the public face ``cboxlab`` offers: from paths or objects to results that print, become dicts and files."""
+"""Public functions of ``cboxlab``, and their results."""
 
 from .calibration import CalibrationResult, calibrate
 from .cube import CubeFile, CubeResult, CubeSettings, render, render_file

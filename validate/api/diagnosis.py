@@ -1,4 +1,4 @@
-"""``cboxlab.diagnose``: which physical effect the model lacks."""
+"""``cboxlab.diagnose``: the physical effects that a model lacks."""
 
 from __future__ import annotations
 
@@ -6,66 +6,130 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.rendering.model import write_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
+from cboxlab.utils.table import Table
 
-from ..compare import Validation
-from ..diagnose import Diagnosis
-from ..diagnose import diagnose as diagnosed
+from .. import diagnose as engine
+from ..compare import HEADLINE, Validation, failures
 from ..report import (
     diagnosis_record,
     finding_sentences,
     ranked_values,
+    step_name,
     write_diagnosis,
     write_validation,
 )
-from .inputs import ModelLike, as_capture
+from .calibration import suspicion_lines
+from .inputs import CaptureLike, ModelLike, as_capture
 from .result import Result
-from .validation import ValidationResult, validate
+from .validation import MAX_FAILURES, ValidationResult, validate
 
 __all__ = ["DiagnosisResult", "diagnose"]
 
-_MOST_RANKED = 3
+#: Largest number of effects listed that were tried alone: more are in diagnosis.json.
+MAX_RANKED = 6
 
-#: Part of the time that the validation before a diagnosis takes.
-_VALIDATION = 0.3
+#: Share of the time that the validation before a diagnosis takes, for progress: about a third at 128 x 128 x 7.
+_VALIDATION_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiagnosisResult(Result):
-    """diagnosis : ranking, path and the model with the effects found. validation : of the model as given."""
+    """The effects that a model lacks, and the fall of the error as they are added."""
 
-    diagnosis: Diagnosis
+    #: Ranking, path, and the model with the effects added.
+    diagnosis: engine.Diagnosis
+    #: Validation of the model as given.
     validation: Validation
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of diagnosis.json (docs/diagnosis.md)."""
+        """Content of diagnosis.json (docs/diagnosis.md).
+
+        Returns
+        -------
+        dict
+            Ranking, selected effects, path, and what remains.
+        """
         return diagnosis_record(self.diagnosis)
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """diagnosis.json, model.toml with the effects found; report.html, metrics.json and maps of the validation."""
-        place = Path(folder)
-        diagnosis, model = place / "diagnosis.json", place / "model.toml"
-        written = write_validation(self.validation, place, self.diagnosis)
+        """Write diagnosis.json, model.toml, and the report, metrics and maps of the validation.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+
+        Returns
+        -------
+        tuple of Path
+            diagnosis.json first, then model.toml with the effects added.
+        """
+        diagnosis, model = Path(folder) / "diagnosis.json", Path(folder) / "model.toml"
+        files = write_validation(self.validation, Path(folder), self.diagnosis)
         write_model(model, self.diagnosis.model)
         write_diagnosis(diagnosis, self.diagnosis)
-        return (diagnosis, model, *written)
+        return (diagnosis, model, *files)
 
     def lines(self) -> list[str]:
-        """The finding in sentences, then the effects that explain most when tried alone."""
-        ranked = [
-            f"{rank}. {entry.effect}: {ranked_values(entry)}; probability {100 * entry.probability:.1f} %"
-            for rank, entry in enumerate(self.diagnosis.ranking[:_MOST_RANKED], 1)
+        """Findings, suspicions, and the places where the model as given fails most.
+
+        Returns
+        -------
+        list of str
+            The sentences.
+        """
+        ranked = failures(self.validation)[1][:MAX_FAILURES]
+        return [
+            *finding_sentences(self.diagnosis),
+            *suspicion_lines(self.validation.prepared.calibration),
+            *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),
         ]
-        return [*finding_sentences(self.diagnosis), *ranked]
+
+    def tables(self) -> list[Table]:
+        """Effects tried alone, and the error after each step.
+
+        Returns
+        -------
+        list of Table
+            In the first, chi-square counts possible errors of the rendering as noise, and camera and lamp are refitted
+            with each effect. In the second it counts the noise alone.
+        """
+        single_effects = tuple(
+            (r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
+            for r in self.diagnosis.ranking[:MAX_RANKED]
+        )
+        steps = tuple(
+            (
+                step_name(step),
+                f"{step.comparison.chi2.per_dof:.3f}",
+                f"{step.comparison.colour[HEADLINE.id].mean:.3f}",
+                f"{step.comparison.colour_noise[HEADLINE.id].mean:.3f}",
+                f"{step.prior_pull:.1f}",
+            )
+            for step in self.diagnosis.path
+        )
+        return [
+            Table(
+                "Effects tried alone; χ²/dof counts possible errors of the rendering as noise",
+                ("effect", "parameters", "χ²/dof", "probability"),
+                single_effects,
+                text_columns=(0, 1),
+            ),
+            Table(
+                "Error after each step; χ²/dof counts the noise alone",
+                ("model", "χ²/dof", HEADLINE.label, "noise alone", "camera, lamp from survey, σ"),
+                steps,
+            ),
+        ]
 
 
 def diagnose(
-    capture: Capture | ValidationResult | str | Path,
-    *further: Capture | ValidationResult | str | Path,
+    capture: CaptureLike | ValidationResult,
+    *further: CaptureLike | ValidationResult,
     model: ModelLike = None,
     render: str | Path | None = None,
     noise: float | None = None,
@@ -74,30 +138,52 @@ def diagnose(
     declared: Declared = AS_STATED,
     progress: Progress = NO_PROGRESS,
 ) -> DiagnosisResult:
-    """Name the effects that the model lacks, fit them and show the error falling.
+    """Name the effects that the model lacks, fit them, and add them until noise is left.
 
-    capture : as of ``validate``, or its result, which is then not computed again; the other arguments are those of
-    ``validate``. further : other captures of the same box, which decide between effects that the first one cannot tell
-    apart. Raises InputError as ``validate`` does, where nothing can be compiled (no LLVM, no GPU), and for another
-    renderer's picture with several captures.
+    Parameters
+    ----------
+    capture
+        A capture, its folder, or the result of ``validate``, which is then not computed again.
+    *further
+        Other captures of the same box, which decide between effects that the first one cannot separate.
+    model, render, noise, seed, cache, declared
+        As of ``validate``.
+    progress
+        Receiver of stages and of the completed share.
+
+    Returns
+    -------
+    DiagnosisResult
+        Ranking, selected effects with their sizes, and what remains.
+
+    Raises
+    ------
+    InputError
+        If an input is faulty, if nothing can be compiled (no LLVM, no GPU), or for another renderer's cube with several
+        captures.
+
+    Examples
+    --------
+    >>> diagnosis = cboxlab.diagnose("capture")  # doctest: +SKIP
+    >>> diagnosis.to_dict()["selected"]  # doctest: +SKIP
     """
     if render is not None and further:
         raise InputError("diagnose", "another renderer's picture and several captures", "one capture with a picture")
-    captures = [one if isinstance(one, ValidationResult) else as_capture(one) for one in (capture, *further)]
+    inputs = [item if isinstance(item, ValidationResult) else as_capture(item) for item in (capture, *further)]
     validations = []
-    for index, one in enumerate(captures):
-        if not isinstance(one, ValidationResult):
-            part = share(progress, *(_VALIDATION * k / len(captures) for k in (index, index + 1)))
-            one = validate(
-                one,
+    for index, item in enumerate(inputs):
+        if not isinstance(item, ValidationResult):
+            first, last = (_VALIDATION_SHARE * count / len(inputs) for count in (index, index + 1))
+            item = validate(
+                item,
                 model=model,
                 render=render,
                 noise=noise,
                 seed=seed,
                 cache=cache,
                 declared=declared,
-                progress=part,
+                progress=share(progress, first, last),
             )
-        validations.append(one.validation)
-    found = diagnosed(validations[0], share(progress, _VALIDATION, 1.0), validations[1:])
-    return DiagnosisResult(found, validations[0])
+        validations.append(item.validation)
+    diagnosis = engine.diagnose(validations[0], share(progress, _VALIDATION_SHARE, 1.0), validations[1:])
+    return DiagnosisResult(diagnosis, validations[0])

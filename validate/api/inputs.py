@@ -59,10 +59,10 @@ def as_model(
     captures
         Captures whose stated box is used.
     noise
-        Noise of the rendering, in place of the model's own: median over the pixels of the rendering's standard
+        Noise of the rendering, in place of the model's: median over the pixels of the rendering's standard
         deviation over the sensor's.
     seed
-        Seed of the rendering, in place of the model's own.
+        Seed of the rendering, in place of the model's.
 
     Returns
     -------
@@ -107,8 +107,8 @@ def _model_of(captures: Sequence[Capture]) -> Model:
         states.setdefault(reference, capture)
     if len(states) > 1:
         (first, capture), (second, other) = list(states.items())[:2]
-        where, place = (f"{item.folder / 'capture.toml'}: scene" for item in (other, capture))
-        raise InputError(where, f"'{second}'", f"'{first}', which {place} states: captures of one box")
+        where, first_where = (f"{item.folder / 'capture.toml'}: scene" for item in (other, capture))
+        raise InputError(where, f"'{second}'", f"'{first}', which {first_where} states: captures of one box")
     published = Model()
     for reference, capture in states.items():
         if published.scene.origin is None or reference != published.scene.origin.reference:

@@ -1,4 +1,4 @@
-"""What a file of results says of its origin: the model, the camera, the seed, the program's version, the command."""
+"""Origin of a spectral cube: model, camera, seed, version of the program, command."""
 
 from __future__ import annotations
 
@@ -12,9 +12,23 @@ __all__ = ["provenance"]
 
 
 def provenance(model: Model, camera: Camera, seed: int, command: str) -> dict[str, str]:
-    """Attributes of a spectral cube, all of them text: ``PROVENANCE`` in ``render.files`` lists their names.
+    """Attributes of a spectral cube that state its origin.
 
-    command : as typed.
+    Parameters
+    ----------
+    model
+        Rendered model.
+    camera
+        Camera of the picture.
+    seed
+        Seed of the random numbers.
+    command
+        Command as typed, or the function's name.
+
+    Returns
+    -------
+    dict
+        Text by name; ``PROVENANCE`` in ``cboxlab.rendering.files`` lists the names.
     """
     return {
         "model": model_text(model),

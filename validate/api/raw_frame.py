@@ -1,4 +1,4 @@
-"""``cboxlab.simulate``: one raw frame of a spectral cube by a camera, developed, and as files."""
+"""``cboxlab.simulate``: one raw frame of a spectral cube by a camera."""
 
 from __future__ import annotations
 
@@ -27,20 +27,42 @@ __all__ = ["RawFrame", "simulate"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RawFrame(Result):
-    """counts : (y, x) DN. white : the light that is white in a picture of the cube."""
+    """Raw frame of a spectral cube by a camera."""
 
+    #: Camera of the frame.
     camera: SensorCamera
+    #: Exposure time, s.
     exposure_s: float
+    #: Seed of the noise.
     seed: int
+    #: (y, x) counts, DN.
     counts: NDArray[np.uint16]
+    #: Light that is white in a picture of the cube.
     white: Spectrum
 
     def preview(self) -> NDArray[np.uint8]:
-        """(y, x, 3) sRGB, white balanced, demosaiced. Raises InputError for a mosaic that is not Bayer's."""
+        """Demosaiced and white-balanced picture.
+
+        Returns
+        -------
+        NDArray
+            (y, x, 3) sRGB, 8 bits.
+
+        Raises
+        ------
+        InputError
+            For a mosaic other than Bayer's.
+        """
         return raw_to_srgb(self.counts, self.camera, self.exposure_s, self.white)
 
     def to_dict(self) -> dict[str, Any]:
-        """How the frame was taken, and its range; the counts themselves are in ``counts``."""
+        """Camera, exposure, seed, size and range of the counts.
+
+        Returns
+        -------
+        dict
+            Ready for JSON; the counts are in ``counts``.
+        """
         height, width = self.counts.shape
         return {
             "camera": self.camera.name,
@@ -53,16 +75,37 @@ class RawFrame(Result):
         }
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """raw.tif, its counts, and raw.png, developed from it where the mosaic is Bayer's or none."""
-        place = Path(folder)
-        counts = self.write_counts(place / "raw.tif")
+        """Write raw.tif, and raw.png if the sensor has Bayer's mosaic or none.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+
+        Returns
+        -------
+        tuple of Path
+            raw.tif first.
+        """
+        counts = self.write_counts(Path(folder) / "raw.tif")
         try:
-            return counts, self.write_preview(place / "raw.png")
+            return counts, self.write_preview(Path(folder) / "raw.png")
         except InputError:
             return (counts,)
 
     def write_counts(self, path: str | Path) -> Path:
-        """The counts as .dng, or as a 16-bit TIFF that says how they were taken."""
+        """Write the counts.
+
+        Parameters
+        ----------
+        path
+            A .dng file; any other ending gives a 16-bit TIFF that states camera, exposure and seed.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         path = Path(path)
         if path.suffix.lower() == ".dng":
             write_dng(path, self.counts, self.camera, self.exposure_s, self.white)
@@ -76,14 +119,36 @@ class RawFrame(Result):
         return path
 
     def write_preview(self, path: str | Path) -> Path:
-        """The preview as PNG."""
+        """Write the demosaiced picture as PNG.
+
+        Parameters
+        ----------
+        path
+            The file.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            For a mosaic other than Bayer's.
+        """
         picture = Image.fromarray(self.preview())
         with replacing(Path(path)) as temporary:
             picture.save(temporary, format="PNG", optimize=True)
         return Path(path)
 
     def lines(self) -> list[str]:
-        """Camera, exposure and range of the counts."""
+        """Size, camera, exposure and range of the counts.
+
+        Returns
+        -------
+        list of str
+            One sentence.
+        """
         height, width = self.counts.shape
         return [
             f"Raw frame of {width} x {height} px by {self.camera.name}: {self.exposure_s:.4g} s, "
@@ -93,6 +158,7 @@ class RawFrame(Result):
 
 @contextmanager
 def _opened(cube: CubeResult | xr.Dataset | str | Path) -> Iterator[xr.Dataset]:
+    """Dataset of a result, a dataset or a file, which is open in the context."""
     if isinstance(cube, CubeResult):
         yield cube.cube
     elif isinstance(cube, xr.Dataset):
@@ -111,19 +177,42 @@ def simulate(
     channel: str | None = None,
     seed: int = 0,
 ) -> RawFrame:
-    """One raw frame of a spectral cube, repeatable by ``seed``.
+    """Simulate one raw frame of a spectral cube; repeatable by ``seed``.
 
-    cube : what ``render`` returned, a dataset with radiance (y, x, wavelength), or a file (.nc, .exr, .hdr).
-    camera : a name (dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2) or a camera file.
-    exposure_s : chosen by the camera where None. f_number : in place of the camera's. channel : the filter, of a
-    camera that has several and no mosaic.
+    Parameters
+    ----------
+    cube
+        A result of ``render``, a dataset with radiance (y, x, wavelength), or a file (.nc, .exr, .hdr).
+    camera
+        A camera, a camera file, or a name: dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2.
+    exposure_s
+        Exposure time, s; None for the camera's automatic exposure.
+    f_number
+        Working f-number, in place of the camera's.
+    channel
+        Filter, for a camera with several filters and no mosaic.
+    seed
+        Seed of the noise.
 
-    Raises InputError for a cube that does not hold what the camera sees.
+    Returns
+    -------
+    RawFrame
+        Counts, exposure and camera.
+
+    Raises
+    ------
+    InputError
+        If the cube lacks light that the camera sees, or an argument is faulty.
+
+    Examples
+    --------
+    >>> cube = cboxlab.render("cornell-box", size=32, noise=0.05)  # doctest: +SKIP
+    >>> print(cboxlab.simulate(cube, "dcs200", exposure_s=0.004))  # doctest: +SKIP
     """
-    chosen = camera if isinstance(camera, SensorCamera) else load_camera(camera)
+    sensor = camera if isinstance(camera, SensorCamera) else load_camera(camera)
     if f_number is not None:
-        chosen = chosen.at_f_number(f_number)
+        sensor = sensor.at_f_number(f_number)
     with _opened(cube) as dataset:
-        seconds = auto_exposure(dataset, chosen, channel) if exposure_s is None else exposure_s
-        counts = simulated(dataset, chosen, seconds, seed, channel)
-        return RawFrame(chosen, seconds, seed, counts, scene_white(dataset))
+        seconds = auto_exposure(dataset, sensor, channel) if exposure_s is None else exposure_s
+        counts = simulated(dataset, sensor, seconds, seed, channel)
+        return RawFrame(sensor, seconds, seed, counts, scene_white(dataset))

@@ -1,6 +1,6 @@
-"""The manifest of a command's results: from which inputs, with which versions, they were made; and its check.
+"""Manifest of a command's results, with their inputs and the versions of the program.
 
-It is manifest.json in a folder of results, and NAME.manifest.json beside a single file.
+A folder of results has manifest.json. A single file NAME has NAME.manifest.json next to it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from cboxlab.utils.input_files import read_json
 
 __all__ = ["MANIFEST", "Verification", "is_current", "verify", "write_manifest"]
 
+#: File of the manifest in a folder of results.
 MANIFEST = "manifest.json"
 
 _FORMAT = "result-manifest/1"
 
-#: What the figures depend on beside the program itself.
+#: Packages on which figures depend, whose versions a manifest states.
 _PACKAGES = ("cboxlab", "drjit", "mitsuba", "numpy", "opencv-contrib-python-headless", "scipy")
 
 _EXPECTED = "the manifest that cbox writes with its results"
@@ -33,16 +34,19 @@ _EXPECTED = "the manifest that cbox writes with its results"
 
 @dataclass(frozen=True)
 class Verification:
-    """What differs from the manifest: paths of files that have another content, and of files that are gone.
+    """Differences between files and their manifest."""
 
-    outputs, inputs : how many files the manifest lists of each.
-    """
-
+    #: Number of results that the manifest lists.
     outputs: int
+    #: Number of inputs that the manifest lists.
     inputs: int
+    #: Paths of results whose content differs, relative to the manifest's folder.
     changed_outputs: tuple[str, ...]
+    #: Paths of results that do not exist.
     missing_outputs: tuple[str, ...]
+    #: Absolute paths of inputs whose content differs.
     changed_inputs: tuple[str, ...]
+    #: Absolute paths of inputs that do not exist.
     missing_inputs: tuple[str, ...]
 
     @property
@@ -51,24 +55,43 @@ class Verification:
         return not (self.changed_outputs or self.missing_outputs or self.changed_inputs or self.missing_inputs)
 
     def lines(self) -> list[str]:
-        """What differs, one line for each file."""
-        told = {
+        """Differences, one sentence for each file.
+
+        Returns
+        -------
+        list of str
+            Empty if nothing differs.
+        """
+        differences = {
             "this result has changed": self.changed_outputs,
             "this result is gone": self.missing_outputs,
             "this input has changed since": self.changed_inputs,
             "this input is gone": self.missing_inputs,
         }
-        return [f"{path}: {words}" for words, paths in told.items() for path in paths]
+        return [f"{path}: {difference}" for difference, paths in differences.items() for path in paths]
 
 
 def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None) -> Path:
-    """Write the manifest of a folder of results, or of a file. Outputs are given relative to its folder, inputs by
-    absolute paths.
+    """Write the manifest of a folder of results, or of a file.
 
-    outputs : files below the manifest's folder, or folders there. inputs : the same anywhere; a packaged model's name,
-    which is no file, is left out. seed : of the render, or of the noise.
+    Parameters
+    ----------
+    results
+        The folder, or the file.
+    outputs
+        Files and folders of results below the manifest's folder; the manifest lists them relative to it.
+    inputs
+        Files and folders anywhere; the manifest lists them by absolute paths. A path without a file, such as the name
+        of a packaged model, is omitted.
+    seed
+        Seed of the rendering or of the noise; None if there is none.
+
+    Returns
+    -------
+    Path
+        The manifest.
     """
-    place = _place(results)
+    manifest = _manifest_of(results)
     mitsuba = sys.modules.get("mitsuba")
     content = {
         "format": _FORMAT,
@@ -76,33 +99,59 @@ def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "mitsuba_variant": None if mitsuba is None else mitsuba.variant(),
         "seed": seed,
-        "inputs": {str(path): _content(path) for one in inputs for path in _files(one.resolve())},
+        "inputs": {str(path): _content(path) for item in inputs for path in _files(item.resolve())},
         "outputs": {
-            path.relative_to(place.parent).as_posix(): _content(path) for one in outputs for path in _files(one)
+            path.relative_to(manifest.parent).as_posix(): _content(path) for item in outputs for path in _files(item)
         },
     }
-    with replacing(place) as temporary:
+    with replacing(manifest) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    return place
+    return manifest
 
 
 def verify(results: Path) -> Verification:
-    """Compare a folder of results, or a file, and the inputs that they were made from, with the manifest.
+    """Compare results and their inputs with the manifest.
 
-    Raises InputError where there is no manifest, or something else in its place.
+    Parameters
+    ----------
+    results
+        Folder of results, or a file.
+
+    Returns
+    -------
+    Verification
+        Files that changed or are missing.
+
+    Raises
+    ------
+    InputError
+        If there is no manifest, or if it has another content.
     """
-    place = _place(results)
-    content = read_json(place, _EXPECTED)
-    outputs, inputs = (_entries(content, key, place) for key in ("outputs", "inputs"))
+    manifest = _manifest_of(results)
+    content = read_json(manifest, _EXPECTED)
+    outputs, inputs = (_entries(content, key, manifest) for key in ("outputs", "inputs"))
     if any(Path(name).is_absolute() or ".." in Path(name).parts for name in outputs):
-        raise InputError(place, "results outside the folder", _EXPECTED)
-    changed, missing = _compared({name: place.parent / name for name in outputs}, outputs)
+        raise InputError(manifest, "results outside the folder", _EXPECTED)
+    changed, missing = _compared({name: manifest.parent / name for name in outputs}, outputs)
     changed_inputs, missing_inputs = _compared({name: Path(name) for name in inputs}, inputs)
     return Verification(len(outputs), len(inputs), changed, missing, changed_inputs, missing_inputs)
 
 
 def is_current(folder: Path, command: str) -> bool:
-    """Whether a folder has the results of a command, and neither they nor their inputs have changed since."""
+    """Whether a folder has unchanged results of a command, from unchanged inputs.
+
+    Parameters
+    ----------
+    folder
+        Folder of results.
+    command
+        Command as typed.
+
+    Returns
+    -------
+    bool
+        False also if there is no manifest.
+    """
     try:
         content = read_json(folder / MANIFEST, _EXPECTED)
         return isinstance(content, dict) and content.get("command") == command and verify(folder).sound
@@ -110,34 +159,37 @@ def is_current(folder: Path, command: str) -> bool:
         return False
 
 
-def _place(results: Path) -> Path:
+def _manifest_of(results: Path) -> Path:
+    """Path of the manifest of a folder or file."""
     return results / MANIFEST if results.is_dir() else results.with_name(f"{results.name}.{MANIFEST}")
 
 
 def _files(path: Path) -> list[Path]:
-    """A file itself, or all files of a folder; none of a path where nothing is."""
+    """The file itself, or all files of a folder; empty for a path that does not exist."""
     return sorted(p for p in (path, *path.rglob("*")) if p.is_file())
 
 
 def _content(path: Path) -> dict[str, Any]:
+    """Size and hash of a file."""
     with path.open("rb") as file:
         return {"bytes": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
 
 
-def _entries(content: Any, key: str, place: Path) -> Mapping[str, Mapping[str, Any]]:
+def _entries(content: Any, key: str, manifest: Path) -> Mapping[str, Mapping[str, Any]]:
+    """Checked entries of a manifest by path."""
     sound = isinstance(content, dict) and content.get("format") == _FORMAT
     entries = content.get(key) if sound else None
     if not isinstance(entries, dict) or not all(
         isinstance(e, dict) and isinstance(e.get("sha256"), str) for e in entries.values()
     ):
-        raise InputError(place, "other content", _EXPECTED)
+        raise InputError(manifest, "other content", _EXPECTED)
     return entries
 
 
 def _compared(
     paths: Mapping[str, Path], entries: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Files of another content, and those that are gone."""
-    there = {name: path for name, path in paths.items() if path.is_file()}
-    changed = [name for name, path in there.items() if _content(path)["sha256"] != entries[name]["sha256"]]
-    return tuple(changed), tuple(name for name in paths if name not in there)
+    """Names of files whose content differs, and of files that do not exist."""
+    existing = {name: path for name, path in paths.items() if path.is_file()}
+    changed = [name for name, path in existing.items() if _content(path)["sha256"] != entries[name]["sha256"]]
+    return tuple(changed), tuple(name for name in paths if name not in existing)

@@ -1,12 +1,12 @@
-"""``cboxlab.Study``: captures and a model under the hand. Effects are added, moved, fitted, taken back."""
+"""``cboxlab.Study``: a model whose effects are added, changed, fitted and undone."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, names_in
@@ -15,9 +15,8 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
-from ..compare import Prepared, Validation, prepare, under_model, validate_prepared
-from ..diagnose import diagnose as diagnosed
-from ..diagnose import fit_effects
+from .. import diagnose as engine
+from ..compare import CalibratedCapture, Validation, prepare, validate_prepared, with_model
 from ..report import write_validation
 from ..study import Base, History, Prediction, State, StudyFile, predict, read_study, write_study
 from .diagnosis import DiagnosisResult
@@ -26,65 +25,81 @@ from .result import Result
 
 __all__ = ["Study"]
 
-#: So many rendered pictures are kept in memory; others are found in the cache or rendered again, with the same bits.
-_KEPT = 4
+#: Number of rendered pictures, and of predictions, kept in memory. Others come from the cache or are rendered again,
+#: with the same bits.
+MAX_STORED = 4
 
-_FILE = "study.json"
+#: File of a study in its folder.
+_STUDY_FILE = "study.json"
 
-#: Part of the time before the first picture that calibration takes.
-_CALIBRATION = 0.05
+#: Share of the time before the first picture that calibration takes.
+_CALIBRATION_SHARE = 0.05
+
+Value = TypeVar("Value")
+
+
+class _RecentStore(Generic[Value]):
+    """Values used last; the one not used for the longest time is dropped first."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._values: OrderedDict[Hashable, Value] = OrderedDict()
+
+    def get(self, key: Hashable, compute: Callable[[], Value]) -> Value:
+        """Stored value of a key; computed and stored if it is missing."""
+        if key not in self._values:
+            self._values[key] = compute()
+        self._values.move_to_end(key)
+        while len(self._values) > self._size:
+            self._values.popitem(last=False)
+        return self._values[key]
 
 
 class _Pictures:
-    """Pictures rendered so far, by the effects that they were rendered with; shared by all states of a study."""
+    """Pictures and predictions of the calibrated captures, shared by all states of a study."""
 
-    def __init__(self, prepared: tuple[Prepared, ...], model: Model) -> None:
+    def __init__(self, prepared: tuple[CalibratedCapture, ...], model: Model) -> None:
         self.prepared, self.model = prepared, model
-        self._bases: OrderedDict[tuple, tuple[Base, ...]] = OrderedDict()
-        self.predictions: OrderedDict[tuple, tuple[Prediction, ...]] = OrderedDict()
+        self._bases: _RecentStore[tuple[Base, ...]] = _RecentStore(MAX_STORED)
+        self._predictions: _RecentStore[tuple[Prediction, ...]] = _RecentStore(MAX_STORED)
 
     def bases(self, effects: Sequence[AppliedEffect], progress: Progress) -> tuple[Base, ...]:
-        """One picture per capture, rendered now or before."""
-        key = _key(effects)
-        if key not in self._bases:
-            self._bases[key] = self._rendered(replace(self.model, effects=tuple(effects)), progress)
-        return _recent(self._bases, key)
+        """Rendered picture of each capture with these effects."""
+        model = replace(self.model, effects=tuple(effects))
+        return self._bases.get(_effects_key(effects), lambda: self._rendered(model, progress))
 
     def _rendered(self, model: Model, progress: Progress) -> tuple[Base, ...]:
-        count, found = len(self.prepared), []
+        count, bases = len(self.prepared), []
         for index, each in enumerate(self.prepared):
             base = Base(validate_prepared(each, model, share(progress, index / count, (index + 1) / count)))
             base.prepare()
-            found.append(base)
-        return tuple(found)
+            bases.append(base)
+        return tuple(bases)
 
     def predicted(self, state: State, refit: bool, draft: bool, progress: Progress) -> tuple[Prediction, ...]:
-        """One prediction per capture, made now or before."""
-        key = (_key(state.rendered_with), _key(state.effects), refit, draft)
-        if key not in self.predictions:
+        """Prediction of each capture in a state."""
+
+        def compute() -> tuple[Prediction, ...]:
             bases = self.bases(state.rendered_with, progress)
-            self.predictions[key] = tuple(predict(base, state.effects, refit=refit, draft=draft) for base in bases)
-        return _recent(self.predictions, key)
+            return tuple(predict(base, state.effects, refit=refit, draft=draft) for base in bases)
+
+        key = (_effects_key(state.rendered_with), _effects_key(state.effects), refit, draft)
+        return self._predictions.get(key, compute)
 
 
-def _key(effects: Sequence[AppliedEffect]) -> tuple:
+def _effects_key(effects: Sequence[AppliedEffect]) -> tuple:
+    """Identifiers and values of effects, which decide a picture."""
     return tuple((e.id, tuple(e.values.items())) for e in effects)
-
-
-def _recent(kept: OrderedDict[tuple, Any], key: tuple) -> Any:
-    kept.move_to_end(key)
-    while len(kept) > _KEPT:
-        kept.popitem(last=False)
-    return kept[key]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Result):
-    """Calibrated captures, a model's effects in order, what they predict, and all states before.
+    """Calibrated captures and a model with effects, its predictions and its history.
 
-    A study never changes: every step returns another one, which shares what was calibrated and rendered.
+    A study never changes. Every step returns another study, which shares calibrations and pictures with this one.
     """
 
+    #: Lists of effects before and after the present one, to undo and redo.
     history: History
     _pictures: _Pictures = field(repr=False)
 
@@ -100,18 +115,40 @@ class Study(Result):
     ) -> Study:
         """Calibrate captures of one box, render the model, fit camera and lamp.
 
-        captures, model, noise, seed, cache : as of ``validate``. Raises InputError as ``validate`` does, for no
-        capture, and where nothing can be compiled (no LLVM, no GPU).
+        Parameters
+        ----------
+        *captures
+            One capture or several of the same box, or their folders.
+        model, noise, seed, cache
+            As of ``validate``.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Study
+            Study with the model's effects as its first state.
+
+        Raises
+        ------
+        InputError
+            As of ``validate``, for no capture, and if nothing can be compiled (no LLVM, no GPU).
+
+        Examples
+        --------
+        >>> study = cboxlab.Study.open("capture", model="cornell-box")  # doctest: +SKIP
+        >>> brighter = study.add("veiling-glare", fraction=0.003)  # doctest: +SKIP
+        >>> brighter.chi2 - study.chi2  # doctest: +SKIP
         """
         if not captures:
             raise InputError("study", "no capture", "one capture or several of the same box")
         loaded = [as_capture(capture) for capture in captures]
-        chosen = as_model(model, loaded, noise=noise, seed=seed)
+        start = as_model(model, loaded, noise=noise, seed=seed)
         progress.stage("calibrating")
-        kept = None if cache is None else Path(cache)
-        prepared = tuple(replace(prepare(each, chosen), cache=kept) for each in loaded)
-        study = cls(History((State(chosen.effects, chosen.effects),)), _Pictures(prepared, chosen))
-        study._bases(share(progress, _CALIBRATION, 1.0))
+        folder = None if cache is None else Path(cache)
+        prepared = tuple(replace(prepare(each, start), cache=folder) for each in loaded)
+        study = cls(History((State(start.effects, start.effects),)), _Pictures(prepared, start))
+        study._bases(share(progress, _CALIBRATION_SHARE, 1.0))
         return study
 
     @classmethod
@@ -123,46 +160,89 @@ class Study(Result):
         known: Study | None = None,
         progress: Progress = NO_PROGRESS,
     ) -> Study:
-        """A study that ``write`` wrote, with its states to undo and redo.
+        """Study that ``write`` wrote, with its states to undo and redo.
 
-        known : a study whose captures are not calibrated again. Others are, since their files may have changed. Its
-        pictures and the fits of camera and lamp come from the cache where they are there, and are made again
-        otherwise, with the same bits. Raises InputError for a faulty file, and as ``open`` does.
+        Pictures and the fits of camera and lamp come from the cache if it has them. Otherwise they are computed again,
+        with the same bits.
+
+        Parameters
+        ----------
+        folder
+            Folder with study.json.
+        cache
+            As of ``validate``.
+        known
+            Study whose captures are not calibrated again. Other captures are, since their files may have changed.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Study
+            The study in the state in which it was written.
+
+        Raises
+        ------
+        InputError
+            If the file is faulty, and as of ``open``.
+
+        Examples
+        --------
+        >>> study.write("study")  # doctest: +SKIP
+        >>> again = cboxlab.Study.read("study")  # doctest: +SKIP
         """
-        file = read_study(Path(folder) / _FILE)
+        file = read_study(Path(folder) / _STUDY_FILE)
         progress.stage("calibrating")
-        kept = None if cache is None else Path(cache)
+        cache_folder = None if cache is None else Path(cache)
         calibrated = (
             {}
             if known is None
             else {capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)}
         )
         prepared = tuple(
-            under_model(calibrated[each], file.model)
+            with_model(calibrated[each], file.model)
             if each in calibrated
-            else replace(prepare(load_capture(each), file.model), cache=kept)
+            else replace(prepare(load_capture(each), file.model), cache=cache_folder)
             for each in file.captures
         )
         study = cls(file.history, _Pictures(prepared, file.model))
-        study._bases(share(progress, _CALIBRATION, 1.0))
+        study._bases(share(progress, _CALIBRATION_SHARE, 1.0))
         return study
 
     def with_model(self, model: ModelLike, progress: Progress = NO_PROGRESS) -> Study:
-        """A new study of the same captures, which are not calibrated again, and another model."""
-        chosen = as_model(model, self.captures)
-        prepared = tuple(under_model(each, chosen) for each in self._pictures.prepared)
-        study = Study(History((State(chosen.effects, chosen.effects),)), _Pictures(prepared, chosen))
+        """New study of the same captures, without calibrating them again, and another model.
+
+        Parameters
+        ----------
+        model
+            As of ``validate``.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Study
+            Study with the model's effects as its first state.
+
+        Raises
+        ------
+        InputError
+            If the model is faulty.
+        """
+        start = as_model(model, self.captures)
+        prepared = tuple(with_model(each, start) for each in self._pictures.prepared)
+        study = Study(History((State(start.effects, start.effects),)), _Pictures(prepared, start))
         study._bases(progress)
         return study
 
     @property
     def captures(self) -> tuple[Capture, ...]:
-        """The captures, checked."""
+        """The checked captures."""
         return tuple(each.calibration.capture for each in self._pictures.prepared)
 
     @property
-    def prepared(self) -> tuple[Prepared, ...]:
-        """The captures, calibrated."""
+    def prepared(self) -> tuple[CalibratedCapture, ...]:
+        """The calibrated captures."""
         return self._pictures.prepared
 
     @property
@@ -177,84 +257,232 @@ class Study(Result):
 
     @property
     def rendered(self) -> bool:
-        """Whether the pictures were rendered with the present effects; otherwise they are predicted from others."""
-        return _key(self.history.present.rendered_with) == _key(self.effects)
+        """Whether the pictures are rendered with the present effects; otherwise predicted."""
+        return _effects_key(self.history.present.rendered_with) == _effects_key(self.effects)
 
     def predictions(
         self, *, refit: bool = True, draft: bool = False, progress: Progress = NO_PROGRESS
     ) -> tuple[Prediction, ...]:
-        """What the model predicts of each capture, compared with it; made once.
+        """Predicted signals of each capture, compared with the measured ones.
 
-        refit : whether camera and lamp are fitted to it within what is known of them, or stay as they were fitted.
-        draft : whether light transport is predicted with a quarter of the rays, for a parameter in motion.
+        Repeated calls return the same objects while they are in memory.
+
+        Parameters
+        ----------
+        refit
+            Whether camera and lamp are fitted to each capture with their priors. Otherwise they stay as they were
+            fitted to the rendered picture.
+        draft
+            Whether light transport is predicted with a quarter of the rays, while a parameter is moved.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        tuple of Prediction
+            One for each capture: signal, standard deviation, chi-square.
         """
         return self._pictures.predicted(self.history.present, refit, draft, progress)
 
     @property
     def chi2(self) -> float:
-        """Chi-square per degree of freedom over all captures, camera and lamp fitted in each."""
-        found = [each.chi2 for each in self.predictions()]
-        return sum(each.value for each in found) / sum(each.dof for each in found)
+        """Reduced chi-square over all captures, with camera and lamp fitted to each."""
+        parts = [each.chi2 for each in self.predictions()]
+        return sum(each.value for each in parts) / sum(each.dof for each in parts)
 
     def with_effects(self, effects: Sequence[AppliedEffect]) -> Study:
-        """With these effects in place of the present ones, as a step that can be undone."""
+        """Study with other effects, as a step that can be undone.
+
+        Parameters
+        ----------
+        effects
+            Effects in place of the present ones, in order.
+
+        Returns
+        -------
+        Study
+            The study after the step.
+        """
         return replace(self, history=self.history.then(effects))
 
     def add(self, effect: str, /, **values: str | float) -> Study:
-        """With one more effect, of the catalogue or of an effect file; parameters left out get their default, or else
-        their null value.
+        """Study with one more effect.
 
-        Raises InputError for an unknown effect or parameter, and a value out of bounds.
+        Parameters
+        ----------
+        effect
+            Identifier of the catalogue, or an effect file.
+        **values
+            Parameters. One that is omitted gets its default, or else its null value.
+
+        Returns
+        -------
+        Study
+            The study after the step.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect or parameter, and a value out of bounds.
+
+        Examples
+        --------
+        >>> study.add("veiling-glare", fraction=0.003).chi2  # doctest: +SKIP
         """
         return self.with_effects((*self.effects, self._checked(named_effect(effect, Path()), values)))
 
     def change(self, which: int | str, /, **values: str | float) -> Study:
-        """With other values of one effect. which : its index, or its identifier (the last effect of that name)."""
+        """Study with other values of one effect.
+
+        Parameters
+        ----------
+        which
+            Index of the effect from 0, or its identifier: the last effect of that name.
+        **values
+            Parameters to change; the others stay.
+
+        Returns
+        -------
+        Study
+            The study after the step.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect or parameter, and a value out of bounds.
+        """
         index = self._index(which)
         old = self.effects[index]
         return self._with(index, self._checked(old.effect, {**old.values, **values}))
 
     def remove(self, which: int | str, /) -> Study:
-        """Without one effect. which : as of ``change``."""
+        """Study without one effect.
+
+        Parameters
+        ----------
+        which
+            Index of the effect from 0, or its identifier: the last effect of that name.
+
+        Returns
+        -------
+        Study
+            The study after the step.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect.
+        """
         index = self._index(which)
         return self.with_effects((*self.effects[:index], *self.effects[index + 1 :]))
 
     def undo(self) -> Study:
-        """The state before; the first one stays."""
+        """Study one state back.
+
+        Returns
+        -------
+        Study
+            The study before the last step; the same study in its first state.
+        """
         return replace(self, history=self.history.undone())
 
     def redo(self) -> Study:
-        """The state that was undone; the last one stays."""
+        """Study one state forward.
+
+        Returns
+        -------
+        Study
+            The study before the last ``undo``; the same study if nothing was undone.
+        """
         return replace(self, history=self.history.redone())
 
     def fit(self, *which: int | str, progress: Progress = NO_PROGRESS) -> Study:
-        """With one, several or (none named) all effects fitted to all captures together, camera and lamp fitted too.
+        """Study with effects fitted to all captures at the least chi-square, with camera and lamp.
 
-        which : as of ``change``. Raises InputError where nothing can be fitted.
+        Parameters
+        ----------
+        *which
+            Index from 0 or identifier of each effect to fit; all effects if none is given.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Study
+            The study after the step.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect, and if there is nothing to fit.
+
+        Examples
+        --------
+        >>> best = study.add("veiling-glare").fit()  # doctest: +SKIP
         """
-        chosen = [self._index(each) for each in which] if which else list(range(len(self.effects)))
+        indices = [self._index(each) for each in which] if which else list(range(len(self.effects)))
         bases = self._bases(progress)
         validations = [base.validation for base in bases]
-        return self.with_effects(fit_effects(validations, self.effects, sorted(set(chosen)), progress))
+        return self.with_effects(engine.fit_effects(validations, self.effects, sorted(set(indices)), progress))
 
     def render(self, progress: Progress = NO_PROGRESS) -> Study:
-        """With the pictures rendered with the present effects, as ``validate`` of this model does it; no new state."""
+        """Study with pictures rendered with the present effects, as ``validate`` renders them.
+
+        Parameters
+        ----------
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Study
+            The study in the same state of its history, with exact pictures.
+        """
         study = replace(self, history=self.history.rendered())
         study._bases(progress)
         return study
 
     def validations(self, progress: Progress = NO_PROGRESS) -> tuple[Validation, ...]:
-        """The complete validation of the model with its effects by each capture; rendered where it was predicted."""
+        """Complete validation of the model with its effects by each capture.
+
+        Parameters
+        ----------
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        tuple of Validation
+            One for each capture; pictures that were only predicted are rendered first.
+        """
         return tuple(base.validation for base in self.render(progress)._bases(progress))
 
     def diagnose(self, capture: int = 0, progress: Progress = NO_PROGRESS) -> DiagnosisResult:
-        """What the model with its effects lacks in one capture; ``with_effects(result.diagnosis.model.effects)``
-        adopts it."""
+        """Diagnosis of one capture, starting from the model with its effects.
+
+        Parameters
+        ----------
+        capture
+            Index of the capture, from 0.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        DiagnosisResult
+            Its effects are adopted by ``with_effects(result.diagnosis.model.effects)``.
+        """
         validation = self.validations(share(progress, 0.0, 0.3))[capture]
-        return DiagnosisResult(diagnosed(validation, share(progress, 0.3, 1.0)), validation)
+        return DiagnosisResult(engine.diagnose(validation, share(progress, 0.3, 1.0)), validation)
 
     def to_dict(self) -> dict[str, Any]:
-        """Captures, effects, chi-square and nuisances of each capture."""
+        """Effects, and chi-square, lamp and camera of each capture.
+
+        Returns
+        -------
+        dict
+            Ready for JSON; an infinite value of a parameter is "inf".
+        """
         return {
             "model": self.model.name,
             "effects": [{"id": e.id, "values": _finite(e.values), "sigma": dict(e.sigma)} for e in self.effects],
@@ -272,51 +500,85 @@ class Study(Result):
         }
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """study.json, which ``read`` reads, and model.toml."""
-        place = Path(folder)
-        study, model = place / _FILE, place / "model.toml"
+        """Write study.json, which ``read`` reads, and model.toml.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+
+        Returns
+        -------
+        tuple of Path
+            study.json first.
+        """
+        study, model = Path(folder) / _STUDY_FILE, Path(folder) / "model.toml"
         write_model(model, self.model)
         write_study(study, StudyFile(tuple(c.folder for c in self.captures), self.model, self.history))
         return study, model
 
     def write_report(self, folder: str | Path, capture: int = 0, progress: Progress = NO_PROGRESS) -> tuple[Path, ...]:
-        """report.html, metrics.json and maps of one capture, rendered first where it was predicted."""
+        """Write report.html, metrics.json and maps of one capture.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+        capture
+            Index of the capture, from 0.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        tuple of Path
+            report.html first. A picture that was only predicted is rendered before.
+        """
         return write_validation(self.validations(progress)[capture], Path(folder))
 
     def lines(self) -> list[str]:
-        """Chi-square, then the effects."""
+        """Reduced chi-square, then the effects.
+
+        Returns
+        -------
+        list of str
+            One line for each effect, with its index from 0.
+        """
         how = "rendered" if self.rendered else "predicted"
         names = ", ".join(capture.manifest.name or capture.folder.name for capture in self.captures)
         head = f"{names} against {self.model.name}: χ² per degree of freedom {self.chi2:.3f} ({how})"
-        return [head, *(_shown(index, effect) for index, effect in enumerate(self.effects))]
+        return [head, *(_effect_line(index, effect) for index, effect in enumerate(self.effects))]
 
     def _with(self, index: int, effect: AppliedEffect) -> Study:
         return self.with_effects((*self.effects[:index], effect, *self.effects[index + 1 :]))
 
     def _checked(self, effect: str | Effect | None, values: dict[str, str | float]) -> AppliedEffect:
+        """Effect with checked values, for the scene and bands of the captures."""
         prepared = self._pictures.prepared[0]
         bands = tuple(prepared.calibration.capture.band_ids)
         return apply_checked(effect, values, "effect", names_in(prepared.scene, bands))
 
     def _index(self, which: int | str) -> int:
-        known = [effect.id for effect in self.effects]
-        if isinstance(which, str) and which in known:
-            return len(known) - 1 - known[::-1].index(which)
-        if isinstance(which, int) and 0 <= which < len(known):
+        """Index of an effect by index or identifier."""
+        names = [effect.id for effect in self.effects]
+        if isinstance(which, str) and which in names:
+            return len(names) - 1 - names[::-1].index(which)
+        if isinstance(which, int) and 0 <= which < len(names):
             return which
-        found = repr(which) if known else f"{which!r} in a model without effects"
-        expected = f"one of {', '.join(known)}, or its index from 0" if known else "an effect that was added"
-        raise InputError("effect", found, expected, suggestion(str(which), known))
+        value = repr(which) if names else f"{which!r} in a model without effects"
+        expected = f"one of {', '.join(names)}, or its index from 0" if names else "an effect that was added"
+        raise InputError("effect", value, expected, suggestion(str(which), names))
 
     def _bases(self, progress: Progress) -> tuple[Base, ...]:
         return self._pictures.bases(self.history.present.rendered_with, progress)
 
 
 def _finite(values: Any) -> dict[str, str | float]:
+    """Values for JSON, which lacks infinity."""
     return {key: "inf" if value == float("inf") else value for key, value in values.items()}
 
 
-def _shown(index: int, effect: AppliedEffect) -> str:
+def _effect_line(index: int, effect: AppliedEffect) -> str:
     values = ", ".join(
         f"{key} = {value if isinstance(value, str) else format(value, '.5g')}"
         + (f" ± {effect.sigma[key]:.2g}" if key in effect.sigma else "")

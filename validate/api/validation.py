@@ -1,58 +1,168 @@
-"""``cboxlab.validate``: a capture compared with the render of a model."""
+"""``cboxlab.validate``: a capture compared with the rendering of a model."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from html import escape
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+import numpy as np
+import xarray as xr
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.table import Table
 
-from ..compare import Validation, failures, validate_capture
-from ..report import chi2_by_place, validation_record, verdict, write_validation
+from ..compare import HEADLINE, Validation, failures, validate_capture
+from ..report import chi2_by_place, named_bands, validation_record, verdict, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
+from .calibration import suspicion_lines
 from .inputs import CaptureLike, ModelLike, as_capture, as_model
 from .result import Result
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["ValidationResult", "validate"]
 
-_MOST_FAILURES = 3
+#: Largest number of places listed where the model fails: more are in the report.
+MAX_FAILURES = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ValidationResult(Result):
-    """validation : calibration, render, fit and comparison as objects."""
+    """A capture compared with the rendering of a model."""
 
+    #: Calibration, rendering, fitted camera and lamp, and comparison as objects.
     validation: Validation
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of metrics.json (docs/metrics.md)."""
+        """Content of metrics.json (docs/metrics.md).
+
+        Returns
+        -------
+        dict
+            Chi-square, colour differences and relative differences, by band and by surface.
+        """
         return validation_record(self.validation)
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
-        """report.html, metrics.json and the maps (EXR)."""
+        """Write report.html, metrics.json and the maps (EXR).
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+
+        Returns
+        -------
+        tuple of Path
+            report.html first.
+        """
         return write_validation(self.validation, Path(folder))
 
-    def _repr_html_(self) -> str:
-        """In a notebook: the result in a few lines, and the viewer of photograph and render."""
-        text = "".join(f"<p>{escape(line)}</p>" for line in self.lines())
-        return text + viewer_fragment(viewer_data(self.validation), f"viewer-{uuid4().hex}")
-
     def lines(self) -> list[str]:
-        """The verdict, the headline figures, and where the model fails most."""
-        found, c = self.validation, self.validation.comparison
-        manifest = found.prepared.calibration.capture
-        name = manifest.manifest.name or manifest.folder.name
-        lines = [
-            f"{name} against {found.model.name}: {verdict(c).headline}",
-            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean ΔE*ab "
-            f"{c.delta_e_ab.mean:.2f} (noise alone {c.delta_e_ab_noise.mean:.2f}), lamp × {found.fit.lamp_scale:.4f}",
+        """Verdict, main figures, suspicions, and the places where the model fails most.
+
+        Returns
+        -------
+        list of str
+            The sentences.
+        """
+        result, c = self.validation, self.validation.comparison
+        manifest = result.prepared.calibration.capture.manifest
+        name = manifest.name or result.prepared.calibration.capture.folder.name
+        ranked = failures(result)[1][:MAX_FAILURES]
+        return [
+            f"{name} against {result.model.name}: {verdict(c).headline}",
+            f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
+            f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
+            f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, "
+            f"lamp × {result.fit.lamp_scale:.4f}, {result.seconds:.0f} s",
+            *suspicion_lines(result.prepared.calibration),
+            *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),
         ]
-        ranked = failures(found)[1][:_MOST_FAILURES]
-        return lines + [f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)]
+
+    def tables(self) -> list[Table]:
+        """Relative differences of surfaces by band.
+
+        Returns
+        -------
+        list of Table
+            One table; a dash stands for a surface without interior pixels.
+        """
+        comparison = self.validation.comparison
+        bands = named_bands(comparison.bands, self.validation.prepared.responses)
+        rows = tuple(
+            (
+                name,
+                *(_cell(100 * row.relative[index], "+.2f") for index, _ in bands),
+                _cell(row.colour[HEADLINE.id], ".2f"),
+                _cell(row.chi2.per_dof, ".2f"),
+            )
+            for name, row in comparison.by_surface.items()
+        )
+        columns = ("surface", *(label.removesuffix(" nm") for _, label in bands), HEADLINE.label, "χ²/dof")
+        folder = self.validation.prepared.calibration.capture.folder.name
+        return [Table(f"{folder}: (measured − rendered) / rendered, interiors, %; bands in nm", columns, rows)]
+
+    @cached_property
+    def maps(self) -> xr.Dataset:
+        """Images of the comparison, with a wavelength for each band.
+
+        Dataset over (band, y, x), bands in the order of wavelength: ``measured`` and ``rendered`` signals (DN, lamp
+        scale included), ``difference`` (DN), ``sigma`` (DN) and ``residual`` (difference over sigma). Pixels that are
+        not used are NaN in difference and residual. The coordinate ``wavelength`` is the effective one, nm.
+        """
+        prepared, rendered = self.validation.prepared, self.validation.rendered
+        nm = {r.band: float(np.sum(r.weights * r.wavelength_nm) / np.sum(r.weights)) for r in prepared.responses}
+        order = np.argsort([nm[response.band] for response in prepared.responses])
+        signal = rendered.fit.lamp_scale * rendered.signal
+        variance = prepared.calibration.predicted_variance(signal) + rendered.fit.lamp_scale**2 * rendered.variance
+        difference = np.where(rendered.used, prepared.measured - signal, np.nan)
+        images = {
+            "measured": (prepared.measured, "DN"),
+            "rendered": (signal, "DN"),
+            "difference": (difference, "DN"),
+            "sigma": (np.sqrt(variance), "DN"),
+            "residual": (difference / np.sqrt(variance), "1"),
+        }
+        names = [prepared.responses[index].band for index in order]
+        return xr.Dataset(
+            {key: (("band", "y", "x"), values[order], {"units": unit}) for key, (values, unit) in images.items()},
+            {"band": names, "wavelength": ("band", [nm[name] for name in names], {"units": "nm"})},
+        )
+
+    def plot(self) -> Figure:
+        """Figure of the residual by band: the difference over its standard deviation.
+
+        Returns
+        -------
+        Figure
+            One image for each band, in the order of wavelength, on one scale of -5 to 5.
+        """
+        from matplotlib.figure import Figure
+
+        residual = self.maps["residual"]
+        figure = Figure(figsize=(2.2 * residual.sizes["band"], 2.6), layout="constrained")
+        axes = figure.subplots(1, residual.sizes["band"], squeeze=False)[0]
+        for axis, band in zip(axes, residual["band"].values, strict=True):
+            image = residual.sel(band=band)
+            picture = axis.imshow(image, cmap="RdBu_r", vmin=-5, vmax=5)
+            axis.set(title=f"{float(image['wavelength']):.0f} nm", xticks=(), yticks=())
+        figure.colorbar(picture, ax=list(axes), label="(measured − rendered) / σ")
+        return figure
+
+    def _repr_html_(self) -> str:
+        """Lines, table, and the viewer of photograph and rendering, for notebooks."""
+        return super()._repr_html_() + viewer_fragment(viewer_data(self.validation), f"viewer-{uuid4().hex}")
+
+
+def _cell(value: float, form: str) -> str:
+    """The formatted value; a dash for NaN."""
+    return f"{value:{form}}" if math.isfinite(value) else "–"
 
 
 def validate(
@@ -68,16 +178,43 @@ def validate(
 ) -> ValidationResult:
     """Calibrate a capture, render a model through its camera, compare.
 
-    capture : its folder, or what ``load_capture`` returned. model : a Model, a model file or a packaged scene's name;
-    where None the box that the capture states, or the published one. render : another renderer's spectral cube (.nc,
-    .exr, .hdr) in place of our picture.
-    noise, seed : of the render, in place of the model's; noise is the median over the pixels of the render's standard
-    deviation over the sensor's. cache : a folder that keeps rendered pictures from run to run, None for nowhere.
-    declared : units and wavelengths of ``render`` where the file does not state them.
+    Parameters
+    ----------
+    capture
+        A capture, or its folder.
+    model
+        A model, a scene, a model file, a scene file, or the name of a packaged scene. None for the box that the capture
+        states, or the published one.
+    render
+        Spectral cube of another renderer (.nc, .exr, .hdr), in place of our rendering.
+    noise
+        Noise of the rendering, in place of the model's: median over the pixels of the rendering's standard deviation
+        over the sensor's. The model's is 0.3 by default.
+    seed
+        Seed of the rendering, in place of the model's.
+    cache
+        Folder that keeps renderings for later calls; None keeps nothing.
+    declared
+        Units and wavelengths of ``render`` that its file does not state.
+    progress
+        Receiver of stages and of the completed share.
 
-    Raises InputError for faulty input, and for a capture that lacks what a comparison with a render takes.
+    Returns
+    -------
+    ValidationResult
+        Verdict, chi-square, colour differences and maps.
+
+    Raises
+    ------
+    InputError
+        If an input is faulty, or the capture lacks data that a comparison with a rendering needs.
+
+    Examples
+    --------
+    >>> validation = cboxlab.validate("capture", model="cornell-box")  # doctest: +SKIP
+    >>> print(validation)  # doctest: +SKIP
     """
     loaded = as_capture(capture)
-    chosen = as_model(model, [loaded], noise=noise, seed=seed)
-    picture, folder = (None if path is None else Path(path) for path in (render, cache))
-    return ValidationResult(validate_capture(loaded, chosen, progress, picture, folder, declared))
+    checked_model = as_model(model, [loaded], noise=noise, seed=seed)
+    cube, folder = (None if path is None else Path(path) for path in (render, cache))
+    return ValidationResult(validate_capture(loaded, checked_model, progress, cube, folder, declared))

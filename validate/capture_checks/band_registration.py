@@ -16,6 +16,15 @@ __all__ = ["check_registration"]
 #: Largest shift of a band in a sound capture, px: simulated lenses with lateral colour shift bands by up to 0.16 px.
 LARGEST_SHIFT_PX = 0.75
 
+#: Smallest suspicious shift between the bands before and after a movement, px: twice the largest of sound captures.
+SMALLEST_STEP_PX = 0.35
+
+#: Largest rms distance of the bands before and after it from their means, over the step.
+LARGEST_SCATTER_SHARE = 0.25
+
+#: Fewest bands before and after a movement: one alone may be shifted by its filter.
+FEWEST_BANDS_OF_STEP = 2
+
 #: Smallest correlation of two bands' edges at which their shift counts.
 SMALLEST_CORRELATION = 0.5
 
@@ -30,9 +39,10 @@ LARGEST_COMPLETE_PX = 160
 
 
 def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Suspicion]:
-    """Detect a band shifted relative to the others.
+    """Detect a band shifted relative to the others, and a camera that moved between two bands.
 
     The median shift of all bands is taken off. A lens changes the magnification between bands, which is no error.
+    A smaller movement is detected if it divides the bands, in the order taken, into two groups that agree.
 
     Parameters
     ----------
@@ -44,7 +54,7 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     Yields
     ------
     Suspicion
-        For each band that is shifted by more than ``LARGEST_SHIFT_PX``.
+        For each band that is shifted by more than ``LARGEST_SHIFT_PX``; without one, for a movement.
     """
     if capture.manifest.mosaic is not None or len(capture.band_ids) < FEWEST_BANDS:
         return
@@ -56,10 +66,22 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     middle = int(order[len(order) // 2])
     to_middle = [_shift(signal[middle], image) for image in np.delete(signal, middle, axis=0)]
     shifts = step * np.insert(np.array(to_middle), middle, 0.0, axis=0)  # the reference has none against itself
+    moved = [*_check_single_bands(capture, signal, shifts, middle, int(order[0]), step)]
+    yield from moved or _check_step(capture, shifts)
+
+
+def _check_single_bands(
+    capture: Capture, signal: NDArray[np.float64], shifts: NDArray[np.float64], middle: int, dimmest: int, step: int
+) -> Iterator[Suspicion]:
+    """Bands that are shifted by more than ``LARGEST_SHIFT_PX`` against the median of all.
+
+    signal : (band, y, x) of every ``step``-th pixel. shifts : (band, 2) px, relative to band ``middle``. dimmest : the
+    band with which the middle one is compared.
+    """
     usual = np.median(shifts[np.all(np.isfinite(shifts), axis=1)], axis=0)
     for index, (u, v) in enumerate(shifts - usual):
         # If the reference band itself is shifted, compare with another band.
-        base = middle if index != middle else int(order[0])
+        base = middle if index != middle else dimmest
         if np.hypot(u, v) > LARGEST_SHIFT_PX and (
             _is_alike_in_halves(signal[base], signal[index], shifts[index] / step)
             if index != middle
@@ -71,6 +93,32 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
                 f"band[{index}] ({band}).frames",
                 f"Its edges lie ({u:+.2f}, {v:+.2f}) px from theirs.",
             )
+
+
+def _check_step(capture: Capture, shifts: NDArray[np.float64]) -> Iterator[Suspicion]:
+    """The movement that divides the bands, in the order taken, into two groups that agree.
+
+    shifts : (band, 2) px; NaN for bands without edges.
+    """
+    finite = np.flatnonzero(np.all(np.isfinite(shifts), axis=1))
+    divisions = []
+    for count in range(FEWEST_BANDS_OF_STEP, len(finite) - FEWEST_BANDS_OF_STEP + 1):
+        groups = shifts[finite[:count]], shifts[finite[count:]]
+        scatter = np.concatenate([group - group.mean(axis=0) for group in groups])
+        rms = float(np.sqrt(np.mean(np.sum(scatter**2, axis=1))))
+        divisions.append((rms, count, groups[1].mean(axis=0) - groups[0].mean(axis=0)))
+    if not divisions:
+        return
+    rms, count, movement = min(divisions, key=lambda division: division[0])
+    size = float(np.hypot(*movement))
+    if size > SMALLEST_STEP_PX and rms < LARGEST_SCATTER_SHARE * size:
+        before, after = capture.band_ids[finite[count - 1]], capture.band_ids[finite[count]]
+        yield Suspicion(
+            f"the camera or the box moved between {before} and {after}",
+            f"band[{finite[count]}] ({after}).frames and later ones",
+            f"The edges of {after} and all later bands lie ({movement[0]:+.2f}, {movement[1]:+.2f}) px from those of "
+            f"the bands before; the bands of each group agree within {rms:.2f} px (rms).",
+        )
 
 
 def _shift(reference: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:

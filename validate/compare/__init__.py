@@ -1,7 +1,7 @@
-"""Comparison of measured and modelled images: nuisances, residuals, colour differences, where the model fails."""
+"""Comparison of measured and modelled images, and where the model fails."""
 
-from .colour_difference import DifferenceStatistics, srgb_matrix, srgb_preview
-from .comparison import ChiSquare, Comparison, RelativeDifference
+from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
+from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
 from .edge_alignment import refine_geometry
 from .excess import Region, regions_of
 from .failure import OUTSIDE, Failure, Part
@@ -19,12 +19,15 @@ from .pipeline import (
     validate_capture,
     validate_prepared,
 )
-from .prepared import Prepared, prepare, solved_light, under_model, with_picture
+from .prepared import CalibratedCapture, prepare, solved_light, with_model, with_picture
 from .regions import INTERIOR_DISTANCE_PX
 
 __all__ = [
+    "COLOUR_DIFFERENCES",
+    "HEADLINE",
     "INTERIOR_DISTANCE_PX",
     "OUTSIDE",
+    "CalibratedCapture",
     "ChiSquare",
     "Comparison",
     "DifferenceStatistics",
@@ -33,10 +36,10 @@ __all__ = [
     "Nuisances",
     "Part",
     "Predicted",
-    "Prepared",
     "Region",
     "RelativeDifference",
     "Rendered",
+    "SurfaceRow",
     "Validation",
     "band_centres",
     "camera_jacobian",
@@ -53,9 +56,9 @@ __all__ = [
     "solved_light",
     "srgb_matrix",
     "srgb_preview",
-    "under_model",
     "validate_capture",
     "validate_prepared",
+    "with_model",
     "with_picture",
     "write_map",
     "write_maps",

@@ -1,4 +1,4 @@
-"""Comparison of measured and rendered images: residuals relative to noise, colour differences, maps and tables."""
+"""Comparison of measured and rendered images: residuals, colour differences, maps, tables."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from .colour_difference import (
+    COLOUR_DIFFERENCES,
     DifferenceStatistics,
     White,
-    delta_e_2000,
-    delta_e_ab,
     expected_from_noise,
     lab,
     statistics,
@@ -29,13 +28,13 @@ __all__ = ["BandRow", "ChiSquare", "Comparison", "RelativeDifference", "SurfaceR
 
 @dataclass(frozen=True)
 class ChiSquare:
-    """Sum of squared residuals over sigma, and its expectation from noise.
+    """Sum of squared residuals over sigma, and its expectation from noise."""
 
-    value : the sum. count : number of residuals. dof : count minus their share of the fitted parameters.
-    """
-
+    #: The sum.
     value: float
+    #: Number of residuals.
     count: int
+    #: Degrees of freedom: the count minus its share of the fitted parameters.
     dof: float
 
     @property
@@ -61,75 +60,93 @@ class ChiSquare:
 
 @dataclass(frozen=True)
 class RelativeDifference:
-    """(measured - rendered) / rendered over pixels: mean, rms, and the rms expected from noise alone."""
+    """Relative difference (measured - rendered) / rendered over pixels; NaN without pixels."""
 
+    #: Mean over the pixels.
     mean: float
+    #: Root of the mean square over the pixels.
     rms: float
+    #: The same root expected from noise alone.
     rms_noise: float
 
 
 @dataclass(frozen=True)
 class BandRow:
-    """One band. beyond_noise : rms residual in excess of noise, relative to the rms rendered signal."""
+    """Comparison of one band."""
 
+    #: Chi2 of all its residuals.
     chi2: ChiSquare
+    #: Relative difference over pixels of surfaces.
     relative: RelativeDifference
+    #: Root mean square difference beyond noise, over the rms rendered signal.
     beyond_noise: float
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceRow:
-    """One surface. chi2 covers all its pixels, all other values its interior.
+class SurfaceRow(OwnMappings):
+    """Comparison of one surface; means over its interior are NaN without interior pixels."""
 
-    measured, rendered, sigma : (band,) interior means in DN and the standard error of their difference.
-    relative, relative_sigma : (band,) (measured - rendered) / rendered and its standard error.
-    delta_e_noise : mean Delta E*ab between these means expected from noise alone.
-    xyz_measured, xyz_rendered : (3,) X, Y, Z of these means, Y in cd m^-2. All NaN without interior pixels.
-    """
-
+    #: Chi2 of all its residuals, edges included.
     chi2: ChiSquare
+    #: Number of interior pixels.
     interior_pixels: int
+    #: (band,) mean measured signal, DN.
     measured: NDArray[np.float64]
+    #: (band,) mean rendered signal, DN.
     rendered: NDArray[np.float64]
+    #: (band,) standard error of the difference of the means, DN.
     sigma: NDArray[np.float64]
+    #: (band,) difference of the means over the rendered mean.
     relative: NDArray[np.float64]
+    #: (band,) standard error of the relative difference.
     relative_sigma: NDArray[np.float64]
-    delta_e_ab: float
-    delta_e_2000: float
-    delta_e_noise: float
+    #: Differences between the colours of the means, by identifier.
+    colour: Mapping[str, float]
+    #: Mean of these differences expected from noise alone.
+    colour_noise: Mapping[str, float]
+    #: (3,) X, Y, Z of the measured means, Y in cd m^-2.
     xyz_measured: NDArray[np.float64]
+    #: (3,) X, Y, Z of the rendered means, Y in cd m^-2.
     xyz_rendered: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison(OwnMappings):
-    """The outcome of one comparison; immutable.
+    """Outcome of one comparison; immutable."""
 
-    maps : Dataset of (band, y, x) measured, rendered, sigma (DN), residual_over_sigma, mask; (y, x, xyz)
-        xyz_measured, xyz_rendered; (y, x) delta_e_ab, delta_e_2000, luminance_relative_difference, surface,
-        edge_distance_px. NaN where a pixel was left out, except for signals and XYZ.
-    xyz_per_dn : (3, band) X, Y, Z per count.
-    share_of_excess_at_edges : 0 to 1, of the excess chi2; NaN without excess.
-    masked : pixels left out in at least one band, by reason; a pixel may have several.
-    """
-
+    #: Names of the bands.
     bands: tuple[str, ...]
+    #: (band, y, x) measured, rendered, sigma (DN), residual_over_sigma, mask; (y, x, xyz) xyz_measured, xyz_rendered;
+    #: (y, x) each of COLOUR_DIFFERENCES, luminance_relative_difference, surface, edge_distance_px. NaN where a pixel is
+    #: left out, except for signals and XYZ.
     maps: xr.Dataset
+    #: (3, band) X, Y, Z per count.
     xyz_per_dn: NDArray[np.float64]
+    #: White of CIELab.
     white: White
+    #: Chi2 of all residuals.
     chi2: ChiSquare
+    #: Chi2 near edges.
     chi2_edges: ChiSquare
+    #: Chi2 of interiors.
     chi2_interiors: ChiSquare
+    #: Share of the excess chi2 near edges, 0 to 1; NaN without excess.
     share_of_excess_at_edges: float
+    #: Comparison by band.
     by_band: Mapping[str, BandRow]
+    #: Comparison by surface.
     by_surface: Mapping[str, SurfaceRow]
-    delta_e_ab: DifferenceStatistics
-    delta_e_2000: DifferenceStatistics
-    delta_e_ab_noise: DifferenceStatistics
-    delta_e_2000_noise: DifferenceStatistics
+    #: Colour differences of pixels of surfaces, by identifier.
+    colour: Mapping[str, DifferenceStatistics]
+    #: The same expected from noise alone.
+    colour_noise: Mapping[str, DifferenceStatistics]
+    #: Relative difference of luminance.
     luminance: RelativeDifference
+    #: Median ratio of the rendering's to the sensor's standard deviation.
     render_sigma_over_sensor_sigma: float
+    #: Pixels used in every band.
     pixels_used: int
+    #: Pixels left out in at least one band, by reason; a pixel may have several reasons.
     masked: Mapping[str, int]
 
 
@@ -160,9 +177,20 @@ def _surface(
 ) -> SurfaceRow:
     n = int(inside.sum())
     if n == 0:
-        nothing, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
+        no_signal, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
+        no_colour = dict.fromkeys(COLOUR_DIFFERENCES, float("nan"))
         return SurfaceRow(
-            chi2, 0, nothing, nothing, nothing, nothing, nothing, np.nan, np.nan, np.nan, no_light, no_light
+            chi2,
+            0,
+            measured=no_signal,
+            rendered=no_signal,
+            sigma=no_signal,
+            relative=no_signal,
+            relative_sigma=no_signal,
+            colour=no_colour,
+            colour_noise=no_colour,
+            xyz_measured=no_light,
+            xyz_rendered=no_light,
         )
     mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
     sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
@@ -170,8 +198,8 @@ def _surface(
         relative = np.where(mean_rendered > 0, mean_measured / mean_rendered - 1.0, np.nan)
         relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
     xyz_measured, xyz_rendered = xyz_per_dn @ mean_measured, xyz_per_dn @ mean_rendered
-    seen, expected = lab(xyz_measured, white), lab(xyz_rendered, white)
-    noise, _ = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
+    lab_measured, lab_rendered = lab(xyz_measured, white), lab(xyz_rendered, white)
+    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
     return SurfaceRow(
         chi2,
         n,
@@ -180,9 +208,8 @@ def _surface(
         sigma,
         relative,
         relative_sigma,
-        float(delta_e_ab(seen, expected)),
-        float(delta_e_2000(seen, expected)),
-        noise.mean,
+        {name: float(d.between(lab_measured, lab_rendered)) for name, d in COLOUR_DIFFERENCES.items()},
+        {name: figures.mean for name, figures in noise.items()},
         xyz_measured,
         xyz_rendered,
     )
@@ -219,21 +246,47 @@ def compare(
     fitted_parameters: int = 0,
     seed: int = 0,
 ) -> Comparison:
-    """Compare two sets of band images (see ``band_images``) of the same exposures.
-
-    sensor_variance : (band, y, x) DN^2 of the camera's noise; the Monte Carlo variance of the render is
-        ``rendered.variance``. Both are taken as independent between pixels and bands.
-    xyz_per_dn : (3, band) X, Y, Z per count, 683 b_i / K_i, the same for measured and rendered.
-    lamp_xyz : (3,) of the lamp with the same weights, any scale. surface, single_surface : see ``regions``; the lamp
-        must be masked. fitted_parameters : subtracted from the degrees of freedom.
+    """Compare two sets of band images of the same exposures, see ``band_images``.
 
     The statistics of a band use the pixels not masked in that band; colours use those not masked in any band. Pixels
-    with surface -1 (a black background) are used only in chi2. Raises ValueError if layouts differ or an unmasked
-    value is not finite.
+    with surface -1 (a black background) count only in chi2. All noise is taken as independent between pixels and bands.
+
+    Parameters
+    ----------
+    measured
+        Band images of the photograph: signal (DN) and mask, (band, y, x).
+    rendered
+        Band images of the rendering: signal (DN), Monte Carlo variance (DN^2) and mask; the lamp must be masked.
+    sensor_variance
+        (band, y, x) variance of the camera's noise, DN^2.
+    xyz_per_dn
+        (3, band) X, Y, Z per count, 683 b_i / K_i, the same for measured and rendered.
+    lamp_xyz
+        (3,) X, Y, Z of the lamp with the same weights, in any scale.
+    surface
+        (y, x) index of the surface, see ``regions``.
+    surface_names
+        Names of the surfaces.
+    single_surface
+        (y, x) False where a pixel sees several surfaces or faces.
+    fitted_parameters
+        Number subtracted from the degrees of freedom.
+    seed
+        Seed of the noise for the expected colour differences.
+
+    Returns
+    -------
+    Comparison
+        Statistics and maps.
+
+    Raises
+    ------
+    ValueError
+        If layouts differ or an unmasked value is not finite.
     """
     surface, single_surface = np.asarray(surface), np.asarray(single_surface, bool)
     weights = np.asarray(xyz_per_dn, float)
-    seen, model = measured.signal.values, rendered.signal.values
+    photograph, model = measured.signal.values, rendered.signal.values
     sensor, noise = np.asarray(sensor_variance, float), rendered.variance.values
     mask = measured.mask.values | rendered.mask.values
     used = mask == 0
@@ -244,7 +297,7 @@ def compare(
         raise ValueError(f"xyz_per_dn has shape {weights.shape}, expected (3, {len(bands)})")
 
     with np.errstate(divide="ignore", invalid="ignore"):
-        residual = np.where(used, (seen - model) / np.sqrt(variance), np.nan)
+        residual = np.where(used, (photograph - model) / np.sqrt(variance), np.nan)
         sigma_ratio = np.sqrt(noise / sensor)[used & (model > 0)]
     parameters_each = fitted_parameters / max(int(used.sum()), 1)
 
@@ -257,40 +310,38 @@ def compare(
     chi2_edges, chi2_interiors = chi_square(~inner), chi_square(inner)
     excess = max(chi2_edges.excess, 0.0), max(chi2_interiors.excess, 0.0)
 
-    whole = used.all(axis=0)
+    complete = used.all(axis=0)
     on_surface = surface >= 0
-    coloured = whole & on_surface
-    xyz_seen = np.einsum("cb,byx->yxc", weights, seen)
+    coloured = complete & on_surface
+    xyz_photograph = np.einsum("cb,byx->yxc", weights, photograph)
     xyz_model = np.einsum("cb,byx->yxc", weights, model)
     # pixels at the lamp's edge would make it as bright as the picture is coarse
-    bright = next(one for one in (coloured & inner, coloured, on_surface) if one.any())
+    bright = next(pixels for pixels in (coloured & inner, coloured, on_surface) if pixels.any())
     white = white_of(lamp_xyz, xyz_model[bright, 1])
-    lab_seen, lab_model = lab(xyz_seen, white), lab(xyz_model, white)
+    lab_photograph, lab_model = lab(xyz_photograph, white), lab(xyz_model, white)
     blank = np.where(coloured, 0.0, np.nan)
-    e_ab, e_2000 = (blank + f(lab_seen, lab_model) for f in (delta_e_ab, delta_e_2000))
-    e_ab_noise, e_2000_noise = expected_from_noise(
-        model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed
-    )
+    colour_maps = {name: blank + d.between(lab_photograph, lab_model) for name, d in COLOUR_DIFFERENCES.items()}
+    colour_noise = expected_from_noise(model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed)
     luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, variance)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = xyz_seen[..., 1] / xyz_model[..., 1]
+        ratio = xyz_photograph[..., 1] / xyz_model[..., 1]
         luminance_map = blank + np.where(xyz_model[..., 1] > 0, ratio - 1.0, np.nan)
 
     by_band = {}
     for i, band in enumerate(bands):
         where = used[i] & on_surface
-        unexplained = float(np.sum(((seen[i] - model[i]) ** 2 - variance[i])[where]))
+        unexplained = float(np.sum(((photograph[i] - model[i]) ** 2 - variance[i])[where]))
         power = float(np.sum(model[i][where] ** 2))
         by_band[band] = BandRow(
             chi_square(np.arange(len(bands))[:, None, None] == i),
-            _relative(seen[i], model[i], variance[i], where),
+            _relative(photograph[i], model[i], variance[i], where),
             float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan"),
         )
     by_surface = {
         name: _surface(
             chi_square(surface == i),
             coloured & inner & (surface == i),
-            seen,
+            photograph,
             model,
             variance,
             xyz_per_dn=weights,
@@ -303,15 +354,14 @@ def compare(
     image, stack = ("y", "x"), ("band", "y", "x")
     maps = xr.Dataset(
         {
-            "measured": (stack, seen, {"units": "DN"}),
+            "measured": (stack, photograph, {"units": "DN"}),
             "rendered": (stack, model, {"units": "DN"}),
             "sigma": (stack, np.sqrt(variance), {"units": "DN"}),
             "residual_over_sigma": (stack, residual, {"units": "1"}),
             "mask": (stack, mask, measured.mask.attrs),
-            "xyz_measured": ((*image, "xyz"), xyz_seen),
+            "xyz_measured": ((*image, "xyz"), xyz_photograph),
             "xyz_rendered": ((*image, "xyz"), xyz_model),
-            "delta_e_ab": (image, e_ab, {"units": "1"}),
-            "delta_e_2000": (image, e_2000, {"units": "1"}),
+            **{name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colour_maps.items()},
             "luminance_relative_difference": (image, luminance_map, {"units": "1"}),
             "surface": (image, surface.astype(np.int16)),
             "edge_distance_px": (image, distance, {"units": "px"}),
@@ -330,13 +380,11 @@ def compare(
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
         by_band=by_band,
         by_surface=by_surface,
-        delta_e_ab=statistics(e_ab),
-        delta_e_2000=statistics(e_2000),
-        delta_e_ab_noise=e_ab_noise,
-        delta_e_2000_noise=e_2000_noise,
-        luminance=_relative(xyz_seen[..., 1], xyz_model[..., 1], luminance_variance, coloured),
+        colour={name: statistics(values) for name, values in colour_maps.items()},
+        colour_noise=colour_noise,
+        luminance=_relative(xyz_photograph[..., 1], xyz_model[..., 1], luminance_variance, coloured),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
-        pixels_used=int(whole.sum()),
+        pixels_used=int(complete.sum()),
         masked={
             reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum()) for reason in Mask if reason.name
         },

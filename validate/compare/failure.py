@@ -1,4 +1,4 @@
-"""Where the model fails: a short ranked list of regions, bands and kinds of light with most of the excess chi2."""
+"""Ranked list of the regions, bands and kinds of light with most of the excess chi2."""
 
 from __future__ import annotations
 
@@ -15,40 +15,59 @@ from .regions import INTERIOR_DISTANCE_PX
 
 __all__ = ["OUTSIDE", "SIGNIFICANT", "Failure", "Part", "parts", "ranked_failures"]
 
-#: What the camera sees beside the box, a region of its own.
+#: Region of the pixels that do not see the box.
 OUTSIDE = "outside the box"
 
-#: Below this probability an excess counts as more than noise.
+#: Probability below which an excess counts as more than noise.
 SIGNIFICANT = 1e-3
 
-#: Light is called direct above the first share of direct light, indirect below the second.
-_MOSTLY, _HARDLY = 0.65, 0.35
-#: Smallest share of light reflected by a material for which the material is named.
-_NOTABLE = 0.15
+#: Share of direct light above which light is called direct.
+_MIN_DIRECT_SHARE = 0.65
 
-#: Largest number of entries, and smallest share of the excess of each.
-_MOST_ENTRIES, _LEAST_SHARE = 3, 0.1
+#: Share of direct light below which light is called indirect.
+_MAX_INDIRECT_SHARE = 0.35
+
+#: Smallest share of light reflected by a material for which the material is named.
+_MIN_MATERIAL_SHARE = 0.15
+
+#: Largest number of entries of the list.
+_MAX_ENTRIES = 3
+
+#: Smallest share of the excess of an entry.
+_MIN_SHARE = 0.1
+
+#: Smallest ratio of the score with a further condition to the score without it.
+_MIN_SCORE_RATIO = 1.1
+
+#: Kinds of parts in the order in which a sentence names them.
+_KIND_ORDER = ("edge distance", "image radius", "surface", "light", "paint before", "band")
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A subset of the residuals. kind : the property that defines it. words : in words. where : (band, y, x)."""
+    """A subset of the residuals."""
 
+    #: Property that defines it, such as "surface" or "light".
     kind: str
-    words: str
+    #: Description that continues "the excess is ...".
+    label: str
+    #: (band, y, x) True for its residuals.
     where: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Failure(OwnMappings):
-    """An entry of the list. words : where it is. share_of_excess, share_of_residuals : 0 to 1; the first can exceed 1
-    if the excess of other residuals is negative. chi2_per_residual : 1 is expected. kinds : words by kind of part.
-    """
+    """An entry of the list."""
 
+    #: Description of the group of residuals.
     words: str
+    #: Share of the excess; above 1 if the excess of other residuals is negative.
     share_of_excess: float
+    #: Share of the residuals, 0 to 1.
     share_of_residuals: float
+    #: Mean chi2 per residual; noise alone gives 1.
     chi2_per_residual: float
+    #: Description by kind of part.
     kinds: Mapping[str, str]
 
     @property
@@ -64,9 +83,23 @@ class Failure(OwnMappings):
 def parts(
     c: Comparison, material: Mapping[str, str], band_nm: Sequence[float], shares: LightShares | None
 ) -> list[Part]:
-    """The subsets of the residuals that are considered.
+    """Subsets of the residuals that the list may name.
 
-    material : name by surface. band_nm : (band,) centres of the bands, nm. shares : None if not known.
+    Parameters
+    ----------
+    c
+        The comparison.
+    material
+        Name of the material by surface.
+    band_nm
+        (band,) centres of the bands, nm.
+    shares
+        Shares of direct light and of light by material; None if not known.
+
+    Returns
+    -------
+    list
+        The subsets, which overlap.
     """
     maps = c.maps
     shape = maps["residual_over_sigma"].shape
@@ -76,62 +109,77 @@ def parts(
     def everywhere(where: NDArray) -> NDArray[np.bool_]:
         return np.broadcast_to(where, shape)
 
-    found = [Part("surface", f"on {_the(name)}", everywhere(index == i)) for i, name in enumerate(names)]
+    subsets = [Part("surface", f"on {_the(name)}", everywhere(index == i)) for i, name in enumerate(names)]
     for group in dict.fromkeys(material.values()):
-        own = [i for i, name in enumerate(names) if material.get(name) == group]
-        if len(own) > 1:
-            found.append(Part("surface", f"on {group} surfaces", everywhere(np.isin(index, own))))
-    found.append(Part("surface", OUTSIDE, everywhere(index < 0)))
-    found.append(Part("edge distance", "in interiors", everywhere(distance >= INTERIOR_DISTANCE_PX)))
+        members = [i for i, name in enumerate(names) if material.get(name) == group]
+        if len(members) > 1:
+            subsets.append(Part("surface", f"on {group} surfaces", everywhere(np.isin(index, members))))
+    subsets.append(Part("surface", OUTSIDE, everywhere(index < 0)))
+    subsets.append(Part("edge distance", "in interiors", everywhere(distance >= INTERIOR_DISTANCE_PX)))
     near = (distance < INTERIOR_DISTANCE_PX) & (index >= 0)
-    found.append(Part("edge distance", f"within {INTERIOR_DISTANCE_PX:g} px of edges", everywhere(near)))
+    subsets.append(Part("edge distance", f"within {INTERIOR_DISTANCE_PX:g} px of edges", everywhere(near)))
     v, u = np.indices(shape[1:])
     radius = np.hypot(v - (shape[1] - 1) / 2, u - (shape[2] - 1) / 2)
     outer = radius > 0.5 * radius.max()
-    found.append(Part("image radius", "in the middle of the picture", everywhere(~outer)))
-    found.append(Part("image radius", "in the outer half of the picture", everywhere(outer)))
-    found += _band_parts(c.bands, np.asarray(band_nm, float), shape)
+    subsets.append(Part("image radius", "in the middle of the picture", everywhere(~outer)))
+    subsets.append(Part("image radius", "in the outer half of the picture", everywhere(outer)))
+    subsets += _band_parts(c.bands, np.asarray(band_nm, float), shape)
     if shares is not None:
-        found.append(Part("light", "where most light is direct", shares.direct > _MOSTLY))
-        found.append(Part("light", "where light is direct and reflected", abs(shares.direct - 0.5) <= _MOSTLY - 0.5))
-        found.append(Part("light", "where light is indirect", shares.direct < _HARDLY))
-        found += [
-            Part("paint before", f"where light was reflected by {name} before", share > _NOTABLE)
+        subsets.append(Part("light", "where most light is direct", shares.direct > _MIN_DIRECT_SHARE))
+        mixed = abs(shares.direct - 0.5) <= _MIN_DIRECT_SHARE - 0.5
+        subsets.append(Part("light", "where light is direct and reflected", mixed))
+        subsets.append(Part("light", "where light is indirect", shares.direct < _MAX_INDIRECT_SHARE))
+        subsets += [
+            Part("paint before", f"where light was reflected by {name} before", share > _MIN_MATERIAL_SHARE)
             for name, share in zip(dict.fromkeys(material.values()), shares.via_material, strict=False)
         ]
-    return found
+    return subsets
 
 
 def _the(surface: str) -> str:
+    """Name of a surface in a sentence."""
     return f"the {surface.replace('-', ' ')}" + (" wall" if surface in ("left", "right", "back") else "")
 
 
 def _band_parts(bands: Sequence[str], nm: NDArray, shape: tuple[int, ...]) -> list[Part]:
+    """Bands below and above each border between two of them, and single bands."""
     order = np.argsort(nm)
-    found = []
+    subsets = []
     for count in range(1, len(bands)):
         border = (nm[order[count - 1]] + nm[order[count]]) / 2
-        for words, own in (
+        for label, members in (
             (f"below {border:.0f} nm", order[:count]),
             (f"above {border:.0f} nm", order[count:]),
         ):
-            if len(own) > 1:
+            if len(members) > 1:
                 where = np.zeros(shape, bool)
-                where[own] = True
-                found.append(Part("band", words, where))
+                where[members] = True
+                subsets.append(Part("band", label, where))
     for i, band in enumerate(bands):
         where = np.zeros(shape, bool)
         where[i] = True
-        found.append(Part("band", f"in band {band}", where))
-    return found
+        subsets.append(Part("band", f"in band {band}", where))
+    return subsets
 
 
-def ranked_failures(c: Comparison, known: Sequence[Part]) -> tuple[Failure, ...]:
-    """The few groups of residuals with most of the excess chi2 in the fewest residuals; empty if noise explains all.
+def ranked_failures(c: Comparison, candidates: Sequence[Part]) -> tuple[Failure, ...]:
+    """Groups of few residuals with much of the excess chi2.
 
     A group is the intersection of parts of different kinds. Parts are added one by one while the score
     s log(s / r) grows, with s the share of excess and r the share of residuals. The next group is searched in the
     remaining residuals.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    candidates
+        Subsets of the residuals, see ``parts``.
+
+    Returns
+    -------
+    tuple
+        At most three groups, the densest first; empty if noise explains the difference.
     """
     z = c.maps["residual_over_sigma"].values
     used = np.isfinite(z)
@@ -139,47 +187,45 @@ def ranked_failures(c: Comparison, known: Sequence[Part]) -> tuple[Failure, ...]
         return ()
     excess = np.where(used, np.nan_to_num(z) ** 2 - 1, 0.0)
     total, count = float(excess.sum()), int(used.sum())
-    left, found = used.copy(), []
-    for _ in range(_MOST_ENTRIES):
-        here, chosen = _densest(excess, left, known, total, count)
-        share = float(excess[here].sum()) / total
-        if not chosen or share < _LEAST_SHARE:
+    remaining, groups = used.copy(), []
+    for _ in range(_MAX_ENTRIES):
+        members, conditions = _densest(excess, remaining, candidates, total, count)
+        share = float(excess[members].sum()) / total
+        if not conditions or share < _MIN_SHARE:
             break
-        inside = int(here.sum())
-        found.append(
+        inside = int(members.sum())
+        groups.append(
             Failure(
-                " ".join(part.words for part in chosen),
+                " ".join(part.label for part in conditions),
                 share,
                 inside / count,
-                float(excess[here].sum()) / inside + 1,
-                {part.kind: part.words for part in chosen},
+                float(excess[members].sum()) / inside + 1,
+                {part.kind: part.label for part in conditions},
             )
         )
-        left &= ~here
-    return tuple(found)
-
-
-_ORDER = ("edge distance", "image radius", "surface", "light", "paint before", "band")
+        remaining &= ~members
+    return tuple(groups)
 
 
 def _densest(
-    excess: NDArray, left: NDArray, known: Sequence[Part], total: float, count: int
+    excess: NDArray, remaining: NDArray, candidates: Sequence[Part], total: float, count: int
 ) -> tuple[NDArray[np.bool_], list[Part]]:
-    here, best = left, 0.0
-    chosen: list[Part] = []
+    """Group with the highest score among the remaining residuals, and the parts that define it."""
+    members, best = remaining, 0.0
+    conditions: list[Part] = []
     while True:
-        candidates = [p for p in known if p.kind not in {q.kind for q in chosen}]
-        scored = [(_score(excess, here & p.where, total, count), i) for i, p in enumerate(candidates)]
+        further = [p for p in candidates if p.kind not in {q.kind for q in conditions}]
+        scored = [(_score(excess, members & p.where, total, count), i) for i, p in enumerate(further)]
         # of two parts with the same score the first is used: it is the more specific
         score, index = max(scored, key=lambda item: (item[0], -item[1]), default=(0.0, 0))
-        # a further condition must increase the score by at least 10%
-        if score <= 1.1 * best or score <= 0:
+        if score <= _MIN_SCORE_RATIO * best or score <= 0:
             break
-        best, here = score, here & candidates[index].where
-        chosen.append(candidates[index])
-    return here, sorted(chosen, key=lambda part: _ORDER.index(part.kind))
+        best, members = score, members & further[index].where
+        conditions.append(further[index])
+    return members, sorted(conditions, key=lambda part: _KIND_ORDER.index(part.kind))
 
 
 def _score(excess: NDArray, where: NDArray, total: float, count: int) -> float:
+    """Score s log(s / r) of a group; 0 without excess or residuals."""
     share, size = float(excess[where].sum()) / total, int(where.sum()) / count
     return share * np.log(share / size) if share > 0 and size > 0 else 0.0

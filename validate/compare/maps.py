@@ -1,4 +1,4 @@
-"""Maps as multi-channel OpenEXR files (32-bit float) and PNG previews, with units in the header."""
+"""Maps of a comparison as OpenEXR files with units in the header, and PNG previews."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cboxlab.utils.files import replacing
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from .colour_difference import srgb_preview
+from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, srgb_preview
 from .comparison import Comparison
 
 __all__ = ["read_map", "write_map", "write_maps"]
@@ -24,10 +24,19 @@ PREFIX = "cbox."
 
 
 def write_map(path: Path, channels: xr.DataArray, units: Mapping[str, str]) -> None:
-    """Write (channel, y, x) as one scanline EXR of 32-bit floats; NaN stays NaN.
+    """Write an array as one scanline EXR of 32-bit floats; NaN stays NaN.
 
-    units : of each channel; written to the header as ``cbox.unit.<channel>``. The order of the channels, which
-    OpenEXR sorts by name, stands there as ``cbox.channels``, attributes of the array as ``cbox.<name>``.
+    The header holds the units as ``cbox.unit.<channel>`` and attributes of the array as ``cbox.<name>``. OpenEXR sorts
+    channels by name; the header holds their order as ``cbox.channels``.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    channels
+        (channel, y, x) values with the names of the channels.
+    units
+        Unit of each channel.
     """
     names = [str(name) for name in channels["channel"].values]
     header = {
@@ -40,9 +49,24 @@ def write_map(path: Path, channels: xr.DataArray, units: Mapping[str, str]) -> N
 
 
 def read_map(path: Path) -> tuple[xr.DataArray, dict[str, str]]:
-    """A map written by ``write_map``: float32 (channel, y, x) with its attributes, and the units by channel.
+    """Read a map written by ``write_map``, or any other EXR.
 
-    Any other EXR reads too: channels in the file's order, no units. Raises InputError where it is no EXR.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    DataArray
+        float32 (channel, y, x) with its attributes; channels of other files in the file's order.
+    dict
+        Units by channel, empty texts for other files.
+
+    Raises
+    ------
+    InputError
+        If the file is no readable EXR.
     """
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -51,11 +75,11 @@ def read_map(path: Path) -> tuple[xr.DataArray, dict[str, str]]:
             stored = {name: np.array(c.pixels, np.float32) for name, c in file.channels().items()}
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(path, str(error) or "no readable file", "an OpenEXR file") from None
-    own = {k.removeprefix(PREFIX): v for k, v in header.items() if k.startswith(PREFIX)}
-    names = own.pop("channels").split("\n") if "channels" in own else list(stored)
-    units = {name: own.pop("unit." + name, "") for name in names}
+    attributes = {k.removeprefix(PREFIX): v for k, v in header.items() if k.startswith(PREFIX)}
+    names = attributes.pop("channels").split("\n") if "channels" in attributes else list(stored)
+    units = {name: attributes.pop("unit." + name, "") for name in names}
     values = np.stack([stored[name] for name in names])
-    return xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": names}, attrs=own), units
+    return xr.DataArray(values, dims=("channel", "y", "x"), coords={"channel": names}, attrs=attributes), units
 
 
 def _write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
@@ -66,14 +90,29 @@ def _write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
 def write_maps(
     folder: Path, comparison: Comparison, origin: Mapping[str, str], xyz_unit: str = "cd m^-2"
 ) -> list[Path]:
-    """Write every map of a comparison into ``folder``; returns the paths.
+    """Write every map of a comparison.
 
-    origin : attributes of every file, such as the model, the seed, the program's version and the command.
+    measured.exr, rendered.exr and sigma.exr have a channel per band, in DN; residual_over_sigma.exr and mask.exr (sum
+    of flags) also. xyz_measured.exr and xyz_rendered.exr are in ``xyz_unit``. difference.exr holds dX, dY, dZ as
+    measured minus rendered, dY_relative, and a channel for each colour difference. regions.exr holds the index of the
+    surface (-1 for none) and the distance from edges. measured.png and rendered.png are sRGB at one common exposure,
+    adapted from the lamp's white.
 
-    measured.exr, rendered.exr, sigma.exr (DN, a channel per band), residual_over_sigma.exr, mask.exr (sum of
-    flags), xyz_measured.exr, xyz_rendered.exr (in ``xyz_unit``), difference.exr (dX, dY, dZ as measured minus
-    rendered, dY_relative, dE76, dE2000), regions.exr (surface index, -1 none; edge_distance_px), and
-    measured.png, rendered.png: sRGB at one common exposure, adapted from the lamp's white.
+    Parameters
+    ----------
+    folder
+        Existing folder for the files.
+    comparison
+        The comparison.
+    origin
+        Attributes of every file, such as the model, the seed, the program's version and the command.
+    xyz_unit
+        Unit of X, Y, Z.
+
+    Returns
+    -------
+    list
+        Paths of the files.
     """
     maps, bands = comparison.maps, comparison.bands
     written = []
@@ -104,12 +143,14 @@ def write_maps(
     text = "CIE 1931 2-degree XYZ through the filter weights"
     save("xyz_measured.exr", list("XYZ"), measured, [xyz_unit] * 3, text)
     save("xyz_rendered.exr", list("XYZ"), rendered, [xyz_unit] * 3, text)
-    relative = [maps[name].values for name in ("luminance_relative_difference", "delta_e_ab", "delta_e_2000")]
+    colours = [COLOUR_DIFFERENCES[name] for name in comparison.colour]
+    luminance = maps["luminance_relative_difference"].values
     save(
         "difference.exr",
-        ["dX", "dY", "dZ", "dY_relative", "dE76", "dE2000"],
-        [*(measured - rendered + 0 * relative[1]), *relative],
-        [xyz_unit] * 3 + ["1"] * 3,
+        ["dX", "dY", "dZ", "dY_relative", *(d.channel for d in colours)],
+        # the map of a colour difference is NaN where a pixel is left out
+        [*(measured - rendered + 0 * maps[HEADLINE.id].values), luminance, *(maps[d.id].values for d in colours)],
+        [xyz_unit] * 3 + ["1"] + [d.unit for d in colours],
         "measured minus rendered; dY_relative is (measured - rendered) / rendered; NaN where left out",
     )
     names = ", ".join(f"{i}={name}" for i, name in enumerate(maps.attrs["surface_names"]))

@@ -1,4 +1,4 @@
-"""The nuisance parameters of a comparison: lamp power and camera, fitted to the image with their priors."""
+"""Nuisance parameters of a comparison: lamp power and camera, fitted with their priors."""
 
 from __future__ import annotations
 
@@ -25,21 +25,35 @@ __all__ = [
 #: remains unexplained).
 _STEP_PX = 0.1
 
-#: Steps of the search, first in smoothed pictures: where an edge along a row of pixels comes to the next row, the cost
-#: has a kink, at which a search stops (0.06 px from the best camera were seen). Smoothed, the edge is in several rows.
-#: With long steps only, it stops up to 0.04 px from the best camera if the model's edges are too sharp; with short
-#: steps only, it is slow in weakly determined directions.
-_SMOOTHED_STEPS_PX, _STEPS_PX = (0.3, 0.1), (0.1, 0.03)
-_ROUNDS_EACH = 4
+#: Steps of the search in smoothed pictures, px. Where an edge along a row of pixels reaches the next row, the cost has
+#: a kink, at which a search stopped 0.06 px from the best camera. In a smoothed picture the edge is in several rows.
+_SMOOTHED_STEPS_PX = (0.3, 0.1)
+
+#: Steps of the search in the pictures, px. With long steps only, the search stops up to 0.04 px from the best camera if
+#: the model's edges are too sharp. With short steps only, it is slow in weakly determined directions.
+_STEPS_PX = (0.1, 0.03)
+
+#: Gauss-Newton rounds for each step: the derivatives are computed once for a step.
+_ROUNDS_PER_STEP = 4
 
 #: Weights of neighbouring rows and columns in smoothed pictures.
 _SMOOTHING = np.array([1, 6, 15, 20, 15, 6, 1]) / 64
 
-#: The search goes on with the shorter steps, at most so many times, until two after each other do not lower the cost by
-#: more than this part: where edges lie along rows of pixels, as a floor's front edge may, it is slow.
-_FURTHER_STEPS_PX, _MOST_FURTHER, _WORTH, _IDLE = (0.03, 0.01, 0.003), 6, 1e-3, 2
+#: Shorter steps with which the search continues, px: it is slow where edges lie along rows of pixels, as a floor's
+#: front edge may.
+_FURTHER_STEPS_PX = (0.03, 0.01, 0.003)
 
-_SMALLEST_GAIN = 1.0
+#: Most repetitions of the shorter steps.
+_MAX_FURTHER_ROUNDS = 6
+
+#: Relative decrease of the cost below which a step does not count as progress.
+_MIN_RELATIVE_GAIN = 1e-3
+
+#: Steps without progress after each other that end the search.
+_PATIENCE = 2
+
+#: Decrease of the cost (chi2) below which the rounds of a step end.
+_MIN_GAIN = 1.0
 
 #: Threshold of the Huber loss in standard deviations, so that flaws of the model hardly affect the camera.
 _HUBER = 3.0
@@ -47,23 +61,36 @@ _HUBER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Nuisances:
-    """Values of all nuisances, or differences between such values.
+    """Values of all nuisances, or differences between such values."""
 
-    camera : (10,) in the order of ``Camera.parameters``. lamp_scale : factor on the lamp's stated power.
-    The vector (count,) has the order of ``names``; ``of_camera`` and ``of_lamp`` are the indices in it.
-    """
-
+    #: (10,) camera parameters in the order of ``Camera.parameters``.
     camera: NDArray[np.float64]
+    #: Factor on the lamp's stated power.
     lamp_scale: float
 
+    #: Names of the parameters in the order of the vector.
     names: ClassVar[tuple[str, ...]] = (*PARAMETER_NAMES, "lamp_scale")
+    #: Number of parameters.
     count: ClassVar[int] = len(names)
+    #: Indices of the camera in the vector.
     of_camera: ClassVar[slice] = slice(len(PARAMETER_NAMES))
+    #: Index of the lamp's scale in the vector.
     of_lamp: ClassVar[int] = len(PARAMETER_NAMES)
 
     @classmethod
     def from_vector(cls, vector: NDArray[np.float64]) -> Nuisances:
-        """From (count,) values."""
+        """Nuisances from a vector.
+
+        Parameters
+        ----------
+        vector
+            (count,) values in the order of ``names``.
+
+        Returns
+        -------
+        Nuisances
+            The same values by name.
+        """
         return cls(vector[cls.of_camera], float(vector[cls.of_lamp]))
 
     @property
@@ -74,21 +101,47 @@ class Nuisances:
 
 @dataclass(frozen=True, eq=False)
 class NuisanceFit:
-    """camera : refitted, without covariance. lamp_scale, lamp_scale_sigma : factor on the lamp's stated power."""
+    """Camera and lamp fitted to a picture."""
 
+    #: Fitted camera, without covariance.
     camera: Camera
+    #: Fitted factor on the lamp's stated power.
     lamp_scale: float
+    #: Standard deviation of the factor.
     lamp_scale_sigma: float
 
     def missed(self, calibrated: Camera) -> Nuisances:
-        """The prior values (the surveyed camera and a lamp scale of 1) minus the fitted values."""
+        """Prior values (the surveyed camera and a lamp scale of 1) minus the fitted values.
+
+        Parameters
+        ----------
+        calibrated
+            Surveyed camera.
+
+        Returns
+        -------
+        Nuisances
+            The differences.
+        """
         return Nuisances(calibrated.parameters - self.camera.parameters, 1.0 - self.lamp_scale)
 
 
 def camera_jacobian(warp: Warp, camera: Camera, step_px: float = _STEP_PX) -> NDArray[np.float64]:
-    """Derivative (10, band, y, x) of the signals with respect to ``camera.parameters``.
+    """Derivatives of the signals by the camera's parameters.
 
-    step_px : step of each parameter for the coverage of pixels, as the rms motion of the picture.
+    Parameters
+    ----------
+    warp
+        Warp of the picture.
+    camera
+        Camera at which the derivatives are taken.
+    step_px
+        Step of each parameter for the coverage of pixels, as the rms motion of the picture, px.
+
+    Returns
+    -------
+    NDArray
+        (10, band, y, x) DN per unit of each parameter.
     """
     return warp_derivatives(warp, camera, step_px / pixels_per_unit(warp.tracer, camera))
 
@@ -96,7 +149,28 @@ def camera_jacobian(warp: Warp, camera: Camera, step_px: float = _STEP_PX) -> ND
 def fit_lamp_scale(
     measured: NDArray, rendered: NDArray, variance: NDArray, used: NDArray, prior_sigma: float | None
 ) -> tuple[float, float]:
-    """Factor on the lamp and its standard deviation; the prior is 1 +- prior_sigma (None: no prior)."""
+    """Weighted linear fit of the factor on the lamp's power.
+
+    Parameters
+    ----------
+    measured
+        (band, y, x) measured signal, DN.
+    rendered
+        (band, y, x) rendered signal at the lamp's stated power, DN.
+    variance
+        (band, y, x) variance of measured minus rendered, DN^2.
+    used
+        (band, y, x) True for the samples used.
+    prior_sigma
+        Standard deviation of the prior, whose mean is 1; None for no prior.
+
+    Returns
+    -------
+    float
+        The factor.
+    float
+        Its standard deviation.
+    """
     weight = (rendered / variance)[used]
     prior = 0.0 if prior_sigma is None else prior_sigma**-2
     information = float(weight @ rendered[used]) + prior
@@ -104,7 +178,20 @@ def fit_lamp_scale(
 
 
 def held_lamp_scale(scale: float, prior_sigma: float | None) -> float:
-    """The scale, no further from 1 than twice its stated uncertainty (None: as it is)."""
+    """Lamp scale limited to 1 plus or minus twice its stated uncertainty.
+
+    Parameters
+    ----------
+    scale
+        Fitted factor on the lamp's power.
+    prior_sigma
+        Its stated relative uncertainty; None for no limit.
+
+    Returns
+    -------
+    float
+        The limited factor.
+    """
     return scale if prior_sigma is None else float(np.clip(scale, 1 - 2 * prior_sigma, 1 + 2 * prior_sigma))
 
 
@@ -117,11 +204,31 @@ def fit_nuisances(
     calibrated: Camera,
     lamp_sigma: float | None,
 ) -> NuisanceFit:
-    """Fit of the ten camera parameters and the lamp's scale by damped Gauss-Newton steps with a Huber loss.
+    """Fit the ten camera parameters and the lamp's scale.
 
-    measured, variance, signal : (band, y, x) DN, DN^2, DN; signal as rendered through ``warp.camera``.
-    used : (band, y, x) True for the pixels used. calibrated : the surveyed camera; its covariance is the prior of the
-    ten parameters (without one they are not fitted). lamp_sigma : prior of the lamp's scale, None for none.
+    Damped Gauss-Newton steps minimise a Huber loss plus the priors, first in smoothed pictures.
+
+    Parameters
+    ----------
+    measured
+        (band, y, x) measured signal, DN.
+    variance
+        (band, y, x) variance of measured minus rendered, DN^2.
+    used
+        (band, y, x) True for the samples used.
+    signal
+        (band, y, x) signal rendered through ``warp.camera``, DN.
+    warp
+        Warp of the picture.
+    calibrated
+        Surveyed camera; its covariance is the prior. Without a covariance the camera is not fitted.
+    lamp_sigma
+        Prior of the lamp's scale; None for no prior.
+
+    Returns
+    -------
+    NuisanceFit
+        Fitted camera and lamp.
     """
     camera = warp.camera
     if calibrated.covariance is None:
@@ -133,14 +240,14 @@ def fit_nuisances(
     prior[of_lamp, of_lamp] = 0.0 if lamp_sigma is None else lamp_sigma**-2
     problem = _Problem(measured, signal, warp, calibrated, prior)
     camera, scale = warp.camera, fit_lamp_scale(measured, signal, variance, used, lamp_sigma)[0]
-    whole = _smoothed(used.astype(float), _SMOOTHING) > 1 - 1e-9
-    if whole.any():
+    complete = _smoothed(used.astype(float), _SMOOTHING) > 1 - 1e-9  # all neighbours are used
+    if complete.any():
         camera, scale, _ = _search(
             problem,
             camera,
             scale,
-            lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[whole],
-            1 / _smoothed(np.where(used, variance, 0.0), _SMOOTHING**2)[whole],
+            lambda maps: _smoothed(np.where(used, maps, 0.0), _SMOOTHING)[complete],
+            1 / _smoothed(np.where(used, variance, 0.0), _SMOOTHING**2)[complete],
             _SMOOTHED_STEPS_PX,
         )
     camera, scale, information = _search(problem, camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX)
@@ -151,12 +258,17 @@ def fit_nuisances(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What a search compares, see ``fit_nuisances``. prior : (11, 11) information about the nuisances beforehand."""
+    """Data of a search, see ``fit_nuisances``."""
 
+    #: (band, y, x) measured signal, DN.
     measured: NDArray
+    #: (band, y, x) rendered signal, DN.
     signal: NDArray
+    #: Warp of the picture.
     warp: Warp
+    #: Surveyed camera.
     calibrated: Camera
+    #: (11, 11) information of the priors: inverse of their covariance.
     prior: NDArray[np.float64]
 
 
@@ -168,36 +280,37 @@ def _search(
     inverse: NDArray,
     steps: Sequence[float],
 ) -> tuple[Camera, float, NDArray]:
-    """Camera, scale and the information about both after ``steps`` and as many further ones as pay.
+    """Search of camera and lamp scale: ``steps``, then shorter steps while they lower the cost.
 
-    of : picks the values to be compared out of maps (band, y, x). inverse : of their variance.
+    ``of`` selects the values to compare from maps (band, y, x); ``inverse`` is the inverse of their variance. Returns
+    camera, scale and the (11, 11) information about both.
     """
     warp, calibrated, prior = problem.warp, problem.calibrated, problem.prior
     of_camera, of_lamp = Nuisances.of_camera, Nuisances.of_lamp
     pixels = pixels_per_unit(warp.tracer, warp.camera)
     target = of(problem.measured)
 
-    def seen(there: Camera) -> NDArray:
-        return of(problem.signal + warp_change(warp, there))
+    def warped(moved: Camera) -> NDArray:
+        return of(problem.signal + warp_change(warp, moved))
 
-    def cost(there: Camera, factor: float, values: NDArray) -> float:
-        deviation = Nuisances(calibrated.parameters - there.parameters, 1.0 - factor).vector
+    def cost(moved: Camera, factor: float, values: NDArray) -> float:
+        deviation = Nuisances(calibrated.parameters - moved.parameters, 1.0 - factor).vector
         z = np.abs(target - factor * values) * np.sqrt(inverse)
         robust = np.where(z < _HUBER, z**2, 2 * _HUBER * z - _HUBER**2)
         return float(robust.sum() + deviation @ prior @ deviation)
 
-    current = seen(camera)
+    current = warped(camera)
     design = np.zeros((Nuisances.count, len(target)))
     lowest = at_last = cost(camera, scale, current)
     idle = 0
-    for index, search_step in enumerate((*steps, *_MOST_FURTHER * _FURTHER_STEPS_PX)):
-        idle = 0 if at_last - lowest >= _WORTH * lowest else idle + 1
-        if index >= len(steps) and idle >= _IDLE:
+    for index, search_step in enumerate((*steps, *_MAX_FURTHER_ROUNDS * _FURTHER_STEPS_PX)):
+        idle = 0 if at_last - lowest >= _MIN_RELATIVE_GAIN * lowest else idle + 1
+        if index >= len(steps) and idle >= _PATIENCE:
             break
         at_last = lowest
         for row, derivative in zip(design[of_camera], camera_jacobian(warp, camera, search_step), strict=True):
             row[:] = of(derivative)
-        for _ in range(_ROUNDS_EACH):
+        for _ in range(_ROUNDS_PER_STEP):
             scaled = design * scale
             scaled[of_lamp] = current
             residual = target - scale * current
@@ -206,22 +319,22 @@ def _search(
             deviation = Nuisances(calibrated.parameters - camera.parameters, 1.0 - scale).vector
             step = Nuisances.from_vector(np.linalg.solve(information, (scaled * weight) @ residual + prior @ deviation))
             for damping in (1.0, 0.5, 0.25, 0.1):
-                there = camera.with_parameters(camera.parameters + damping * step.camera)
+                moved = camera.with_parameters(camera.parameters + damping * step.camera)
                 factor = scale + damping * step.lamp_scale
-                values = seen(there)
-                reached = cost(there, factor, values)
+                values = warped(moved)
+                reached = cost(moved, factor, values)
                 if reached < lowest:
                     break
             else:
                 break
-            camera, scale, current, gain, lowest = there, factor, values, lowest - reached, reached
-            if gain < _SMALLEST_GAIN or np.max(np.abs(step.camera) * pixels) < 1e-3:
+            camera, scale, current, gain, lowest = moved, factor, values, lowest - reached, reached
+            if gain < _MIN_GAIN or np.max(np.abs(step.camera) * pixels) < 1e-3:
                 break
     return camera, scale, information
 
 
 def _smoothed(maps: NDArray, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Maps (band, y, x) with each value replaced by a weighted sum of its neighbours along rows and columns."""
+    """Maps (band, y, x) smoothed along rows and columns with weights of neighbours."""
     return np.asarray(
         correlate1d(correlate1d(maps, weights, axis=-1, mode="constant"), weights, axis=-2, mode="constant")
     )

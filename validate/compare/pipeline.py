@@ -1,4 +1,8 @@
-"""The complete validation: from a capture and a model to their comparison."""
+"""Validation of a model against a capture: rendering, fit of camera and lamp, comparison.
+
+Drafts with more noise give the camera, through which the final picture is rendered. After the final fit, the picture is
+warped to the fitted camera.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +42,9 @@ from ..predict import (
 )
 from .comparison import Comparison, compare
 from .failure import Failure, Part, parts, ranked_failures
-from .kept_fits import kept_fit
+from .fit_cache import cached_fit
 from .nuisances import NuisanceFit, Nuisances, held_lamp_scale
-from .prepared import Prepared, prepare, solved_light, with_picture
+from .prepared import CalibratedCapture, prepare, solved_light, with_picture
 
 __all__ = [
     "Predicted",
@@ -56,62 +60,76 @@ __all__ = [
     "validate_prepared",
 ]
 
-#: Noise of the draft renders for the camera fit, relative to the sensor's. More noise would bias the fit, since moving
-#: a noisy picture smooths it. Each draft starts from the last camera, since the warp is exact only for small motions:
-#: another one is rendered where the fit moved the box's corners by more than this, px rms (0.06 px left 0.006 px).
-_DRAFT_NOISE, _MOVED_PX = 0.7, 0.1
+#: Noise of the drafts for the camera fit, relative to the sensor's. More noise would bias the fit, since moving a noisy
+#: picture smooths it.
+_DRAFT_NOISE = 0.7
 
-#: Where chi2 per degree of freedom stays so large, and the camera so many standard deviations from the survey, the
-#: model lacks most of the light, and the camera followed that: the camera is then the surveyed one. Without reflected
-#: light it was turned by 10 degrees, and whether the cause was found depended on rounding.
-_LACKING, _LED_ASTRAY = 100.0, 10.0
-#: Noise of a picture whose paths are all traced, relative to the sensor's (a third of it takes ten
-#: times as long), and the power of the samples by which it falls.
-_TRACED_NOISE, _TRACED_CONVERGENCE = 1.0, 0.5
-#: The share of the progress from which to which each draft goes.
+#: Motion of the box's corners by the fit above which another draft is rendered, px rms. The warp is exact only for
+#: small motions: after a motion of 0.06 px, 0.006 px remained.
+_MAX_DRAFT_MOTION_PX = 0.1
+
+#: Reduced chi2 above which the camera fit is discarded if the camera is far from the survey, see the next constant.
+_MAX_CHI2_OF_CAMERA_FIT = 100.0
+
+#: Deviation of the fitted camera from the survey, in standard deviations, above which its fit is discarded at such a
+#: chi2: the camera then compensates for missing light. Without reflected light it was turned by 10 degrees, and it
+#: depended on rounding whether the cause was found.
+_MAX_CAMERA_PULL_SIGMA = 10.0
+
+#: Noise of a picture by path tracing, relative to the sensor's: a third of it takes ten times as long.
+_TRACED_NOISE = 1.0
+
+#: Power of the number of samples by which the noise of path tracing falls.
+_TRACED_CONVERGENCE = 0.5
+
+#: First and last share of the progress of each draft.
 _DRAFTS = ((0.1, 0.2), (0.2, 0.3))
 
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """The model's picture from the fitted camera. variance : (band, y, x) DN^2 of its Monte Carlo error, of which the
-    image, averaged over its batches, does not tell.
+    """Rendering of the model from the fitted camera."""
 
-    signal : (band, y, x) DN with the model's effects, at the lamp's stated power. used : (band, y, x) True for pixels
-    used.
-    """
-
+    #: The base picture, averaged over its batches.
     image: RenderedImage
+    #: Fitted camera and lamp.
     fit: NuisanceFit
+    #: (band, y, x) signal with the model's effects at the lamp's stated power, DN.
     signal: NDArray[np.float64]
+    #: (band, y, x) variance of the Monte Carlo error, DN^2; the averaged image does not hold it.
     variance: NDArray[np.float64]
+    #: (band, y, x) True for samples used.
     used: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Predicted(Rendered):
-    """A picture with the predictor of what effects make of it; it takes a compiled variant.
+    """Rendering with a predictor of changes by effects; it needs a compiled variant."""
 
-    predictor : at the fitted power of the lamp. pilot : see ``render_to_noise``; None for another renderer's picture.
-    """
-
+    #: Predictor at the fitted power of the lamp.
     predictor: Predictor
+    #: Noise of the pilot, see ``render_to_noise``; None for an external rendering.
     pilot: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """The result of ``validate``. rendered : a ``Predicted`` under a compiled variant. seconds : wall time."""
+    """Result of a validation."""
 
-    prepared: Prepared
+    #: The calibrated capture.
+    prepared: CalibratedCapture
+    #: The model with its effects.
     model: Model
+    #: The rendering; ``Predicted`` with a compiled variant.
     rendered: Rendered
+    #: Comparison of photograph and rendering.
     comparison: Comparison
+    #: Wall time, s.
     seconds: float
 
     @property
     def light(self) -> LightField | None:
-        """The radiosity solution that the picture was gathered from; None without a compiled variant."""
+        """Radiosity solution of the picture; None without a compiled variant."""
         return self.rendered.predictor.light if isinstance(self.rendered, Predicted) else None
 
     @property
@@ -121,7 +139,7 @@ class Validation:
 
     @property
     def fit(self) -> NuisanceFit:
-        """Camera and lamp as fitted to the picture."""
+        """Camera and lamp fitted to the picture."""
         return self.rendered.fit
 
 
@@ -133,11 +151,27 @@ def validate_capture(
     cache: Path | None = None,
     declared: Declared = AS_STATED,
 ) -> Validation:
-    """Calibrate, render, fit the nuisances, compare.
+    """Calibrate a capture, render a model, fit camera and lamp, compare.
 
-    progress : called with the completed share, 0 to 1. picture : a spectral cube of another renderer, used instead of
-    the rendered picture without effects. cache : folder of rendered pictures, reused by later runs.
-    declared : what the file of the picture does not state.
+    Parameters
+    ----------
+    capture
+        The capture.
+    model
+        The model with its effects.
+    progress
+        Called with the completed share, 0 to 1.
+    picture
+        Spectral cube of an external renderer, used instead of our picture without effects.
+    cache
+        Folder of rendered pictures and fits for later runs; None for no cache.
+    declared
+        Units and wavelengths that the file of the picture does not state.
+
+    Returns
+    -------
+    Validation
+        Calibration, rendering, fit and comparison.
     """
     start = time.perf_counter()
     progress.stage("calibrating")
@@ -148,10 +182,22 @@ def validate_capture(
     return replace(validate_prepared(prepared, model, progress), seconds=time.perf_counter() - start)
 
 
-def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_PROGRESS) -> Validation:
-    """Render a model of a prepared capture's scene, fit the nuisances, compare.
+def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progress = NO_PROGRESS) -> Validation:
+    """Render a model of a calibrated capture's scene, fit camera and lamp, compare.
 
-    progress : called with shares from 0.05 on; what comes before is the calibration.
+    Parameters
+    ----------
+    prepared
+        The calibrated capture, with the model's scene.
+    model
+        The model with its effects.
+    progress
+        Called with shares from 0.05 on; the calibration comes before.
+
+    Returns
+    -------
+    Validation
+        Its time is without the calibration.
     """
     start = time.perf_counter()
     progress.stage("rendering")
@@ -166,7 +212,7 @@ def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_
     for first, last in _DRAFTS:
         before = camera
         camera, pilot = _fitted_to_draft(prepared, model, light, before, pilot, share(progress, first, last))
-        if before.motion_px(camera, prepared.scene.corners_mm) < _MOVED_PX:
+        if before.motion_px(camera, prepared.scene.corners_mm) < _MAX_DRAFT_MOTION_PX:
             break
     part = share(progress, 0.3, 0.9)
     final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
@@ -174,7 +220,8 @@ def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_
     rendered = refitted_picture(prepared, final, model.effects)
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     surveyed = prepared.expected_camera(model.effects)
-    if comparison.chi2.per_dof > _LACKING and _pull(rendered.fit, surveyed) > _LED_ASTRAY:
+    far_off = comparison.chi2.per_dof > _MAX_CHI2_OF_CAMERA_FIT
+    if far_off and _camera_pull(rendered.fit, surveyed) > _MAX_CAMERA_PULL_SIGMA:
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, NO_PROGRESS, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))
@@ -183,41 +230,49 @@ def validate_prepared(prepared: Prepared, model: Model, progress: Progress = NO_
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
 
 
-def _pull(fit: NuisanceFit, surveyed: Camera) -> float:
-    """How far the fitted camera is from the survey, in standard deviations; 0 without a covariance."""
+def _camera_pull(fit: NuisanceFit, surveyed: Camera) -> float:
+    """Distance of the fitted camera from the survey, in sigma; 0 without a covariance."""
     if surveyed.covariance is None:
         return 0.0
-    off = fit.missed(surveyed).camera
-    return float(np.sqrt(off @ np.linalg.solve(surveyed.covariance, off)))
+    deviation = fit.missed(surveyed).camera
+    return float(np.sqrt(deviation @ np.linalg.solve(surveyed.covariance, deviation)))
 
 
 def _fitted_to_draft(
-    prepared: Prepared, model: Model, light: LightField, camera: Camera, pilot: float | None, progress: Progress
+    prepared: CalibratedCapture,
+    model: Model,
+    light: LightField,
+    camera: Camera,
+    pilot: float | None,
+    progress: Progress,
 ) -> tuple[Camera, float | None]:
-    """The camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
+    """Camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
     if prepared.picture is not None:
-        seen = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
-        require_level(prepared.picture.path, float(seen))
+        level = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
+        require_level(prepared.picture.path, float(level))
     return refitted(prepared, draft, model.effects).camera, draft.pilot
 
 
-def _rendered_plainly(prepared: Prepared, model: Model, progress: Progress) -> Rendered:
+def _rendered_plainly(prepared: CalibratedCapture, model: Model, progress: Progress) -> Rendered:
+    """Rendering without a compiled variant; InputError for effects that need one."""
     calibration, effects = prepared.calibration, model.effects
     camera = prepared.expected_camera(effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
         raise variant.not_compiled(f"model: the effect {later[0]}")
     scene = after_stage(prepared.complete, effects, "scene")
     settings = after_stage(model.render, effects, "settings")
-    there = with_further_distortion(camera, effects)
-    image = render_plainly(scene, there, settings.max_bounces, model.render.seed, progress)
+    distorted = with_further_distortion(camera, effects)
+    image = render_plainly(scene, distorted, settings.max_bounces, model.render.seed, progress)
     bands = render_bands(image, prepared.responses)
     signal = expected_signal(image, sensing(calibration, camera), effects, camera)
     return _scaled(prepared, image, camera, signal, bands)
 
 
-def _scaled(prepared: Prepared, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset) -> Rendered:
+def _scaled(
+    prepared: CalibratedCapture, image: RenderedImage, camera: Camera, signal: NDArray, bands: xr.Dataset
+) -> Rendered:
     used = prepared.usable & (bands.mask.values == 0)
     if not (signal[used] > 0).any():
         hint = "Set max_bounces in the model file to 1 or more, or leave it out"
@@ -228,7 +283,7 @@ def _scaled(prepared: Prepared, image: RenderedImage, camera: Camera, signal: ND
 
 
 def rendered_from(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     light: LightField,
     camera: Camera,
     settings: RenderSettings,
@@ -236,17 +291,38 @@ def rendered_from(
     progress: Progress = NO_PROGRESS,
     pilot: float | None = None,
 ) -> Predicted:
-    """Render the picture through ``camera`` to the noise of the settings, and fit the lamp's scale.
+    """Render the picture through a camera, and fit the lamp's scale.
 
-    light : of the same effects (see ``solved_light``). pilot : of a picture of the same light from nearly this camera,
-    see ``render_to_noise``.
+    Its noise is that of the settings. An external picture replaces the rendering where the capture has one.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    light
+        Radiosity solution with the same effects, see ``solved_light``.
+    camera
+        Camera of the picture.
+    settings
+        Settings without effects.
+    effects
+        All effects of the model.
+    progress
+        Called with the completed share.
+    pilot
+        Noise of the pilot of the same light from nearly this camera, see ``render_to_noise``.
+
+    Returns
+    -------
+    Predicted
+        The rendering, with the camera as given and the fitted lamp.
     """
     calibration, responses = prepared.calibration, prepared.responses
     if prepared.picture is not None:
         image, included = prepared.picture.through(camera, settings.seed), []
         bands = render_bands(image, responses)
     else:
-        picture, noise, convergence = _own_picture(prepared, light, camera, settings, effects)
+        picture, noise, convergence = _renderer(prepared, light, camera, settings, effects)
         image, bands, pilot = render_to_noise(
             picture,
             responses,
@@ -265,10 +341,14 @@ def rendered_from(
     return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, at_lamp, pilot)
 
 
-def _own_picture(
-    prepared: Prepared, light: LightField, camera: Camera, settings: RenderSettings, effects: Sequence[AppliedEffect]
+def _renderer(
+    prepared: CalibratedCapture,
+    light: LightField,
+    camera: Camera,
+    settings: RenderSettings,
+    effects: Sequence[AppliedEffect],
 ) -> tuple[Picture, float, float]:
-    """What makes our picture, to which noise, and the power of the samples by which its error falls."""
+    """Renderer of our picture, its target noise, and the power by which samples lower it."""
     if prepared.gathered:
 
         def gathered(samples: int, batches: int, report: Progress) -> RenderedImage:
@@ -280,12 +360,27 @@ def _own_picture(
     return traced, max(settings.noise, _TRACED_NOISE), _TRACED_CONVERGENCE
 
 
-def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
-    """Camera and lamp fitted to the measured picture, starting from a render with these effects."""
+def refitted(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
+    """Fit camera and lamp to the photograph, starting from a rendering.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    rendered
+        The rendering.
+    effects
+        Effects of the prediction.
+
+    Returns
+    -------
+    NuisanceFit
+        Fitted camera and lamp.
+    """
     predictor = rendered.predictor
     signal = predictor.signal(effects)
-    variance = prepared.calibration.predicted_variance(prepared.lit(signal)) + rendered.variance
-    return kept_fit(
+    variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + rendered.variance
+    return cached_fit(
         prepared.cache,
         measured=prepared.measured,
         variance=variance,
@@ -297,8 +392,25 @@ def refitted(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedE
     )
 
 
-def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
-    """Refit camera and lamp, and warp the picture to this camera (about 0.01 px) instead of rendering it again."""
+def refitted_picture(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
+    """Refit camera and lamp, and warp the picture to the fitted camera.
+
+    The motion is about 0.01 px, so that the picture need not be rendered again.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    rendered
+        The rendering.
+    effects
+        Effects of the prediction.
+
+    Returns
+    -------
+    Predicted
+        The warped rendering with its fit.
+    """
     fit = refitted(prepared, rendered, effects)
     signal = rendered.predictor.signal(effects) + warp_change(rendered.predictor.warp, fit.camera)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
@@ -307,8 +419,23 @@ def refitted_picture(prepared: Prepared, rendered: Predicted, effects: Sequence[
     return replace(rendered, fit=NuisanceFit(fit.camera, scale, sigma), signal=signal, predictor=at_lamp)
 
 
-def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
-    """Comparison of the measured picture with a modelled ``signal`` (band, y, x) in DN, lamp scale included."""
+def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np.float64]) -> Comparison:
+    """Compare the photograph with a modelled signal.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    rendered
+        The rendering, for its Monte Carlo error and the surfaces that pixels see.
+    signal
+        (band, y, x) modelled signal with the lamp's fitted scale, DN.
+
+    Returns
+    -------
+    Comparison
+        The comparison.
+    """
     calibration, image, responses = prepared.calibration, rendered.image, prepared.responses
     variance = rendered.variance * rendered.fit.lamp_scale**2
     mask = np.where(rendered.used | ~prepared.usable, 0, int(Mask.LAMP))
@@ -328,13 +455,37 @@ def compared(prepared: Prepared, rendered: Rendered, signal: NDArray[np.float64]
 
 
 def band_centres(responses: Sequence[BandResponse]) -> tuple[float, ...]:
-    """(band,) nm: the mean wavelength of every band's response."""
+    """Mean wavelength of every band's response.
+
+    Parameters
+    ----------
+    responses
+        Responses of the bands.
+
+    Returns
+    -------
+    tuple
+        (band,) wavelengths, nm.
+    """
     weights = np.stack([r.response for r in responses], axis=-1)
     return tuple(float(nm) for nm in (responses[0].wavelength_nm @ weights) / weights.sum(axis=0))
 
 
 def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]:
-    """The subsets of residuals considered, and the ranked list of where the model fails."""
+    """Ranked list of where the model fails, with the subsets of residuals considered.
+
+    Parameters
+    ----------
+    result
+        The validation.
+
+    Returns
+    -------
+    tuple of Part
+        Subsets of the residuals.
+    tuple of Failure
+        The list, the densest excess first; empty if noise explains the difference.
+    """
     scene, c = result.prepared.scene, result.comparison
     responses = result.prepared.responses
     weights = np.stack([r.response for r in responses], axis=-1)
@@ -343,5 +494,5 @@ def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]
     if isinstance(result.rendered, Predicted) and result.prepared.gathered:
         shares = light_shares(result.image, result.rendered.predictor.light.tracer.scene, weights)
     material = {surface.name: surface.material for surface in scene.surfaces}
-    known = tuple(parts(c, material, centres, shares))
-    return known, ranked_failures(c, known)
+    subsets = tuple(parts(c, material, centres, shares))
+    return subsets, ranked_failures(c, subsets)

@@ -1,4 +1,4 @@
-"""A calibrated capture, ready to be compared with a render of a model's scene."""
+"""Calibrated capture with its lamp in a model's scene, ready for a comparison."""
 
 from __future__ import annotations
 
@@ -24,34 +24,39 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..capture_checks import with_scene_checks
-from ..predict import ForeignPicture, foreign_picture
+from ..predict import ExternalPicture, external_picture
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
-__all__ = ["Prepared", "prepare", "solved_light", "under_model", "with_picture"]
+__all__ = ["CalibratedCapture", "prepare", "solved_light", "with_model", "with_picture"]
 
+#: Ratio of the measured to the modelled signal above which the model lacks light.
+_MIN_EXCESS_RATIO = 2.0
 
-#: Where the measured signal is so many times the model's, and this part of the picture's median, the model lacks light.
-_LACKING, _LIT = 2.0, 0.05
+#: Share of the picture's median signal below which a sample is too dark to say that the model lacks light.
+_MIN_SIGNAL_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """A calibrated capture that can be compared with a render, with its lamp in the model's scene.
+class CalibratedCapture:
+    """A calibrated capture that can be compared with a rendering."""
 
-    camera_fit, responses, weights : of the calibration, which has them all. lamp_sigma : relative standard deviation
-    of the lamp's stated power, None if not stated. scene : by Lambert's law, of which changes by effects are predicted.
-    complete : the same with the BSDFs and the medium of the model, which is rendered. picture : another renderer's
-    picture through the calibrated camera, used instead of rendering. cache : folder of rendered pictures, or None.
-    """
-
+    #: Calibration with camera, responses and weights.
     calibration: Calibration
+    #: Camera fitted to the surveyed points.
     camera_fit: CameraFit
+    #: Response of each band.
     responses: tuple[BandResponse, ...]
+    #: Filter weights from bands to X, Y, Z.
     weights: FilterWeights
+    #: Scene by Lambert's law, in which changes by effects are predicted.
     scene: Scene
+    #: Relative standard deviation of the lamp's stated power; None if not stated.
     lamp_sigma: float | None
+    #: The same scene with BSDFs and medium, as it is rendered.
     complete: Scene
-    picture: ForeignPicture | None = None
+    #: Picture of an external renderer through the calibrated camera, used instead of rendering.
+    picture: ExternalPicture | None = None
+    #: Folder of rendered pictures and fits; None for no cache.
     cache: Path | None = None
 
     @property
@@ -60,43 +65,101 @@ class Prepared:
         return self.camera_fit.camera
 
     def expected_camera(self, effects: Sequence[AppliedEffect]) -> Camera:
-        """The surveyed camera moved by the effects that act on the camera (in its ten parameters), with the
-        covariance of the survey.
+        """Surveyed camera moved by the effects that act on its ten parameters.
+
+        Parameters
+        ----------
+        effects
+            Effects; those of other stages do not count.
+
+        Returns
+        -------
+        Camera
+            With the covariance of the survey.
         """
         return replace(seen_through(self.calibrated_camera, effects), further_distortion=None)
 
     @property
     def gathered(self) -> bool:
-        """Whether the picture is gathered from patches, so that its light is known by number of reflections."""
+        """Whether patches gather the picture, which separate light by number of reflections."""
         return self.picture is None and self.complete.diffuse
 
     @property
     def measured(self) -> NDArray[np.float64]:
-        """(band, y, x) DN, the measured signal."""
+        """(band, y, x) measured signal, DN."""
         return self.calibration.images.signal.values
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """(band, y, x) True for pixels that the capture does not mask."""
+        """(band, y, x) True for samples that the capture does not mask."""
         return self.calibration.images.mask.values == 0
 
-    def lit(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(band, y, x) DN, whose noise the measured picture has: the modelled signal, or the measured one where the
-        model lacks light. By a model without interreflection black surfaces would have the noise of reading alone."""
+    def noise_reference_signal(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signal of the noise: the model's, or the photograph's where the model lacks light.
+
+        In a model without interreflection, black surfaces would have the read noise alone.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) modelled signal, DN.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) signal, DN.
+        """
         measured = np.where(self.usable, self.measured, 0.0)
-        lacking = measured > np.maximum(_LACKING * signal, _LIT * np.median(measured[self.usable]))
+        lacking = measured > np.maximum(
+            _MIN_EXCESS_RATIO * signal, _MIN_SIGNAL_SHARE * np.median(measured[self.usable])
+        )
         return np.where(lacking, measured, signal)
 
     def lamp_scale(self, signal: NDArray, variance: NDArray, used: NDArray) -> tuple[float, float]:
-        """As ``fit_lamp_scale``; of another renderer's picture held to what is stated, lest it hides missing light."""
+        """Fitted factor on the lamp's power and its standard deviation.
+
+        For an external rendering the factor is bounded by the stated lamp power, so that it cannot absorb missing
+        light.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        float
+            The factor.
+        float
+            Its standard deviation.
+        """
         scale, sigma = fit_lamp_scale(self.measured, signal, variance, used, self.lamp_sigma)
         return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
 
 
-def prepare(capture: Capture, model: Model) -> Prepared:
+def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     """Calibrate a capture and put its lamp into the model's scene.
 
-    Raises InputError if the capture lacks data that a comparison with a render needs.
+    Parameters
+    ----------
+    capture
+        The capture.
+    model
+        Model with its scene.
+
+    Returns
+    -------
+    CalibratedCapture
+        Without an external picture and without a cache.
+
+    Raises
+    ------
+    InputError
+        If the capture lacks data that a comparison with a rendering needs.
     """
     calibration = with_scene_checks(calibrate(capture))
     manifest = capture.folder / "capture.toml"
@@ -119,26 +182,72 @@ def prepare(capture: Capture, model: Model) -> Prepared:
             "A calibration does not need them.",
         )
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
-    return Prepared(calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene)
+    return CalibratedCapture(
+        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
+    )
 
 
-def under_model(prepared: Prepared, model: Model) -> Prepared:
-    """The same calibrated capture with another model's scene."""
+def with_model(prepared: CalibratedCapture, model: Model) -> CalibratedCapture:
+    """The same calibrated capture with another model's scene.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    model
+        The other model.
+
+    Returns
+    -------
+    CalibratedCapture
+        With the capture's lamp in the other scene, without an external picture.
+    """
     scene = model.scene.with_lamp(prepared.scene.lamp.radiance)
     return replace(prepared, scene=scene.lambertian, complete=scene, picture=None)
 
 
-def solved_light(prepared: Prepared, settings: RenderSettings, effects: Sequence[AppliedEffect]) -> LightField:
-    """The radiosity solution of the scene with the effects that act on scene or settings."""
+def solved_light(prepared: CalibratedCapture, settings: RenderSettings, effects: Sequence[AppliedEffect]) -> LightField:
+    """Radiosity solution of the scene with the effects that act on scene or settings.
+
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    settings
+        Seed and depth of paths.
+    effects
+        Effects; those of other stages do not count.
+
+    Returns
+    -------
+    LightField
+        The solution on WAVELENGTH_NM.
+    """
     scene = after_stage(prepared.scene, effects, "scene")
     settings = after_stage(settings, effects, "settings")
     return solve_light(scene, WAVELENGTH_NM, settings.max_bounces, seed=settings.seed)
 
 
-def with_picture(prepared: Prepared, path: Path, declared: Declared, settings: RenderSettings) -> Prepared:
-    """The capture with another renderer's cube in place of our picture.
+def with_picture(
+    prepared: CalibratedCapture, path: Path, declared: Declared, settings: RenderSettings
+) -> CalibratedCapture:
+    """The capture with an external renderer's cube in place of our picture.
 
-    settings : of our own picture, by whose spectra the cube is brought to all wavelengths.
+    Parameters
+    ----------
+    prepared
+        The calibrated capture.
+    path
+        File of the cube.
+    declared
+        Units and wavelengths that the file does not state.
+    settings
+        Settings of our picture, whose spectra interpolate the cube to all wavelengths.
+
+    Returns
+    -------
+    CalibratedCapture
+        With the picture.
     """
     light, camera = solved_light(prepared, settings, ()), prepared.calibrated_camera
-    return replace(prepared, picture=foreign_picture(path, prepared.scene, camera, light, declared))
+    return replace(prepared, picture=external_picture(path, prepared.scene, camera, light, declared))

@@ -1,4 +1,4 @@
-"""Regions of the picture: distance from edges of surfaces, interiors and edges.
+"""Interiors and edges of surfaces in the picture, by the distance from edges.
 
 ``surface`` is an integer image [y, x] of indices into the surface names; -1 for the lamp and outside the box.
 ``single_surface`` [y, x] is False where a pixel sees several surfaces, or several faces of one surface.
@@ -12,16 +12,32 @@ from scipy.ndimage import distance_transform_edt
 
 __all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px", "edges", "interiors"]
 
-#: Smallest distance of interior pixels from an edge.
+#: Smallest distance of interior pixels from an edge, px.
 INTERIOR_DISTANCE_PX = 3.0
 
 
 def edge_distance_px(surface: ArrayLike, single_surface: ArrayLike) -> NDArray[np.float64]:
-    """Lower bound (y, x), in px, of the distance from a pixel's centre to the nearest edge of the surface it sees.
+    """Lower bound of the distance from a pixel's centre to the nearest edge of its surface.
 
-    It is the distance to the nearest pixel centre that sees several surfaces or another one, minus 0.5 px; 0 for
-    pixels that see several surfaces, infinite if the picture shows only one. The border of the picture is not an edge.
-    Raises ValueError if the shapes differ.
+    It is the distance to the nearest pixel centre that sees several surfaces or another surface, minus 0.5 px. The
+    border of the picture is not an edge.
+
+    Parameters
+    ----------
+    surface
+        (y, x) index of the surface, -1 for the lamp and outside the box.
+    single_surface
+        (y, x) False where a pixel sees several surfaces or faces.
+
+    Returns
+    -------
+    NDArray
+        (y, x) distance, px; 0 for pixels that see several surfaces, infinite if the picture shows one surface only.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
     """
     surface, single_surface = np.asarray(surface), np.asarray(single_surface, bool)
     if surface.ndim != 2 or surface.shape != single_surface.shape:
@@ -39,12 +55,42 @@ def edge_distance_px(surface: ArrayLike, single_surface: ArrayLike) -> NDArray[n
 def interiors(
     surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
 ) -> NDArray[np.bool_]:
-    """(y, x) True for pixels of a surface at least ``distance_px`` from its edges."""
+    """Pixels of a surface at least ``distance_px`` from its edges.
+
+    Parameters
+    ----------
+    surface
+        (y, x) index of the surface, -1 for the lamp and outside the box.
+    single_surface
+        (y, x) False where a pixel sees several surfaces or faces.
+    distance_px
+        Smallest distance, px.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for interior pixels.
+    """
     return (edge_distance_px(surface, single_surface) >= distance_px) & (np.asarray(surface) >= 0)
 
 
 def edges(
     surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
 ) -> NDArray[np.bool_]:
-    """(y, x) True for pixels less than ``distance_px`` from an edge, on either side of it."""
+    """Pixels less than ``distance_px`` from an edge, on either side of it.
+
+    Parameters
+    ----------
+    surface
+        (y, x) index of the surface, -1 for the lamp and outside the box.
+    single_surface
+        (y, x) False where a pixel sees several surfaces or faces.
+    distance_px
+        Distance from the edge, px.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for pixels near an edge.
+    """
     return edge_distance_px(surface, single_surface) < distance_px

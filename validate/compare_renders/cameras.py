@@ -1,4 +1,4 @@
-"""Whether two pictures were taken by the same camera: only then do equal pixels show the same points."""
+"""Cameras of two pictures: only with equal cameras do equal pixels show the same points."""
 
 from __future__ import annotations
 
@@ -18,25 +18,42 @@ __all__ = [
     "shift_px",
 ]
 
-#: Pictures whose points lie further apart, px, are not compared; from the second number on a note says so.
-LARGEST_SHIFT_PX, NOTED_SHIFT_PX = 1.0, 0.1
-
-#: Where cameras are compared: at these distances, mm, and at so many places across and down.
-_DISTANCES_MM, _GRID = (800.0, 1400.0), 5
-
-#: Relative differences of an instrument's numbers below this are rounding.
+#: Largest shift between equal pixels of pictures that are compared, px: one pixel.
+LARGEST_SHIFT_PX = 1.0
+#: Shift from which on a note says so, px: a tenth shows at edges.
+NOTED_SHIFT_PX = 0.1
+#: Distances at which cameras are compared, mm: front and back of the published box.
+_DISTANCES_MM = (800.0, 1400.0)
+#: Points across and down at which cameras are compared; distortion is largest at the corners, which are among them.
+_GRID_POINTS = 5
+#: Largest relative difference of an instrument's numbers that is rounding in manifests.
 _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
 class Instrument(OwnMappings):
-    """What a picture was taken with. camera : None where unknown. numbers : of sensor and lens, by name."""
+    """Camera and numbers of sensor and lens of a picture."""
 
+    #: Camera; None where unknown.
     camera: Camera | None
+    #: Numbers of sensor and lens by name with unit.
     numbers: Mapping[str, float]
 
     def differences(self, other: Instrument) -> list[str]:
-        """Sentences on numbers that differ, such as the gain: counts then mean different amounts of light."""
+        """Sentences on numbers that differ, such as the gain.
+
+        Counts then mean different amounts of light.
+
+        Parameters
+        ----------
+        other
+            Instrument of the other picture.
+
+        Returns
+        -------
+        list of str
+            A sentence for each number that both state and that differs.
+        """
         return [
             f"the cameras differ in {name}: {value:g} and {other.numbers[name]:g}; their counts differ in meaning"
             for name, value in self.numbers.items()
@@ -45,19 +62,47 @@ class Instrument(OwnMappings):
 
 
 def instrument_of(capture: Capture, camera: Camera | None) -> Instrument:
-    """The camera as calibrated, and what the manifest states of sensor and lens."""
+    """Instrument of a capture.
+
+    Parameters
+    ----------
+    capture
+        The capture, whose manifest states sensor and lens.
+    camera
+        Its calibrated camera; None where unknown.
+
+    Returns
+    -------
+    Instrument
+        Camera and the numbers that the manifest states.
+    """
     sensor, lens = capture.manifest.camera, capture.manifest.lens
-    stated = {
+    numbers = {
         "gain, e-/DN": sensor.gain_e_per_dn,
         "pixel pitch, um": sensor.pixel_pitch_um,
         "focal length, mm": lens.focal_length_mm,
     }
-    return Instrument(camera, {name: value for name, value in stated.items() if value is not None})
+    return Instrument(camera, {name: value for name, value in numbers.items() if value is not None})
 
 
 def shift_px(first: Camera, second: Camera) -> float:
-    """Largest distance, px, between where two cameras show the same points, over the image of the first."""
-    u, v = np.meshgrid(np.linspace(0, first.width_px - 1, _GRID), np.linspace(0, first.height_px - 1, _GRID))
+    """Largest distance between the images of the same points in two cameras.
+
+    Parameters
+    ----------
+    first
+        Camera whose image is covered with a grid of points.
+    second
+        The other camera.
+
+    Returns
+    -------
+    float
+        Distance, px; infinite where the second camera sees none of the points.
+    """
+    u, v = np.meshgrid(
+        np.linspace(0, first.width_px - 1, _GRID_POINTS), np.linspace(0, first.height_px - 1, _GRID_POINTS)
+    )
     image = np.stack([u.ravel(), v.ravel()], axis=-1)
     rays = first.directions(*image.T)
     points = np.concatenate([first.position_mm + distance * rays for distance in _DISTANCES_MM])

@@ -113,14 +113,14 @@ class _Variance:
     """Variance of A - B by plane."""
 
     #: Variances of the stacks that state one.
-    stated: tuple[NDArray[np.float64], ...]
+    variances: tuple[NDArray[np.float64], ...]
     #: (plane, y, x) estimated variance, the least where a stack states none; None where there is no estimate.
     estimate: NDArray[np.float64] | None
 
     def of(self, plane: int) -> NDArray[np.float64]:
         """(y, x) variance of one plane."""
-        variance = np.zeros(self.stated[0].shape[1:]) if self.estimate is None else np.zeros(self.estimate.shape[1:])
-        for part in self.stated:
+        variance = np.zeros(self.variances[0].shape[1:]) if self.estimate is None else np.zeros(self.estimate.shape[1:])
+        for part in self.variances:
             variance = variance + part[plane]
         return variance if self.estimate is None else np.maximum(variance, self.estimate[plane])
 
@@ -164,8 +164,8 @@ def compare_stacks(first: ImageStack, second: ImageStack) -> StackComparison:
     variance = None
     if len(silent) < 2 or (coarse and noise is not None):
         notes += _silent_notes(silent, noise is not None)
-        stated = tuple(stack.variance for stack in (a, b) if stack.variance is not None)
-        variance = _Variance(stated, noise if silent else None)
+        variances = tuple(stack.variance for stack in (a, b) if stack.variance is not None)
+        variance = _Variance(variances, noise if silent else None)
     rows, worst, relative, residual = _compared_planes(a, b, variance)
     measure = "difference, %" if residual is None else "residual / σ"
     expected = _expected_chi2(a, b)
@@ -173,7 +173,7 @@ def compare_stacks(first: ImageStack, second: ImageStack) -> StackComparison:
 
 
 def _same_quantity(first: ImageStack, second: ImageStack) -> tuple[ImageStack, ImageStack, list[str], bool]:
-    """Both stacks in radiance or both in X, Y, Z; the notes of cubes; whether either has coarse steps."""
+    """Both stacks in one quantity, notes of cubes, and whether either has coarse steps."""
     if first.side is None or second.side is None:
         return first, second, [], False
     sides = in_common_quantity(first.side, second.side)
@@ -215,7 +215,7 @@ def _view_notes(first: ImageStack, second: ImageStack) -> list[str]:
 def _pooled(
     first: ImageStack, second: ImageStack
 ) -> tuple[tuple[PooledMean, ...], NDArray[np.float64] | None, Common | None]:
-    """Means of two cubes, variance of the difference (plane, y, x), both sides where one was interpolated."""
+    """Means of two cubes, (plane, y, x) variance, and both sides if one was interpolated."""
     if first.side is None or second.side is None:
         return (), None, None
     try:
@@ -230,7 +230,7 @@ def _pooled(
 
 
 def _common_planes(first: ImageStack, second: ImageStack) -> list[str]:
-    """Names of the planes of both, in the order of the first; InputError where there is none."""
+    """Names of the common planes, in the order of the first; InputError without any."""
     names = [name for name in first.names if name in second.names]
     if not names:
         raise InputError(
@@ -259,7 +259,7 @@ def _silent_notes(silent: Sequence[ImageStack], estimated: bool) -> list[str]:
 def _compared_planes(
     a: ImageStack, b: ImageStack, variance: _Variance | None
 ) -> tuple[tuple[PlaneRow, ...], tuple[WorstPixel, ...], NDArray[np.float32], NDArray[np.float32] | None]:
-    """Figures and maps of all planes, one plane at a time, so that no temporary has the size of a stack."""
+    """Figures and maps of all planes, one at a time, so that temporaries are small."""
     relative = np.empty(a.values.shape, np.float32)
     residuals = None if variance is None else np.empty(a.values.shape, np.float32)
     rows, worst = [], list[tuple[float, int, WorstPixel]]()
@@ -283,7 +283,7 @@ def _compared_planes(
 
 
 def _expected_chi2(a: ImageStack, b: ImageStack) -> float:
-    """Mean of F with 1 and n degrees of freedom, n / (n - 2), for variances from few batches (Welch)."""
+    """Mean of F with 1 and n degrees of freedom, n / (n - 2), for variances of few batches."""
     degrees = sum(stack.batches - 1 for stack in (a, b) if stack.batches > 1)
     return degrees / (degrees - 2) if degrees > 2 else 1.0
 
@@ -319,7 +319,10 @@ def _row(name: str, a: NDArray, b: NDArray, used: NDArray[np.bool_], residual: N
 def _worst(
     plane: int, name: str, a: NDArray, b: NDArray, sizes: NDArray[np.float64]
 ) -> list[tuple[float, int, WorstPixel]]:
-    """Magnitude, index in the stack and figures of a plane's worst pixels; of equal ones the last in the stack."""
+    """Magnitude, index in the stack and figures of a plane's worst pixels.
+
+    Of pixels that are equally bad the last in the stack are taken.
+    """
     magnitude = np.nan_to_num(np.abs(sizes), nan=0.0).ravel()
     count = min(WORST_PIXELS, magnitude.size)
     if not count:

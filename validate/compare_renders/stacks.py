@@ -1,4 +1,4 @@
-"""Image stacks: the planes of a spectral cube, a map, or a capture, as `cbox compare` takes them."""
+"""Image stacks: the planes of a spectral cube, a map, or a capture, for `cbox compare`."""
 
 from __future__ import annotations
 
@@ -153,7 +153,10 @@ def _cube_stack(path: Path, cube: xr.Dataset) -> ImageStack:
 
 
 def _capture_stack(folder: Path) -> ImageStack:
-    """Corrected signals divided by exposure / (f_number^2 image_distance^2), so that exposures may differ."""
+    """Corrected signals of a capture over exposure / (f_number^2 image_distance^2).
+
+    Captures of different exposures can then be compared.
+    """
     calibration = calibrate(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]

@@ -23,7 +23,8 @@ __all__ = ["fit_effect", "fit_effects"]
 #: Number of combinations of choices and starting values that are fitted in full, the best ones to first order.
 _MAX_FITTED = 3
 
-#: Relative error of predicted light transport, of the change by an effect: 1 to 7 % by effect (docs/measurements.md).
+#: Relative error of predicted light transport, of the change by an effect: 1 to 7 % by effect
+#: (benchmarks/measured/history.md).
 _PREDICTED_TRANSPORT_ERROR = 0.03
 
 #: Number of times that each of several effects is fitted with the others in place.

@@ -15,7 +15,7 @@ from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import displacement
 from numpy.typing import NDArray
 
-from ..compare import Prepared
+from ..compare import CalibratedCapture
 from .alternatives import SelectedEffect
 from .linear_model import model_variance
 from .linearised_fit import LinearisedFit
@@ -78,7 +78,7 @@ class Separation:
     enough: bool
 
 
-def further_captures(prepared: Prepared, linearised: LinearisedFit) -> list[FurtherCapture]:
+def further_captures(prepared: CalibratedCapture, linearised: LinearisedFit) -> list[FurtherCapture]:
     """Captures that a laboratory could take next with the same camera, filters and box.
 
     Parameters
@@ -175,7 +175,7 @@ def _signal(
 
 
 def _whitened(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     linearised: LinearisedFit,
     capture: FurtherCapture | None,
     others: Sequence[AppliedEffect],
@@ -205,7 +205,7 @@ def _whitened(
 
 
 def distance(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     linearised: LinearisedFit,
     capture: FurtherCapture | None,
     others: Sequence[AppliedEffect],
@@ -254,7 +254,7 @@ def distance(
 
 
 def separations(
-    prepared: Prepared, linearised: LinearisedFit, assessed: Sequence[SelectedEffect]
+    prepared: CalibratedCapture, linearised: LinearisedFit, assessed: Sequence[SelectedEffect]
 ) -> tuple[Separation, ...]:
     """The capture that would distinguish each selected effect from each of its alternatives.
 

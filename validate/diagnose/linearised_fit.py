@@ -15,7 +15,7 @@ from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
-from ..compare import Predicted, Prepared, Rendered, camera_jacobian
+from ..compare import CalibratedCapture, Predicted, Rendered, camera_jacobian
 from ..predict import Predictor, picture_errors
 from .fitting import Fitted, fit, gauss_newton, with_all_numbers
 from .linear_model import BandErrors, LinearModel, build_linear_model, model_variance
@@ -102,15 +102,15 @@ class LinearisedFit:
 
 
 def linearised_fit(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     rendered: Rendered,
     model_effects: Sequence[AppliedEffect],
     added: Sequence[AppliedEffect] = (),
 ) -> LinearisedFit:
     """Linearise a rendered picture about its fitted camera and lamp.
 
-    The variance is that of the signal with the best effects known (`prepared.lit`): a model without interreflection
-    predicts too dark a picture, and too little noise.
+    The variance is that of `prepared.noise_reference_signal`: a model without interreflection predicts too dark a
+    picture, and too little noise.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def linearised_fit(
     nuisances = rendered.fit
     predictor = rendered.predictor.seen_by(nuisances.camera)
     base = predictor.signal(model_effects)
-    noise_signal = prepared.lit(nuisances.lamp_scale * rendered.signal)
+    noise_signal = prepared.noise_reference_signal(nuisances.lamp_scale * rendered.signal)
     noise = nuisances.lamp_scale**2 * rendered.variance
     variance = prepared.calibration.predicted_variance(noise_signal) + noise + model_variance(noise_signal)
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))

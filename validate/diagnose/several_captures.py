@@ -19,7 +19,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from ..compare import Prepared
+from ..compare import CalibratedCapture
 from .alternatives import SelectedEffect
 from .evidence import INDISTINGUISHABLE_CHI2, penalised, square
 from .fitting import fit
@@ -160,7 +160,7 @@ class JointFit:
     apertures: tuple[float, ...]
 
     @classmethod
-    def of(cls, parts: Sequence[LinearisedFit], prepared: Sequence[Prepared]) -> JointFit:
+    def of(cls, parts: Sequence[LinearisedFit], prepared: Sequence[CalibratedCapture]) -> JointFit:
         """Joint fit of captures.
 
         Parameters
@@ -262,7 +262,7 @@ class FurtherFit:
     """A further capture, its picture linearised with the effects selected in the first one."""
 
     #: The calibrated capture.
-    prepared: Prepared
+    prepared: CalibratedCapture
     #: Its linearised fit.
     linearised: LinearisedFit
     #: Whether camera, lens and filters are those of the first capture, see `same_camera`.
@@ -285,7 +285,7 @@ class FurtherFit:
 
 
 def refitted_to_all(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     linearised: LinearisedFit,
     assessed: Sequence[SelectedEffect],
     further: Sequence[FurtherFit],
@@ -329,7 +329,7 @@ def _chi2_without(linearised: LinearisedFit, others: Sequence[Candidate]) -> flo
 
 
 def _fitted_to_all(
-    prepared: Prepared,
+    prepared: CalibratedCapture,
     linearised: LinearisedFit,
     further: Sequence[FurtherFit],
     others: Sequence[Candidate],

@@ -219,14 +219,14 @@ def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture:
         Residual, signals, nuisances, frames and light transport.
     """
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
-    nuisances, left = _nuisance_columns(model, residual)
+    nuisances, marginalised = _nuisance_columns(model, residual)
     used, image = model.used, rendered.image
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
     draw = np.random.default_rng(predictor.settings.seed).standard_normal(used.shape)
     return ResidualData(
         residual=_filled(residual[: model.count], used).astype(np.float32),
-        marginal_residual=_filled(left, used),
+        marginal_residual=_filled(marginalised, used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,

@@ -1,10 +1,10 @@
-"""The model's expected signals for one capture, with any effects."""
+"""Prediction of the signals of one capture, with any effects."""
 
-from .foreign import ForeignPicture, foreign_picture, require_level
+from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
 from .picture_errors import PictureErrors, picture_errors
 from .plain_rendering import render_plainly
-from .predictor import Predictor, build_predictor
+from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
 from .sensing import sensing
 from .traced_picture import traced_picture
@@ -12,7 +12,7 @@ from .transported import transported
 
 __all__ = [
     "CONVERGENCE",
-    "ForeignPicture",
+    "ExternalPicture",
     "Picture",
     "PictureErrors",
     "Predictor",
@@ -20,7 +20,8 @@ __all__ = [
     "cached_picture",
     "default_cache",
     "digest_of",
-    "foreign_picture",
+    "effects_key",
+    "external_picture",
     "picture_errors",
     "render_plainly",
     "render_to_noise",

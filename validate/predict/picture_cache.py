@@ -1,7 +1,7 @@
-"""Rendered pictures kept from run to run, found again by everything that they were made from.
+"""Cache of rendered pictures on disk.
 
-A picture's key is a digest of all arguments of ``gather``, of the source code that it runs, and of the libraries
-below it. A picture that is found therefore has the same bits as one made anew.
+The key of a picture is a digest of all arguments of ``gather``, of the source code that it runs, and of the libraries
+below it. A picture from the cache therefore has the same bits as one rendered again.
 """
 
 from __future__ import annotations
@@ -27,15 +27,24 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 
-#: Beyond this size pictures are not kept; beyond that of the whole folder the oldest go, bytes.
-_LARGEST, _ALL = 300e6, 2e9
+#: Largest picture that is stored, bytes: seven of them fill the folder.
+_MAX_PICTURE_BYTES = 300e6
 
-#: What a picture's code may call: three whole rooms, and this package.
+#: Largest size of the folder, bytes: beyond it the oldest pictures are deleted.
+_MAX_FOLDER_BYTES = 2e9
+
+#: Packages with code that a picture may depend on.
 _PACKAGES = ("utils", "scenes", "calibration", "rendering", "validation.predict")
 
 
 def default_cache() -> Path:
-    """The user's cache folder by the XDG base directories."""
+    """The user's cache folder by the XDG base directories.
+
+    Returns
+    -------
+    Path
+        The folder; it need not exist.
+    """
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cboxlab" / "pictures"
 
 
@@ -48,25 +57,66 @@ def cached_picture(
     seed: int,
     progress: Progress = NO_PROGRESS,
 ) -> RenderedImage:
-    """What ``gather`` makes of the same arguments, to the bit: kept in ``folder`` from before, or made now and kept.
+    """Picture of ``gather`` for the same arguments, from the cache if it holds one.
 
-    folder : None keeps nothing. A cache that cannot be read or written is no fault, nor is a damaged entry: the
-    picture is made, and takes the entry's place.
+    A cache that cannot be read or written is no fault, and neither is a damaged entry: the picture is rendered and
+    replaces it.
+
+    Parameters
+    ----------
+    folder
+        Folder of the cache; None for no cache.
+    light
+        Radiosity solution.
+    camera
+        Camera of the picture.
+    samples
+        Samples per pixel and batch.
+    batches
+        Number of batches.
+    seed
+        Seed of the random numbers.
+    progress
+        Called with the completed share while rendering.
+
+    Returns
+    -------
+    RenderedImage
+        The picture, the same bits from the cache as rendered.
     """
     if folder is None:
         return _contiguous(gather(light, camera, samples, batches, seed, progress))
     key = picture_key(light, camera, samples, batches, seed)
     path = folder / f"{key}.picture"
-    found = _read(path, key, light, camera, batches)
-    if found is not None:
-        return found
+    stored = _read(path, key, light, camera, batches)
+    if stored is not None:
+        return stored
     image = _contiguous(gather(light, camera, samples, batches, seed, progress))
-    _keep(path, key, image)
+    _store(path, key, image)
     return image
 
 
 def picture_key(light: LightField, camera: Camera, samples: int, batches: int, seed: int) -> str:
-    """A digest of all that decides the bits of ``gather``'s picture: its arguments, its code, its libraries."""
+    """Digest of everything that decides the bits of a picture of ``gather``.
+
+    Parameters
+    ----------
+    light
+        Radiosity solution.
+    camera
+        Camera of the picture; its covariance does not count.
+    samples
+        Samples per pixel and batch.
+    batches
+        Number of batches.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    str
+        Hexadecimal digest of arguments, code and libraries.
+    """
     solution = (
         light.tables,
         light.spectra,
@@ -79,54 +129,76 @@ def picture_key(light: LightField, camera: Camera, samples: int, batches: int, s
     return digest_of(light.tracer.scene, *solution, geometry, samples, batches, seed)
 
 
-def digest_of(*things: object) -> str:
-    """A digest of values (plain types, arrays, dataclasses and collections of such), of the code that may compute
-    something of them, and of the libraries below it."""
+def digest_of(*values: object) -> str:
+    """Digest of values, of the code that may compute with them, and of the libraries below it.
+
+    Parameters
+    ----------
+    values
+        Plain types, arrays, dataclasses, and collections of these.
+
+    Returns
+    -------
+    str
+        Hexadecimal SHA-256.
+
+    Raises
+    ------
+    TypeError
+        For a value of another type.
+    """
     digest = hashlib.sha256(_code())
     versions = (mi.__version__, dr.__version__, np.__version__, dr.detail.llvm_version(), mi.variant())
-    for thing in (versions, platform.machine(), *things):
-        _digest(digest, thing)
+    for value in (versions, platform.machine(), *values):
+        _digest(digest, value)
     return digest.hexdigest()
 
 
 def sources() -> list[Path]:
-    """All source files that a picture may depend on."""
+    """Source files that a picture may depend on.
+
+    Returns
+    -------
+    list
+        Paths in sorted order.
+    """
     packages = [import_module(f"cboxlab.{name}") for name in _PACKAGES]
-    return sorted(path for one in packages for path in Path(str(one.__file__)).parent.rglob("*.py"))
+    return sorted(path for package in packages for path in Path(str(package.__file__)).parent.rglob("*.py"))
 
 
 @cache
 def _code() -> bytes:
+    """Digest of the source files."""
     digest = hashlib.sha256()
     for path in sources():
         _digest(digest, (path.parent.name, path.name, path.read_bytes()))
     return digest.digest()
 
 
-def _digest(digest: Any, thing: object) -> None:
-    """Add a value of plain types, arrays, and dataclasses and collections of such. Raises TypeError for others."""
+def _digest(digest: Any, value: object) -> None:
+    """Add a value to a digest with its type and number of parts; TypeError for other types."""
     parts: list[object] = []
-    if isinstance(thing, np.ndarray):
-        text = f"array {thing.dtype.str} {thing.shape} ".encode() + np.ascontiguousarray(thing).tobytes()
-    elif is_dataclass(thing):
-        parts = [getattr(thing, field.name) for field in fields(thing) if field.init]
-        text = type(thing).__name__.encode()
-    elif isinstance(thing, Mapping):
-        parts = [part for item in thing.items() for part in item]
+    if isinstance(value, np.ndarray):
+        text = f"array {value.dtype.str} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes()
+    elif is_dataclass(value):
+        parts = [getattr(value, field.name) for field in fields(value) if field.init]
+        text = type(value).__name__.encode()
+    elif isinstance(value, Mapping):
+        parts = [part for item in value.items() for part in item]
         text = b"mapping"
-    elif isinstance(thing, tuple | list):
-        parts, text = list(thing), b"sequence"
-    elif thing is None or isinstance(thing, str | bytes | bool | int | float | np.generic):
-        text = f"{type(thing).__name__} {thing!r}".encode()
+    elif isinstance(value, tuple | list):
+        parts, text = list(value), b"sequence"
+    elif value is None or isinstance(value, str | bytes | bool | int | float | np.generic):
+        text = f"{type(value).__name__} {value!r}".encode()
     else:
-        raise TypeError(f"no digest of a {type(thing).__name__}")
+        raise TypeError(f"no digest of a {type(value).__name__}")
     digest.update(f"{len(parts)} {len(text)} ".encode() + text)
     for part in parts:
         _digest(digest, part)
 
 
 def _contiguous(image: RenderedImage) -> RenderedImage:
-    """As an array comes from a file: sums over strided arrays may round differently."""
+    """Image with contiguous arrays, like those of a file: sums over strides round otherwise."""
     return replace(
         image,
         coefficients=np.ascontiguousarray(image.coefficients),
@@ -135,7 +207,7 @@ def _contiguous(image: RenderedImage) -> RenderedImage:
 
 
 def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int) -> RenderedImage | None:
-    """The kept picture; None where there is none, or one that is not whole."""
+    """The stored picture; None if there is none or it is damaged."""
     size = (camera.height_px, camera.width_px)
     facet_surface = light.tracer.facet_surface
     shapes = {
@@ -149,7 +221,7 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
         with np.load(BytesIO(content)) as file:
             arrays = {name: file[name] for name in shapes}
         os.utime(path)
-    except Exception:  # whatever reading a damaged file raises, the picture can be made anew
+    except Exception:  # whatever reading a damaged file raises, the picture can be rendered again
         return None
     if any(arrays[name].shape != shape or arrays[name].dtype != np.float32 for name, shape in shapes.items()):
         return None
@@ -163,16 +235,17 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
     )
 
 
-def _keep(path: Path, key: str, image: RenderedImage) -> None:
-    if image.coefficients.nbytes > _LARGEST:
+def _store(path: Path, key: str, image: RenderedImage) -> None:
+    """Store a picture, and delete the oldest ones beyond the size of the folder."""
+    if image.coefficients.nbytes > _MAX_PICTURE_BYTES:
         return
     stream = BytesIO()
     np.savez(stream, coefficients=image.coefficients, coverage=image.coverage)
     try:
         store_checked(path, key, stream.getbuffer())
-        there = sorted(path.parent.glob("*.picture"), key=lambda one: one.stat().st_mtime, reverse=True)
-        size = np.cumsum([one.stat().st_size for one in there])
-        for old in np.array(there)[size > _ALL]:
-            old.unlink(missing_ok=True)
+        entries = sorted(path.parent.glob("*.picture"), key=lambda entry: entry.stat().st_mtime, reverse=True)
+        size = np.cumsum([entry.stat().st_size for entry in entries])
+        for entry in np.array(entries)[size > _MAX_FOLDER_BYTES]:
+            entry.unlink(missing_ok=True)
     except OSError:
         return

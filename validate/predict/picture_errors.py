@@ -1,11 +1,11 @@
-"""Errors of the picture itself that pixels share, as a covariance: of bands, faces, regions and cells of faces.
+"""Covariance of rendering errors that pixels share: by band, face, and parts of a face.
 
 An error that pixels share is not averaged away by their number. Counted as part of the covariance of the residual
 (generalised least squares), it takes weight from what such errors can imitate and leaves the rest its full weight:
 sharp or coloured changes of a hundredth of the noise show, smooth ones in all bands alike do not.
 
-The covariance over that of independent noise is I + Z Z' + V V', with one column of Z for each cell of a face (they do
-not overlap) and few columns V; its inverse square root is known in closed form for each part.
+The covariance over that of independent noise is I + Z Z' + V V'. Z has one column for each cell of a face; the cells do
+not overlap. V has few columns. The inverse square root of each part has a closed form.
 """
 
 from __future__ import annotations
@@ -18,37 +18,56 @@ from numpy.typing import NDArray
 
 __all__ = ["PictureErrors", "picture_errors"]
 
-#: Relative standard deviations of errors that a cell of a face shares in all bands, and a region of a face. Pictures of
-#: one box by two independent simulators differ so: 0.1 to 0.4 %, alike in all bands, over a tenth to a third of a face.
-_CELL_ERROR, _REGION_ERROR = 0.0015, 0.0015
+#: Relative standard deviation of the error that a cell of a face shares in all bands. Pictures of one box by two
+#: independent simulators differ by 0.1 to 0.4 %, equally in all bands, over a tenth to a third of a face.
+_CELL_ERROR = 0.0015
 
-#: Cells and regions of the image across and down.
-_CELLS, _REGIONS = 16, 4
+#: Relative standard deviation of the error that a region of a face shares in all bands: from the same two simulators.
+_REGION_ERROR = 0.0015
 
-#: Samples whose products are taken at once.
-_TOGETHER = 2**15
+#: Cells across and down the image, for errors of small extent.
+_CELLS = 16
 
-#: A region with fewer pixels is left to its cells.
-_LEAST_PIXELS = 20
+#: Regions across and down the image, for errors of large extent.
+_REGIONS = 4
+
+#: Samples whose products are computed at once, to bound the memory.
+_SAMPLES_PER_BLOCK = 2**15
+
+#: Fewest pixels of a region with an error of its size; the cells of smaller regions suffice.
+_MIN_REGION_PIXELS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class PictureErrors:
-    """cell : (n,) number of a sample's cell. weight : (n,) a standard deviation of the cell's error, over sigma.
-    shrink : (cells,) see ``whitened``. common : (n, k) orthonormal columns of the other errors, whitened by cells.
-    part : (k,) what whitening takes off along each."""
+    """Shared rendering errors of n samples, ready for whitening."""
 
+    #: (n,) number of each sample's cell.
     cell: NDArray[np.int32]
+    #: (n,) standard deviation of the cell's error at each sample, over sigma.
     weight: NDArray[np.float32]
+    #: (cells,) factor by which whitening shrinks the component along a cell's error.
     shrink: NDArray[np.float64]
+    #: (n, k) orthonormal columns of the other errors, whitened by the cells.
     common: NDArray[np.float32]
+    #: (k,) share of the component along each column that whitening subtracts, 0 to 1.
     part: NDArray[np.float64]
 
     def whitened(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A vector (n,) over sigma, times the inverse square root of the covariance that these errors make of I.
+        """Vector over sigma times the inverse square root of the covariance.
 
-        Products with ``common`` are in single precision: the few parts in a million that they are off are off along its
-        own columns, of which little is left.
+        Products with ``common`` are in single precision: their errors of a few parts in a million lie along its
+        columns, which whitening suppresses.
+
+        Parameters
+        ----------
+        pixels
+            (n,) values over sigma.
+
+        Returns
+        -------
+        NDArray
+            (n,) whitened values.
         """
         apart = self._by_cells(pixels)
         blocks = _blocks(len(apart))
@@ -59,6 +78,7 @@ class PictureErrors:
         return apart
 
     def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Vector (n,) whitened by the errors of cells alone."""
         sums = np.bincount(self.cell, self.weight * pixels, len(self.shrink))
         return np.asarray(pixels - self.weight * (self.shrink * sums)[self.cell])
 
@@ -66,22 +86,38 @@ class PictureErrors:
 def picture_errors(
     signal: NDArray, coverage: NDArray, used: NDArray[np.bool_], sigma: NDArray, others: Sequence[NDArray]
 ) -> PictureErrors:
-    """signal : (band, y, x) DN. coverage : (y, x, face). used : (band, y, x). sigma : (n,) DN.
+    """Shared rendering errors of the samples of a picture.
 
-    others : (n,) over sigma each, one standard deviation of further errors, such as those of bands and faces.
+    Parameters
+    ----------
+    signal
+        (band, y, x) rendered signal, DN.
+    coverage
+        (y, x, face) share of each pixel that a face covers.
+    used
+        (band, y, x) True for the n samples.
+    sigma
+        (n,) standard deviation of the samples, DN.
+    others
+        One standard deviation of each further error, such as those of bands and faces: (n,) over sigma.
+
+    Returns
+    -------
+    PictureErrors
+        The errors, prepared for whitening.
     """
     rows, columns = np.indices(used.shape[1:])
     height, width = used.shape[1:]
     face = coverage.argmax(axis=-1)
 
-    def places(across: int) -> NDArray[np.int64]:
+    def parts_of_faces(across: int) -> NDArray[np.int64]:
         """(n,) numbers of the parts of faces that samples lie in."""
         number = (rows * across // height * across + columns * across // width) * coverage.shape[-1] + face
-        there = np.broadcast_to(number, used.shape)[used]
-        return np.asarray(np.unique(there, return_inverse=True)[1].reshape(-1))
+        of_samples = np.broadcast_to(number, used.shape)[used]
+        return np.asarray(np.unique(of_samples, return_inverse=True)[1].reshape(-1))
 
     level = signal[used] / sigma
-    cell = places(_CELLS)
+    cell = parts_of_faces(_CELLS)
     weight = _CELL_ERROR * level
     squares = np.bincount(cell, weight**2)
     # (1 + s)^(-1/2) - 1 along the cell's unit vector, s its square
@@ -93,8 +129,8 @@ def picture_errors(
         np.zeros((len(cell), 0), np.float32),
         np.zeros(0),
     )
-    region = places(_REGIONS)
-    large = np.flatnonzero(np.bincount(region) >= _LEAST_PIXELS * len(used))
+    region = parts_of_faces(_REGIONS)
+    large = np.flatnonzero(np.bincount(region) >= _MIN_REGION_PIXELS * len(used))
     common = np.empty((len(cell), len(others) + len(large)), np.float32)
     for column, other in zip(common.T, others, strict=False):
         column[:] = cells.whitened(other)
@@ -103,8 +139,8 @@ def picture_errors(
     blocks = _blocks(len(cell))
     none = np.zeros((common.shape[1], common.shape[1]))
     values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))
-    seen = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
-    values, vectors = values[seen], vectors[:, seen]
+    independent = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
+    values, vectors = values[independent], vectors[:, independent]
     orthonormal = np.empty((len(cell), len(values)), np.float32)
     for some in blocks:
         orthonormal[some] = common[some] @ (vectors / np.sqrt(values))
@@ -112,5 +148,5 @@ def picture_errors(
 
 
 def _blocks(count: int) -> list[slice]:
-    """Parts of the samples."""
-    return [slice(start, start + _TOGETHER) for start in range(0, count, _TOGETHER)]
+    """Slices of the samples whose products are computed at once."""
+    return [slice(start, start + _SAMPLES_PER_BLOCK) for start in range(0, count, _SAMPLES_PER_BLOCK)]

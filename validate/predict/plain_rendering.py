@@ -1,4 +1,7 @@
-"""The picture where nothing can be compiled: Mitsuba's own integrator from the surveyed camera, nothing refitted."""
+"""Rendering without a compiled variant, by Mitsuba's own integrator.
+
+It takes longer and is noisier than the rendering from patches, and the camera is the surveyed one without a refit.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,41 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["render_plainly"]
 
-#: Three wavelengths a render: these are ten renders. Between them radiance over the lamp's is taken as linear.
+#: Wavelengths rendered, nm: three for each of ten renderings. Between them radiance over the lamp's is linear.
 _WAVELENGTHS = np.linspace(400.0, 700.0, 30)
-_SAMPLES, _BATCHES = 64, 4
+
+#: Samples per pixel and batch. The noise of the picture is much larger than with a compiled variant.
+_SAMPLES = 64
+
+#: Batches, from whose scatter the error is estimated.
+_BATCHES = 4
 
 
 def render_plainly(
     scene: Scene, camera: Camera, max_bounces: int | None, seed: int, progress: Progress = NO_PROGRESS
 ) -> RenderedImage:
-    """The picture on WAVELENGTH_NM: correct, slow and noisy; its error is counted like any other render's."""
+    """Render a scene with Mitsuba's path integrator.
+
+    Its Monte Carlo error is counted like that of any other rendering.
+
+    Parameters
+    ----------
+    scene
+        Scene with its lamps.
+    camera
+        Camera of the picture.
+    max_bounces
+        Most reflections of a path; None for no limit.
+    seed
+        Seed of the random numbers.
+    progress
+        Called with the completed share.
+
+    Returns
+    -------
+    RenderedImage
+        Picture on WAVELENGTH_NM.
+    """
     image = render_stock(
         RenderJob(scene, camera, _WAVELENGTHS, _SAMPLES, _BATCHES, seed=seed, max_bounces=max_bounces),
         progress=progress,

@@ -1,16 +1,16 @@
-"""Predicts a capture's corrected signals under any effects, as a change of one accurately rendered picture.
+"""Prediction of a capture's signals under any effects, as a change of one rendering.
 
-The base picture is rendered once, to the noise asked for. The change made by effects of the scene or of light
-transport is computed by patch transport at each band's effective wavelength, kept by geometry and lamp shape, and
-applied to the base picture. Effects of filters, optics and counts are computed exactly. Effects of the camera do not
-change the ten fitted camera parameters, which are nuisances; only distortion beyond these parameters is warped.
+The base picture is rendered once, to the requested noise. Patch transport at each band's effective wavelength computes
+the change by effects of the scene or of light transport. The transport is stored by geometry and lamp shape, and the
+change is applied to the base picture. Effects of filters, optics and counts are computed exactly. Effects of the camera
+do not change the ten fitted camera parameters, which are nuisances; only distortion beyond them is warped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from cboxlab.calibration.instrument import sensor_matrix
@@ -44,22 +44,37 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-__all__ = ["Predictor", "averaged_on_faces", "build_predictor", "changed_alike", "coarse_transport"]
+__all__ = ["Predictor", "averaged_on_faces", "build_predictor", "changed_alike", "coarse_transport", "effects_key"]
 
-#: Patches and rays for changes. They are coarser than for the base picture: a change is wrong by a few percent.
+#: Patches along the scene's diagonal for changes: coarser than for the base picture, so that a change is wrong by a few
+#: percent.
 _PATCHES_PER_DIAGONAL = 12
+
+#: Rays from each patch.
 _PATCH_SAMPLES = 512
+
+#: Rays of each pixel.
 _SAMPLES = 256
+
+#: Rays of each pixel for screening.
 _SCREENING_SAMPLES = 64
+
+#: Rays of each pixel for a draft where geometry has moved: three times as fast, twice the noise.
 _DRAFT_SAMPLES = 64
 
 #: Standard deviation, px, of the smoothing of changes where geometry moves. 1.0 reduces the mean square error for a
 #: block moved by 1 mm to a sixth; 2.0 would blur the edges of shadows.
 _NEIGHBOURS_PX = 1.0
 
-#: So many transports, pictures by them, and maps of faces are kept; a transport has some 1000 bytes a pixel. A geometry
-#: takes two transports where the lamp's pattern is a mixture, and effects of two geometries are tried in turn.
-_MOST_TRANSPORTS, _MOST_PICTURES, _MOST_FACES = 4, 12, 12
+#: Transports stored, of some 1000 bytes a pixel. A geometry takes two where the lamp's pattern is a mixture, and
+#: effects of two geometries are tried in turn.
+_NUM_TRANSPORTS = 4
+
+#: Pictures by patch transport stored.
+_NUM_PICTURES = 12
+
+#: Maps of faces stored.
+_NUM_FACE_MAPS = 12
 
 _SCENE_STAGES = stages_between("scene", "transport")
 
@@ -67,76 +82,170 @@ _SCENE_STAGES = stages_between("scene", "transport")
 _T = TypeVar("_T")
 
 
+class _Store(Generic[_T]):
+    """Results by key, for repeated use.
+
+    Beyond ``size`` results, the one not used for longest is dropped. The first result stays: it belongs to the base
+    picture, to which every change refers.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.results: dict[tuple, _T] = {}
+
+    def get(self, key: tuple, compute: Callable[[], _T]) -> _T:
+        """Result for a key, computed where the store lacks it."""
+        if key not in self.results:
+            if len(self.results) >= self.size:
+                del self.results[list(self.results)[1]]
+            self.results[key] = compute()
+        elif key != next(iter(self.results)):
+            self.results[key] = self.results.pop(key)
+        return self.results[key]
+
+
 class _Traced:
-    """What was traced for one camera and seed, by geometry and lamp shape, to be used again."""
+    """Results of ray tracing for one camera and seed, by geometry and lamp shape."""
 
     def __init__(self) -> None:
-        self.transports: dict[tuple, PatchTransport] = {}
-        self.faces: dict[tuple, NDArray[np.int64]] = {}
+        self.transports: _Store[PatchTransport] = _Store(_NUM_TRANSPORTS)
+        self.faces: _Store[NDArray[np.int64]] = _Store(_NUM_FACE_MAPS)
 
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """scene, settings : without effects. included : effects of scene or settings that are in the base picture.
+    """Prediction of signals from one rendered picture."""
 
-    image, camera : the base picture. base : its Light. samples : rays per pixel for what
-    patches do not describe. gather_samples : rays per pixel of patch transport where geometry has moved.
-    moved : (band, y, x) DN that another camera changes of the base picture, see ``seen_by``. lamp_scale : factor on the
-    lamp's stated power, at which effects act: light from elsewhere and offsets of counts do not grow with the lamp.
-    """
-
+    #: Scene without effects.
     scene: Scene
+    #: Constants of the sensor equation.
     sensing: Sensing
+    #: Camera of the base picture.
     camera: Camera
+    #: Radiosity solution of the base picture.
     light: LightField
+    #: Base picture.
     image: RenderedImage
+    #: Band light of the base picture.
     base: Light
+    #: Settings of the rendering, without effects.
     settings: RenderSettings
+    #: Effects of scene or settings that are in the base picture.
     included: tuple[AppliedEffect, ...]
+    #: (band,) effective wavelength, nm, at which changes are computed.
     effective_nm: NDArray[np.float64]
+    #: Warp of the base picture to cameras nearby.
     warp: Warp
+    #: Rays per pixel for light that patches do not describe.
     samples: int = 256
+    #: Rays per pixel of patch transport where geometry has moved.
     gather_samples: int = _SAMPLES
+    #: (band, y, x) change of the base picture by another camera, DN; see ``seen_by``.
     moved: NDArray[np.float64] | float = 0.0
+    #: Factor on the lamp's stated power at which effects act: stray light and offsets do not grow with the lamp.
     lamp_scale: float = 1.0
     _traced: _Traced = field(default_factory=_Traced, init=False)
-    _pictures: dict[tuple, NDArray[np.float64]] = field(default_factory=dict, init=False)
+    _pictures: _Store[NDArray[np.float64]] = field(default_factory=lambda: _Store(_NUM_PICTURES), init=False)
 
     def _sharing(self, *stores: str, **changes: Any) -> Predictor:
-        """The same with changes, and with the stores of what was traced that do not depend on them."""
+        """The same with changes, sharing the stores that do not depend on them."""
         other = replace(self, **changes)
         for store in stores:
             object.__setattr__(other, store, getattr(self, store))
         return other
 
     def rough(self) -> Predictor:
-        """The same with fewer rays per pixel, for screening."""
+        """The same with fewer rays per pixel, for screening.
+
+        Returns
+        -------
+        Predictor
+            It shares the transports of this one.
+        """
         return self._sharing("_traced", samples=_SCREENING_SAMPLES)  # patches do not depend on the samples
 
     def draft(self) -> Predictor:
-        """The same with fewer rays per pixel for what is traced anew, too: three times as fast, twice the noise."""
+        """The same with fewer rays per pixel, for moved geometry also.
+
+        It is three times as fast, with twice the noise.
+
+        Returns
+        -------
+        Predictor
+            It traces its own rays.
+        """
         return replace(self, samples=_SCREENING_SAMPLES, gather_samples=_DRAFT_SAMPLES)
 
     def traces_anew(self, effects: Sequence[AppliedEffect]) -> bool:
-        """Whether surfaces stand elsewhere than in the base picture, or lamps shine in other directions."""
-        here, there = (after_stage(self.scene, each, "scene") for each in (self.included, effects))
-        exponents = ([lamp.exponent for lamp in scene.lamps] for scene in (here, there))
-        return _meshes(here) != _meshes(there) or next(exponents) != next(exponents)
+        """Whether effects move surfaces, or change the directions in which lamps emit.
+
+        Parameters
+        ----------
+        effects
+            Effects, compared with those in the base picture.
+
+        Returns
+        -------
+        bool
+            True where rays have to be traced again.
+        """
+        before, after = (after_stage(self.scene, each, "scene") for each in (self.included, effects))
+        exponents = ([lamp.exponent for lamp in scene.lamps] for scene in (before, after))
+        return _meshes(before) != _meshes(after) or next(exponents) != next(exponents)
 
     def with_settings(self, settings: RenderSettings) -> Predictor:
-        """The same base picture, taken for one rendered with other settings."""
+        """The same base picture, declared as rendered with other settings.
+
+        Parameters
+        ----------
+        settings
+            The settings that the base picture corresponds to.
+
+        Returns
+        -------
+        Predictor
+            It shares the transports of this one.
+        """
         return self._sharing("_traced", settings=settings)  # rays do not depend on the depth of paths
 
     def seen_by(self, camera: Camera) -> Predictor:
-        """The base picture warped to a camera a few hundredths of a pixel off, before any effect acts on it."""
+        """The same with the base picture warped to another camera, before any effect acts on it.
+
+        Parameters
+        ----------
+        camera
+            Camera whose picture differs by a few hundredths of a pixel.
+
+        Returns
+        -------
+        Predictor
+            It shares all stores of this one.
+        """
         return self._sharing("_traced", "_pictures", moved=warp_change(self.warp, camera))
 
     def at_lamp(self, scale: float) -> Predictor:
-        """The same at another power of the lamp. scale : factor on its stated power."""
+        """The same at another power of the lamp.
+
+        Parameters
+        ----------
+        scale
+            Factor on the lamp's stated power.
+
+        Returns
+        -------
+        Predictor
+            It shares all stores of this one.
+        """
         return self._sharing("_traced", "_pictures", lamp_scale=scale)
 
     def resampled(self) -> Predictor:
-        """The same with other random numbers for changes by effects of the scene."""
+        """The same with other random numbers for changes by effects of the scene.
+
+        Returns
+        -------
+        Predictor
+            Its seed is the next one.
+        """
         settings = replace(self.settings, seed=self.settings.seed + 1)
         return replace(self, settings=settings)
 
@@ -147,21 +256,46 @@ class Predictor:
 
     @property
     def lamp_shares(self) -> NDArray[np.float64]:
-        """(lamps, band) signal of each lamp over that of the lamps' mean, with the effects in the base picture."""
+        """(lamps, band) signal of each lamp over their mean, in the base picture."""
         scene = after_stage(self.scene, self.included, "scene")
         weights = sensor_matrix(self.sensing.curves.responses())
         return band_shares(scene, WAVELENGTH_NM, weights, scene.lamp_radiance(WAVELENGTH_NM))
 
     def signal(self, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-        """Expected corrected signals (band, y, x) in DN over ``lamp_scale``, not clipped."""
+        """Expected corrected signals over ``lamp_scale``, not clipped.
+
+        Parameters
+        ----------
+        effects
+            All effects, those of the base picture included.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) DN.
+        """
         light = self.before_optics(effects)
         return expected_signal(light, self.sensing, effects, self.camera) / self.lamp_scale
 
     def signal_and_noise(
         self, effects: Sequence[AppliedEffect], before: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(band, y, x) DN over ``lamp_scale`` each: the base picture's signals behind effects of optics and counts, and
-        their error due to an error ``before`` of the picture ahead of the optics."""
+        """Signals behind optics and counts, and their error for an error ahead of them.
+
+        Parameters
+        ----------
+        effects
+            Effects of optics and counts.
+        before
+            (band, y, x) error of the picture ahead of the optics, DN over ``lamp_scale``.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) signals, DN over ``lamp_scale``.
+        NDArray
+            (band, y, x) their error, DN over ``lamp_scale``.
+        """
         base = self.base.scaled(self.lamp_scale)
         light = base.with_signal(base.signal + self.lamp_scale * before)
         noisy, signal = (
@@ -170,36 +304,58 @@ class Predictor:
         return signal, noisy - signal
 
     def before_optics(self, effects: Sequence[AppliedEffect]) -> Light:
-        """The band light before optics and counts, of the lamp times ``lamp_scale``. It is proportional to the exposure
-        under all effects."""
+        """Band light before optics and counts, of the lamp times ``lamp_scale``.
+
+        It is proportional to the exposure under all effects.
+
+        Parameters
+        ----------
+        effects
+            All effects, those of the base picture included.
+
+        Returns
+        -------
+        Light
+            The band light.
+        """
         curves = after_stage(self.sensing.curves, effects, "filter")
         filtered = curves is not self.sensing.curves
         light = scene_light(self.image, curves, self.camera) if filtered else self.base
         changed = light.signal + self.moved
         relevant = tuple(e for e in effects if e.stage in _SCENE_STAGES)
         at_scale = self.lamp_scale if any(e.stage == "transport" for e in relevant) else 1.0
-        if _key(relevant) != _key(self.included) or at_scale != 1.0:
+        if effects_key(relevant) != effects_key(self.included) or at_scale != 1.0:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
             changed = changed_alike(
                 changed, self.patch_picture(self.included), self.patch_picture(relevant, at_scale), face
             )
-        there = with_further_distortion(self.camera, effects)
-        if there is not self.camera:
-            changed = changed + warp_change(self.warp, there)
+        distorted = with_further_distortion(self.camera, effects)
+        if distorted is not self.camera:
+            changed = changed + warp_change(self.warp, distorted)
         light = replace(self.base, signal=changed, effective_nm=light.effective_nm)
         return light.scaled(self.lamp_scale)
 
     def patch_picture(self, effects: Sequence[AppliedEffect], lamp_scale: float = 1.0) -> NDArray[np.float64]:
-        """(band, y, x) DN over ``lamp_scale``, a factor on the lamp's power: the picture by patch transport."""
-        key = (*_key(effects), lamp_scale)
+        """Picture by patch transport, over ``lamp_scale``.
 
-        def made() -> NDArray[np.float64]:
-            return self._mixed_picture(effects, lamp_scale) / lamp_scale
+        Parameters
+        ----------
+        effects
+            Effects of scene, settings and transport.
+        lamp_scale
+            Factor on the lamp's power.
 
-        return _kept(self._pictures, key, _MOST_PICTURES, made)
+        Returns
+        -------
+        NDArray
+            (band, y, x) DN.
+        """
+        key = (*effects_key(effects), lamp_scale)
+        return self._pictures.get(key, lambda: self._mixed_picture(effects, lamp_scale) / lamp_scale)
 
     def _mixed_picture(self, effects: Sequence[AppliedEffect], lamp_scale: float) -> NDArray[np.float64]:
+        """(band, y, x) picture by patch transport, DN; a mixture for lamps between two patterns."""
         scene = after_stage(self.scene, effects, "scene")
         scene = scene.with_lamps(lambda lamp: replace(lamp, radiance=lamp.radiance.scaled(lamp_scale)))
         e = scene.lamp.edge_ratio
@@ -211,20 +367,33 @@ class Predictor:
         return even * level + (1 - even) * domed
 
     def _faces(self, effects: Sequence[AppliedEffect]) -> NDArray[np.int64]:
-        """(y, x) index of the one flat face that a pixel sees, -1 for several; one array for each geometry."""
+        """(y, x) index of the only flat face that a pixel sees, -1 for several."""
         scene = after_stage(self.scene, effects, "scene")
 
-        def found() -> NDArray[np.int64]:
+        def face_map() -> NDArray[np.int64]:
             transport = self._transport(_with_edge(scene, 1.0))
             face = np.full(transport.covered.shape, -1)
             alone = transport.coverage == 1
             face.flat[transport.pixel[alone]] = transport.face[alone]
             return face
 
-        return _kept(self._traced.faces, _meshes(scene), _MOST_FACES, found)
+        return self._traced.faces.get(_meshes(scene), face_map)
 
     def patch_picture_of(self, scene: Scene, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:
-        """The picture by patch transport of a scene that has the effects of the scene stage."""
+        """Picture by patch transport of a changed scene.
+
+        Parameters
+        ----------
+        scene
+            Scene with the effects of the scene stage.
+        effects
+            Effects; those of settings and transport act here.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) DN.
+        """
         settings = after_stage(self.settings, effects, "settings")
         weights = sensor_matrix(self.sensing.curves.responses())
         lamp = scene.lamp_radiance(WAVELENGTH_NM)
@@ -242,28 +411,29 @@ class Predictor:
         return (weights @ lamp)[:, None, None] * light.picture()
 
     def _transport(self, scene: Scene) -> PatchTransport:
+        """Exchange of light of a scene, stored by lamps' patterns, materials and meshes."""
         key = (
             *((lamp.edge_ratio, lamp.exponent, lamp.reflects) for lamp in scene.lamps),
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
-        of = (scene, self.camera, self.settings.seed, self.gather_samples)
-        return _kept(self._traced.transports, key, _MOST_TRANSPORTS, lambda: coarse_transport(*of))
+        arguments = (scene, self.camera, self.settings.seed, self.gather_samples)
+        return self._traced.transports.get(key, lambda: coarse_transport(*arguments))
 
 
-def _kept(store: dict[tuple, _T], key: tuple, most: int, made: Callable[[], _T]) -> _T:
-    """What ``made`` gives for a key, or gave before. Beyond ``most`` the one not used for longest goes, but never the
-    first, which belongs to the base picture."""
-    if key not in store:
-        if len(store) >= most:
-            del store[list(store)[1]]
-        store[key] = made()
-    elif key != next(iter(store)):
-        store[key] = store.pop(key)
-    return store[key]
+def effects_key(effects: Sequence[AppliedEffect]) -> tuple:
+    """Key of effects for stores: identifiers and values in order.
 
+    Parameters
+    ----------
+    effects
+        Effects with their values.
 
-def _key(effects: Sequence[AppliedEffect]) -> tuple:
+    Returns
+    -------
+    tuple
+        Hashable; equal for equal effects in the same order.
+    """
     return tuple((e.id, tuple(e.values.items())) for e in effects)
 
 
@@ -276,10 +446,26 @@ def _with_edge(scene: Scene, ratio: float) -> Scene:
 
 
 def changed_alike(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:
-    """The signal, changed as the picture by patch transport changes: by the ratio, in which errors of the coarse
-    patches cancel; by the difference where the ratio is not between 0.5 and 2 (dark pixels, moved edges).
+    """Signal with the change of a picture by patch transport.
 
-    face : (y, x) the one face that a pixel sees before and after, -1 for several; None if geometry did not move.
+    The change is applied as a ratio, in which errors of the coarse patches cancel. Where the ratio is not between 0.5
+    and 2 (dark pixels, moved edges), it is applied as a difference.
+
+    Parameters
+    ----------
+    signal
+        (band, y, x) signal of the accurate picture, DN.
+    before
+        (band, y, x) picture by patch transport before the change, DN.
+    after
+        (band, y, x) picture by patch transport after the change, DN.
+    face
+        (y, x) index of the only face that a pixel sees before and after, -1 for several; None if geometry did not move.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) changed signal, DN.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = after / before
@@ -292,21 +478,48 @@ def changed_alike(signal: NDArray, before: NDArray, after: NDArray, face: NDArra
 def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     """Ratios (band, y, x), smoothed over neighbours on the same face.
 
-    Which rays of a pixel a moved edge blocks is random and independent between pixels; for a motion of 1 mm this noise
-    exceeds the change itself."""
+    A moved edge blocks rays at random, independently between pixels. For a motion of 1 mm this noise exceeds the change
+    itself.
+
+    Parameters
+    ----------
+    ratio
+        (band, y, x) ratios.
+    face
+        (y, x) index of the only face that a pixel sees; pixels with -1 stay as they are.
+
+    Returns
+    -------
+    NDArray
+        (band, y, x) smoothed ratios.
+    """
     result = ratio.copy()
-    for one in np.unique(face[face >= 0]):
-        own = face == one
-        weight = gaussian_filter(own.astype(float), _NEIGHBOURS_PX, mode="constant")[own]
-        values = gaussian_filter(np.where(own, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
-        result[:, own] = values[:, own] / weight
+    for index in np.unique(face[face >= 0]):
+        members = face == index
+        weight = gaussian_filter(members.astype(float), _NEIGHBOURS_PX, mode="constant")[members]
+        values = gaussian_filter(np.where(members, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
+        result[:, members] = values[:, members] / weight
     return result
 
 
 def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SAMPLES) -> PatchTransport:
-    """The exchange of a scene in coarse patches, as changes of the picture are computed with.
+    """Exchange of light in coarse patches, for changes of the picture.
 
-    samples : rays of each pixel.
+    Parameters
+    ----------
+    scene
+        The scene.
+    camera
+        Camera of the picture.
+    seed
+        Seed of the rays.
+    samples
+        Rays of each pixel.
+
+    Returns
+    -------
+    PatchTransport
+        The exchange between patches, lamps and pixels.
     """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
     return build_patch_transport(build_patched_scene(scene, edge, _PATCH_SAMPLES, seed), camera, samples, seed)
@@ -321,7 +534,30 @@ def build_predictor(
     settings: RenderSettings,
     included: Sequence[AppliedEffect] = (),
 ) -> Predictor:
-    """The predictor of a base picture that was gathered from ``light`` through ``camera``."""
+    """Predictor of a base picture that was gathered from ``light`` through ``camera``.
+
+    Parameters
+    ----------
+    light
+        Radiosity solution.
+    image
+        Base picture, averaged over its batches.
+    camera
+        Camera of the base picture.
+    sensing
+        Constants of the sensor equation.
+    scene
+        Scene without effects.
+    settings
+        Settings without effects.
+    included
+        Effects of scene or settings that are in the base picture.
+
+    Returns
+    -------
+    Predictor
+        At the lamp's stated power.
+    """
     base = scene_light(image, sensing.curves, camera)
     warp = build_warp(light.tracer, camera, image, base.signal)
     base = with_scene_behind(base, warp)

@@ -1,4 +1,4 @@
-"""Rendering down to a stated part of the sensor's noise."""
+"""Rendering until its noise is a stated share of the sensor's noise."""
 
 from __future__ import annotations
 
@@ -14,23 +14,43 @@ from numpy.typing import NDArray
 
 __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", "render_to_noise"]
 
-#: Makes a picture on WAVELENGTH_NM of so many samples a batch, so many batches, and tells how far it is.
+#: Renders a picture on WAVELENGTH_NM: of samples per batch, number of batches, and a callback for progress.
 Picture = Callable[[int, int, Progress], RenderedImage]
 
+#: Batches of a rendering. The relative standard deviation of a pixel's variance is then sqrt(2 / 7) = 0.53.
 BATCHES = 8
-PILOT_SAMPLES = 64
-_MOST_SAMPLES = 8192
 
-#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (measured: docs/measurements.md).
+#: Samples per batch of the pilot, and the fewest of any rendering.
+PILOT_SAMPLES = 64
+
+#: Most samples per batch: bounds the time where the noise cannot be reached.
+_MAX_SAMPLES = 8192
+
+#: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (benchmarks/measured/history.md).
 CONVERGENCE = 0.7
 
 
 def noise_ratio(rendered: xr.Dataset, sensor_variance: NDArray, used: NDArray) -> float:
-    """Median over used pixels and bands with light of the render's standard deviation over the sensor's."""
-    lit = used & (rendered.signal.values > 0)
-    if not lit.any():
+    """Median ratio of the rendering's standard deviation to the sensor's.
+
+    Parameters
+    ----------
+    rendered
+        Band images with signal (DN) and variance (DN^2), (band, y, x).
+    sensor_variance
+        (band, y, x) variance of the sensor, DN^2.
+    used
+        (band, y, x) True for samples that count.
+
+    Returns
+    -------
+    float
+        Median over the samples with light; 0 without any.
+    """
+    bright = used & (rendered.signal.values > 0)
+    if not bright.any():
         return 0.0
-    return float(np.median(np.sqrt(rendered.variance.values / sensor_variance)[lit]))
+    return float(np.median(np.sqrt(rendered.variance.values / sensor_variance)[bright]))
 
 
 def render_to_noise(
@@ -44,12 +64,37 @@ def render_to_noise(
     pilot: float | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[RenderedImage, xr.Dataset, float]:
-    """Render until the median ratio of the render's to the sensor's standard deviation is ``noise``.
+    """Render until the ratio of the rendering's noise to the sensor's is ``noise``.
 
-    A pilot of few samples tells how many it takes. sensor_variance : from expected signals (band, y, x) to DN^2.
-    usable : (band, y, x) pixels that count. convergence : the power of the samples by which the error falls.
-    pilot : the ratio that a pilot reached before, of the same light from nearly the same camera; None renders one.
-    Returns the image, its band signals, and the pilot's ratio.
+    The ratio is the median over samples. A pilot with few samples per batch determines their number.
+
+    Parameters
+    ----------
+    picture
+        Renders a picture.
+    responses
+        Responses of the bands.
+    sensor_variance
+        Variance of the sensor (DN^2) for expected signals (band, y, x) in DN.
+    usable
+        (band, y, x) True for samples that count.
+    noise
+        Target ratio of the standard deviations.
+    convergence
+        Power of the number of samples by which the error falls.
+    pilot
+        Ratio that an earlier pilot reached with the same light from nearly the same camera; None renders a pilot.
+    progress
+        Called with the completed share.
+
+    Returns
+    -------
+    RenderedImage
+        The picture; the pilot's if that is good enough.
+    Dataset
+        Its band images.
+    float
+        Ratio that the pilot reached.
     """
 
     def rendered(samples: int, batches: int, report: Progress) -> tuple[RenderedImage, xr.Dataset]:
@@ -62,7 +107,7 @@ def render_to_noise(
         if pilot <= noise:
             return image, bands, pilot
         del image, bands  # the next picture has as many batches
-    wanted = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
-    samples = int(np.clip(2 ** np.floor(np.log2(wanted)), PILOT_SAMPLES, _MOST_SAMPLES))
+    required = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
+    samples = int(np.clip(2 ** np.floor(np.log2(required)), PILOT_SAMPLES, _MAX_SAMPLES))
     expected = pilot * (PILOT_SAMPLES / samples) ** convergence
     return *rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress), pilot

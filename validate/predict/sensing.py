@@ -1,4 +1,4 @@
-"""The constants of a capture's way from light to counts, as its calibration found them."""
+"""Calibrated constants of a capture between light and counts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,20 @@ __all__ = ["minutes_of_bands", "sensing"]
 
 
 def minutes_of_bands(capture: Capture) -> NDArray[np.float64]:
-    """(band,) to the middle of each band's frames; without ``start_s`` a band follows the last at once."""
+    """Times of the bands after the start of the capture.
+
+    A band without ``start_s`` follows the one before it at once.
+
+    Parameters
+    ----------
+    capture
+        The capture, with exposure times and number of frames.
+
+    Returns
+    -------
+    NDArray
+        (band,) minutes to the middle of each band's frames.
+    """
     readout, free, middles = capture.manifest.camera.readout_s, 0.0, []
     for band in capture.manifest.band:
         start = free if band.start_s is None else band.start_s
@@ -31,10 +44,17 @@ def minutes_of_bands(capture: Capture) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class _Band:
+    """Uniform sources of one band."""
+
+    #: Flat field; None without one.
     flat: FlatTable | None
+    #: Reference frames of the radiometric constant; None where they took no part in it.
     reference: ReferenceTable | None
+    #: Weight of the band in the radiometric constant.
     weight: float
+    #: Spectrum of the flat's source on WAVELENGTH_NM; that of the reference, or ones, where not stated.
     flat_radiance: NDArray[np.float64]
+    #: Spectrum of the reference on WAVELENGTH_NM; ones where not stated.
     reference_radiance: NDArray[np.float64]
 
 
@@ -45,15 +65,14 @@ def _sources(calibration: Calibration, band: str) -> _Band:
     radiometry = calibration.radiometry
     measured = [w for c, w in zip(radiometry.by_band, radiometry.weights, strict=True) if c.band == band]
     reference = next(iter(capture.references(band)), None) if measured else None
-    ones = np.ones_like(WAVELENGTH_NM)
-    named = next((table.radiance for table in capture.references(band)), None)
-    own = ones if named is None else capture.light(named).at(WAVELENGTH_NM)
-    uniform = own if flat is None or flat.radiance is None else capture.light(flat.radiance).at(WAVELENGTH_NM)
-    return _Band(flat, reference, float(sum(measured)), uniform, own)
+    source = next((table.radiance for table in capture.references(band)), None)
+    spectrum = np.ones_like(WAVELENGTH_NM) if source is None else capture.light(source).at(WAVELENGTH_NM)
+    uniform = spectrum if flat is None or flat.radiance is None else capture.light(flat.radiance).at(WAVELENGTH_NM)
+    return _Band(flat, reference, float(sum(measured)), uniform, spectrum)
 
 
 def _channels(calibration: Calibration) -> NDArray[np.bool_]:
-    """(band, y, x) the pixels of each band's channel; all of them without a mosaic."""
+    """(band, y, x) True for the pixels of each band's channel; for all pixels without a mosaic."""
     capture, mosaic = calibration.capture, calibration.capture.manifest.mosaic
     if calibration.channels is None or mosaic is None:
         return np.ones((len(capture.band_ids), *capture.shape), bool)
@@ -62,14 +81,29 @@ def _channels(calibration: Calibration) -> NDArray[np.bool_]:
 
 
 def sensing(calibration: Calibration, camera: Camera) -> Sensing:
-    """The constants of a capture. camera : for the range of field angles.
+    """Constants of the sensor equation of a capture.
 
-    Raises InputError where the capture lacks what a prediction of counts takes.
+    Parameters
+    ----------
+    calibration
+        Calibration of the capture.
+    camera
+        Camera, for the range of field angles.
+
+    Returns
+    -------
+    Sensing
+        Response curves, flats, references, dark levels, exposures and times by band.
+
+    Raises
+    ------
+    InputError
+        If the capture has neither reference frames nor the data for the constant C.
     """
     capture, constant = calibration.capture, calibration.radiometry.constant
     if constant is None:
-        found = "neither usable reference frames nor focal length, pixel pitch and gain"
-        raise InputError(capture.folder / "capture.toml", found, "one of them, for the constant C")
+        fault = "neither usable reference frames nor focal length, pixel pitch and gain"
+        raise InputError(capture.folder / "capture.toml", fault, "one of them, for the constant C")
     bands = calibration.bands
     unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
     mask = bands.images["mask"].values

@@ -1,4 +1,7 @@
-"""Our picture of a scene that is not Lambertian, or that holds a medium: all its paths are traced."""
+"""Rendering by path tracing of a scene that is not Lambertian or that holds a medium.
+
+The Lambertian rendering gives the spectra at all wavelengths; the difference of the traced paths from it is added.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +21,35 @@ from .rendering import Picture
 
 __all__ = ["traced_picture"]
 
-#: Where paths are traced. Between, what they differ from the Lambertian picture by is linear, relative to the lamp.
+#: Wavelengths of traced paths, nm. Between them the difference from the Lambertian picture over the lamp is linear.
 _TRACED_NM = np.linspace(WAVELENGTH_NM[0], WAVELENGTH_NM[-1], 31)
 
-#: Of the Lambertian picture.
+#: Samples of the Lambertian picture: its noise is below that of the paths.
 _SAMPLES = 256
 
-#: A batch of paths is divided into so many: the error of few batches is too uncertain beside the sensor's noise.
+#: Parts of a batch of paths: from few batches, the error is too uncertain in comparison with the sensor's noise.
 _PARTS = 4
 
 
 def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: RenderSettings) -> Picture:
-    """Pictures of a scene through a camera. light : the solution of the same scene by Lambert's law alone."""
+    """Renderer of a scene by path tracing.
+
+    Parameters
+    ----------
+    scene
+        Scene with its BSDFs and medium.
+    camera
+        Camera of the pictures.
+    light
+        Radiosity solution of the same scene by Lambert's law alone.
+    settings
+        Seed and depth of paths.
+
+    Returns
+    -------
+    Picture
+        Renders a picture for samples per batch, batches and a callback for progress.
+    """
     shape = gather(light, camera, _SAMPLES, 1, settings.seed)
     lamp = scene.lamp_radiance(WAVELENGTH_NM)
     at = np.searchsorted(WAVELENGTH_NM, _TRACED_NM)
@@ -52,7 +72,7 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
             progress=report,
         )
         beyond = ((batch @ traced.spectra - lambertian) / lamp[at] for batch in traced.coefficients)
-        parts = [np.concatenate([shape.coefficients[0], one], axis=-1, dtype=np.float32) for one in beyond]
+        parts = [np.concatenate([shape.coefficients[0], part], axis=-1, dtype=np.float32) for part in beyond]
         return replace(shape, coefficients=np.stack(parts), spectra=np.concatenate([shape.spectra, between * lamp]))
 
     return picture

@@ -1,4 +1,4 @@
-"""A rendered image under effects of light transport, for spectral cubes and synthetic captures.
+"""Effects of light transport on a rendered image, for spectral cubes and synthetic captures.
 
 The diagnosis computes an effect's change with patches of a twelfth of the scene's diagonal at one wavelength per band.
 Here patches are a twentieth of it, with more rays, other random numbers, and wavelengths in steps of each effect.
@@ -23,9 +23,21 @@ __all__ = ["transported"]
 
 #: Wavelengths computed together.
 _AT_ONCE = 16
+
+#: Least share of the lamp's largest radiance that light is divided by: a lamp of lines is dark between them.
 _DARK = 1e-6
 
-_PATCHES_PER_DIAGONAL, _PATCH_SAMPLES, _SAMPLES, _PICTURE_SAMPLES = 20, 1024, 512, 512
+#: Patches along the scene's diagonal: finer than the twelve of the diagnosis, whose errors a test must not share.
+_PATCHES_PER_DIAGONAL = 20
+
+#: Rays from each patch.
+_PATCH_SAMPLES = 1024
+
+#: Rays of each pixel for its patches.
+_SAMPLES = 512
+
+#: Rays of each pixel for light that patches do not describe.
+_PICTURE_SAMPLES = 512
 
 
 def transported(
@@ -36,9 +48,27 @@ def transported(
     seed: int,
     max_bounces: int | None = None,
 ) -> RenderedImage:
-    """The image as the effects of the stage "transport" change it, in their order; the image itself without any.
+    """Image changed by the effects of the stage "transport", in their order.
 
-    scene, camera, max_bounces : those of the image.
+    Parameters
+    ----------
+    image
+        The rendered image.
+    scene
+        Scene of the image.
+    camera
+        Camera of the image.
+    effects
+        Effects; those of other stages do not count.
+    seed
+        Seed of the image: the transport has other random numbers.
+    max_bounces
+        Most reflections of the image; None for no limit.
+
+    Returns
+    -------
+    RenderedImage
+        The image with the change as further coefficients and spectra; the image itself without such effects.
     """
     steps = [effect.effect.spectral_step_nm for effect in effects if effect.stage == "transport"]
     if not steps:
@@ -52,7 +82,7 @@ def transported(
     patched = build_patched_scene(scene, edge, _PATCH_SAMPLES, other)
     transport = build_patch_transport(patched, camera, _SAMPLES, other)
     lamp, own_lamp = (scene.lamp_radiance(nm) for nm in (grid, image.wavelength_nm))
-    dark = _DARK * lamp.max()  # all is told over the lamp's radiance, which a line lamp lacks
+    dark = _DARK * lamp.max()  # light is divided by the lamp's radiance, which is 0 between the lines of a lamp
     lamp, own_lamp = np.maximum(lamp, dark), np.maximum(own_lamp, dark)
     ratios, additions = [], []
     parts = -(-coarse.size // _AT_ONCE)
@@ -78,14 +108,14 @@ def transported(
 
 
 def _thinned(wavelength_nm: NDArray[np.float64], step_nm: float) -> NDArray[np.int64]:
-    """Indices of wavelengths ``step_nm`` apart, or of all where they are further apart; first and last among them."""
-    wanted = np.arange(wavelength_nm[0], wavelength_nm[-1] + step_nm, step_nm)
-    nearest = np.abs(wavelength_nm[:, None] - np.minimum(wanted, wavelength_nm[-1])).argmin(axis=0)
+    """Indices of wavelengths ``step_nm`` apart or more, first and last included."""
+    targets = np.arange(wavelength_nm[0], wavelength_nm[-1] + step_nm, step_nm)
+    nearest = np.abs(wavelength_nm[:, None] - np.minimum(targets, wavelength_nm[-1])).argmin(axis=0)
     return np.unique(nearest)
 
 
 def _ratio_and_addition(before: NDArray, after: NDArray) -> tuple[NDArray, NDArray]:
-    """What the accurate picture is multiplied by, and what is added where there was next to nothing before."""
+    """Factor on the accurate picture; light added where it is not within 0.5 to 2 (dark)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = after / before
     steady = np.isfinite(ratio) & (ratio > 0.5) & (ratio < 2.0)

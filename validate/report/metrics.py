@@ -1,4 +1,4 @@
-"""metrics.json: the results of a validation under stable keys (documented in docs/metrics.md)."""
+"""Results of a validation as metrics.json, under the stable keys of docs/metrics.md."""
 
 from __future__ import annotations
 
@@ -15,42 +15,50 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
-from ..compare import ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
+from ..compare import HEADLINE, ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
 
 @dataclass(frozen=True)
 class PathStep:
-    """One model on the path from the given model to the final one. effects : identifiers in order."""
+    """One model on the path from the given model to the final one."""
 
+    #: Identifiers of its effects in order.
     effects: tuple[str, ...]
+    #: Reduced chi2.
     chi2_per_dof: float
+    #: Mean Delta E*ab over pixels.
     delta_e_ab_mean: float
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Data of a validation besides the comparison.
+    """Data of a validation besides the comparison."""
 
-    seconds : wall time. camera : as used for the render. calibrated_camera : before the refit to the image, None
-    without a refit. reprojection_rms_px : of the surveyed points, per coordinate.
-    lamp_scale, lamp_scale_sigma : fitted factor on the lamp's stated radiance. lamp_scale_prior_sigma : its
-    stated relative uncertainty. path : models tried, in order; empty without a diagnosis. failures : see
-    ``ranked_failures``.
-    """
-
+    #: Name of the capture.
     capture: str
+    #: Name of the model.
     model: str
+    #: Version of the program.
     version: str
+    #: Wall time, s.
     seconds: float
+    #: Camera of the rendering.
     camera: Camera
+    #: Reprojection error of the surveyed points, px rms per coordinate.
     reprojection_rms_px: float
+    #: Fitted factor on the lamp's stated radiance.
     lamp_scale: float
+    #: Standard deviation of the factor.
     lamp_scale_sigma: float
+    #: Stated relative uncertainty of the lamp's radiance; NaN if not stated.
     lamp_scale_prior_sigma: float = math.nan
+    #: Camera before the refit to the image; None without a refit.
     calibrated_camera: Camera | None = None
+    #: Models tried, in order; empty without a diagnosis.
     path: Sequence[PathStep] = ()
+    #: Ranked list of where the model fails.
     failures: Sequence[Failure] = ()
 
 
@@ -71,9 +79,9 @@ def _relative(difference: RelativeDifference) -> dict[str, Any]:
     }
 
 
-def _delta_e(seen: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
+def _colour(figures: DifferenceStatistics, noise: DifferenceStatistics) -> dict[str, Any]:
     expected = {"mean": noise.mean, "p95": noise.p95, "max": noise.maximum}
-    return {"mean": seen.mean, "p95": seen.p95, "max": seen.maximum, "expected_from_noise": expected}
+    return {"mean": figures.mean, "p95": figures.p95, "max": figures.maximum, "expected_from_noise": expected}
 
 
 def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
@@ -110,9 +118,26 @@ def _plain(value: Any) -> Any:
 
 
 def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The content of metrics.json as plain values. extra : further keys.
+    """Content of metrics.json.
 
-    Raises ValueError if ``extra`` contains a stable key.
+    Parameters
+    ----------
+    comparison
+        The comparison.
+    run
+        Data of the validation.
+    extra
+        Further keys.
+
+    Returns
+    -------
+    dict
+        Plain values; None for NaN and infinity.
+
+    Raises
+    ------
+    ValueError
+        If ``extra`` contains a stable key.
     """
     c = comparison
     content: dict[str, Any] = {
@@ -139,9 +164,8 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             name: {
                 "relative_difference": dict(zip(c.bands, row.relative, strict=True)),
                 "relative_difference_sigma": dict(zip(c.bands, row.relative_sigma, strict=True)),
-                "delta_e_ab": row.delta_e_ab,
-                "delta_e_2000": row.delta_e_2000,
-                "delta_e_ab_expected_from_noise": row.delta_e_noise,
+                **row.colour,
+                f"{HEADLINE.id}_expected_from_noise": row.colour_noise[HEADLINE.id],
                 "measured": _light(row.xyz_measured),
                 "rendered": _light(row.xyz_rendered),
                 "interior_pixels": row.interior_pixels,
@@ -149,15 +173,14 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             }
             for name, row in c.by_surface.items()
         },
-        "delta_e_ab": _delta_e(c.delta_e_ab, c.delta_e_ab_noise),
-        "delta_e_2000": _delta_e(c.delta_e_2000, c.delta_e_2000_noise),
+        **{name: _colour(figures, c.colour_noise[name]) for name, figures in c.colour.items()},
         "luminance": _relative(c.luminance),
         "white": {"x": c.white.x, "y": c.white.y, "luminance": c.white.luminance},
         "edges": {"share_of_excess": c.share_of_excess_at_edges, **_chi2(c.chi2_edges)},
         "interiors": _chi2(c.chi2_interiors),
         "regions": {
             kind: {
-                r.words: {
+                r.name: {
                     **_chi2(r.chi2),
                     "share_of_residuals": r.share_of_residuals,
                     "share_of_excess": r.share_of_excess,
@@ -167,7 +190,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             for kind, rows in regions_of(c).items()
         },
         "failures": [asdict(failure) for failure in run.failures],
-        "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.delta_e_ab.mean)]],
+        "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.colour[HEADLINE.id].mean)]],
     }
     for key, value in (extra or {}).items():
         if key in content:
@@ -179,7 +202,24 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
 def write_metrics(
     path: Path, comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Write metrics.json and return its content; an incomplete file is removed."""
+    """Write metrics.json; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    comparison
+        The comparison.
+    run
+        Data of the validation.
+    extra
+        Further keys.
+
+    Returns
+    -------
+    dict
+        The content.
+    """
     content = metrics(comparison, run, extra)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

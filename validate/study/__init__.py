@@ -1,4 +1,4 @@
-"""Study: captures, a model's effects in order, and their predictions; every state is a value."""
+"""Study: captures, a model's effects in order, and predictions; every state is a value."""
 
 from .history import History, State
 from .prediction import Base, Prediction, predict, same_effects

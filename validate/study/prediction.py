@@ -214,7 +214,7 @@ def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[Appl
     prior = rows.T @ rows
     deviation = rendered.fit.missed(expected).vector
     still = (before + base.refit_change)[used]
-    variance = prepared.calibration.predicted_variance(prepared.lit(before)) + rendered.variance
+    variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(before)) + rendered.variance
     sigma = np.sqrt(variance[used])
     columns = np.vstack([scale * base.derivative[:, used], still]) / sigma
     residual = (prepared.measured[used] - scale * still) / sigma

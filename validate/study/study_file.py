@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect
-from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference
+from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference, with_scene_file
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing
@@ -67,7 +67,7 @@ class _Content(_Strict):
 def write_study(path: Path, study: StudyFile) -> None:
     """Write a study file, complete or not at all.
 
-    Captures and a scene file are named relative to its folder.
+    Captures and a scene file are named relative to its folder. A scene in memory is written next to it.
 
     Parameters
     ----------
@@ -76,7 +76,8 @@ def write_study(path: Path, study: StudyFile) -> None:
     study
         Its content.
     """
-    model, folder = study.model, path.parent.resolve()
+    model = with_scene_file(study.model, path.with_name(f"{path.stem}-scene.toml"))
+    folder = path.parent.resolve()
     content = {
         "format": "study/1",
         "captures": [_relative(capture, folder) for capture in study.captures],

@@ -1,4 +1,4 @@
-"""Contents of picture files' headers: entries, windows, layers of channels, units of wavelength."""
+"""Headers of picture files: entries, windows, layers of channels, units of wavelength."""
 
 from .envi_header import EnviHeader, is_envi, read_header
 from .exr_layers import layers_of, listed, one_layer_hint, require_one_layer

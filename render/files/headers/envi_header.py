@@ -1,4 +1,4 @@
-"""The text header of an ENVI file, as programs of cameras, satellites and laboratories write it.
+"""Text header of an ENVI file, as cameras, satellites and laboratories write it.
 
 Format: "ENVI Header Files", documentation of ENVI (NV5 Geospatial). A header is ``key = value`` by line. A value in
 braces may span several lines, and may begin on the line after its key. Lines that begin with a semicolon are comments.
@@ -80,8 +80,8 @@ class EnviHeader:
         try:
             return int(text or "")
         except ValueError:
-            shown = "nothing" if text is None else repr(text[:80])
-            raise InputError(f"{self.path}: {key}", shown, "a whole number") from None
+            value = "nothing" if text is None else repr(text[:80])
+            raise InputError(f"{self.path}: {key}", value, "a whole number") from None
 
     def numbers(self, key: str) -> NDArray[np.float64]:
         """A list of numbers, separated by commas or by spaces; one comma may follow the last.
@@ -112,8 +112,8 @@ class EnviHeader:
         except ValueError:
             values = np.array([np.nan])
         if not np.isfinite(values).all():
-            shown = text if len(text) <= 80 else f"{text[:80]}..."
-            raise InputError(f"{self.path}: {key}", shown, "a list of finite numbers, separated by commas")
+            beginning = text if len(text) <= 80 else f"{text[:80]}..."
+            raise InputError(f"{self.path}: {key}", beginning, "a list of finite numbers, separated by commas")
         return values
 
     def numbers_by_band(self, key: str, bands: int, default: float) -> NDArray[np.float64]:

@@ -82,7 +82,7 @@ def one_layer_hint(layer: str, software: str) -> str:
 
 
 def require_one_layer(path: Path, names: Sequence[str], software: str = "") -> None:
-    """Raise InputError for a picture in colour among other channels, and for channels of several layers.
+    """Raise InputError for a picture among other channels, and for several layers.
 
     Parameters
     ----------
@@ -104,7 +104,9 @@ def require_one_layer(path: Path, names: Sequence[str], software: str = "") -> N
         return
     picture = next((layer for layer in in_colour if not layer or layer.endswith("Combined")), "")
     picture = picture if picture in in_colour else next(iter(in_colour), "")
-    found = f"the channels {listed(sorted(names))}"
+    description = f"the channels {listed(sorted(names))}"
     if len(layers) > 1:
-        found = f"layers ({listed([layer or 'without a name' for layer in sorted(layers)])}) with {found}"
-    raise InputError(path, found, "one picture: spectra, R, G, B, or X, Y, Z alone", one_layer_hint(picture, software))
+        description = f"layers ({listed([layer or 'without a name' for layer in sorted(layers)])}) with {description}"
+    raise InputError(
+        path, description, "one picture: spectra, R, G, B, or X, Y, Z alone", one_layer_hint(picture, software)
+    )

@@ -1,9 +1,9 @@
-"""Pixels of a larger picture that a file holds: the data window of OpenEXR, and the start pixel of ENVI.
+"""Place of a file's pixels in a larger picture: OpenEXR's data window, ENVI's first pixel.
 
-OpenEXR counts the pixels of a display window, the picture, and stores those of a data window, which may be a part of
-it or reach beyond it ("Technical Introduction to OpenEXR"). Pixels of two files are the same where they have the same
-coordinates. A picture that is not all of its display window carries the attribute ``window``, text in JSON, in its
-dataset; a picture without it begins at pixel (0, 0) and is complete.
+In OpenEXR the picture is the display window. A file stores the pixels of its data window, which may be a part of the
+picture or reach beyond it ("Technical Introduction to OpenEXR"). Pixels of two files are the same where their
+coordinates are the same. The dataset of a picture that is not all of its display window has the attribute ``window``,
+text in JSON. A picture without it begins at pixel (0, 0) and is complete.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Window:
     @property
     def is_complete(self) -> bool:
         """Whether it is the picture, and begins at pixel (0, 0)."""
-        place = (self.left, self.top, self.width, self.height)
-        return place[:2] == (0, 0) and self.display in (None, place)
+        rectangle = (self.left, self.top, self.width, self.height)
+        return rectangle[:2] == (0, 0) and self.display in (None, rectangle)
 
     def __str__(self) -> str:
         columns, rows = (

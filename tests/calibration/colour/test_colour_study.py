@@ -142,7 +142,7 @@ def test_training_is_repeatable_and_physical(lamps):
 def test_the_baselines_weights(shared):
     """Plain least squares misses Z of lamp times paint by 7 to 43%; training brings it to a few percent.
 
-    The stated errors are those that docs/measurements.md gives.
+    The stated errors are those that benchmarks/measured/history.md gives.
     """
     found = calibrate(load_capture(shared / "captures" / "baseline")).colour
     plain, trained = found.errors["least squares"], found.errors["trained"]

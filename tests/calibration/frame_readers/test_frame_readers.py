@@ -2,6 +2,7 @@
 
 import gzip
 import importlib.metadata
+import resource
 from datetime import datetime
 
 import numpy as np
@@ -9,11 +10,11 @@ import OpenEXR
 import pytest
 import tifffile
 from cboxlab.calibration import frame_readers
-from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
 from cboxlab.utils.errors import InputError
-from helpers.fakes.capture import FakeCapture
 from helpers.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 SHAPE = (12, 16)
 CUBE = np.random.default_rng(1).integers(0, 65535, (3, *SHAPE)).astype(np.uint16)
@@ -192,6 +193,35 @@ def test_a_packed_file_that_announces_more_than_it_holds(tmp_path):
         frame_header(tmp_path / "a.fits.gz")
 
 
+@pytest.mark.parametrize("start", ["SIMPLE  =                    T", "XTENSION= 'IMAGE   '", "NOTHING"])
+@pytest.mark.parametrize("whole_before", [False, True])
+def test_a_packed_header_without_end_is_refused(tmp_path, start, whole_before):
+    write_fits(tmp_path / "a.fits", CUBE[0])
+    before = (tmp_path / "a.fits").read_bytes() if whole_before else b""
+    (tmp_path / "b.fits.gz").write_bytes(gzip.compress(before + start.ljust(2**27).encode(), 9))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match=r"b\.fits\.gz: found (a header without end|bytes that are no header)"):
+        frame_header(tmp_path / "b.fits.gz")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 50 * 1024
+
+
+FITS_NAMES = ["f.fits", "f.fits.gz", "f.fits.fz"]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(FITS_NAMES), st.integers(0, 20_000), st.integers(0, 255))
+def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, place, byte):
+    path = tmp_path_factory.mktemp("frame") / name
+    write_fits(path, CUBE, EXPTIME=1.0, BAYERPAT="RGGB")
+    content = bytearray(path.read_bytes())
+    content[place % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        assert read_pictures(path).dtype == np.uint16
+    except InputError as fault:
+        assert path.name in str(fault)
+
+
 @pytest.mark.parametrize(("name", "package"), [("a.fits", "astropy"), ("a.dng", "rawpy")])
 def test_a_missing_package_is_named_once(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b"whatever")
@@ -262,91 +292,3 @@ def test_a_reader_whose_pictures_do_not_fit_its_header(tmp_path, plugged):
 def test_the_readers_are_the_files_of_the_folder():
     assert list(frame_readers.catalogue()) == ["exr", "fits", "raw", "tiff"]
     assert importlib.metadata.entry_points(group="cboxlab.frames") is not None
-
-
-# In a capture
-
-
-@pytest.fixture
-def folder(tmp_path):
-    return FakeCapture(tmp_path / "capture", centres=(450, 550)).write()
-
-
-def with_frames(folder, old, new):
-    path = folder / "capture.toml"
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-
-
-def band_frames(capture, folder):
-    return "frames = [" + ", ".join(f'"{name}"' for name in capture.band("f450").frames) + "]"
-
-
-@pytest.mark.parametrize("name", ["box.fits", "box.fits.gz", "box.fits.fz", "box.tif"])
-def test_a_cube_counts_as_its_repeats(folder, name):
-    """The same counts in one file give the same capture as in a file each."""
-    before = load_capture(folder)
-    stack = before.frames(before.band("f450"))
-    assert len(stack) > 1
-    write_fits(folder / name, stack) if "fits" in name else write_stack(folder / name, stack)
-    with_frames(folder, band_frames(before, folder), f'frames = ["{name}"]')
-    after = load_capture(folder)
-    assert after.band("f450").frames == tuple(f"{name}[{k}]" for k in range(len(stack)))
-    np.testing.assert_array_equal(after.frames(after.band("f450")), stack)
-    np.testing.assert_array_equal(after.frame(f"{name}[1]"), stack[1])
-
-
-@pytest.mark.parametrize(("names", "order"), [('"a.fits[1]"', [1]), ('"a.fits[1]", "a.fits[0]"', [1, 0])])
-def test_single_pictures_of_a_cube(folder, names, order):
-    before = load_capture(folder)
-    stack = before.frames(before.band("f450"))
-    write_fits(folder / "a.fits", stack)
-    with_frames(folder, band_frames(before, folder), f"frames = [{names}]")
-    after = load_capture(folder)
-    np.testing.assert_array_equal(after.frames(after.band("f450")), stack[order])
-
-
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        ('"a.fits[7]"', "the picture \\[7\\] of a.fits; expected 0 to 1"),
-        ('"a.fits", "a.fits[0]"', "'a.fits\\[0\\]' next to 'a.fits'"),
-        ('"b.fits[0]"', "'b.fits', which does not exist"),
-    ],
-)
-def test_pictures_that_are_not_there(folder, names, words):
-    before = load_capture(folder)
-    write_fits(folder / "a.fits", before.frames(before.band("f450"))[:2])
-    with_frames(folder, band_frames(before, folder), f"frames = [{names}]")
-    with pytest.raises(InputError, match=words):
-        load_capture(folder)
-
-
-def test_a_frame_whose_name_ends_in_brackets(folder):
-    before = load_capture(folder)
-    name = before.band("f450").frames[0]
-    renamed = name.replace(".tif", ".tif[3]")
-    (folder / name).rename(folder / renamed)
-    with_frames(folder, f'"{name}"', f'"{renamed}"')
-    after = load_capture(folder)
-    assert renamed in after.band("f450").frames and after.frame(renamed).shape == after.shape
-
-
-def test_a_raw_file_in_a_capture(folder):
-    before = load_capture(folder)
-    image = before.frame(before.band("f450").frames[0])
-    write_dng(folder / "IMG_0550.dng", image)
-    with_frames(folder, band_frames(before, folder), 'frames = ["IMG_0550.dng"]')
-    after = load_capture(folder)
-    np.testing.assert_array_equal(after.frames(after.band("f450"))[0], image)
-
-
-def test_bands_in_one_file_are_no_frames(folder):
-    before = load_capture(folder)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    stack = {name: np.full(before.shape, 5, np.float32) for name in ("a", "b")}
-    OpenEXR.File(header, stack).write(str(folder / "a.exr"))
-    with_frames(folder, band_frames(before, folder), 'frames = ["a.exr"]')
-    with pytest.raises(InputError, match="the bands a, b in one file"):
-        load_capture(folder)

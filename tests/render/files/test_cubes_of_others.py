@@ -11,6 +11,7 @@ import xarray as xr
 from cboxlab.rendering.files import (
     Declared,
     declared_for,
+    open_cube,
     read_cube,
     read_picture,
     require_used,
@@ -173,6 +174,56 @@ def test_a_netcdf_file_asks_for_units_and_wavelengths(tmp_path):
     cube = read_cube(path)
     np.testing.assert_allclose(cube["wavelength"], [400, 500, 600])
     np.testing.assert_allclose(cube["radiance"], 1e-3 * GREY[..., ::-1], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("um", 1e-3), ("micrometers", 1e-3), ("µm", 1e-3), ("Nanometre", 1.0), ("m", 1e-9), ("angstrom", 10.0)],
+)
+def test_units_of_wavelength_of_a_netcdf_file(tmp_path, unit, factor):
+    cube = as_cube(GREY, np.array([400.0, 500.0, 600.0]) * factor)
+    cube["wavelength"].attrs["units"] = unit
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    back = read_cube(tmp_path / "a.nc")
+    np.testing.assert_allclose(back["wavelength"], [400, 500, 600])
+    assert back["wavelength"].attrs["units"] == "nm"
+
+
+def test_a_netcdf_files_wavelengths_are_kept_and_their_unit_asked_for(tmp_path):
+    cube = as_cube(GREY, [0.4, 0.5, 0.6])
+    del cube["wavelength"].attrs["units"]
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="declare wavelength-unit=nm"):
+        read_cube(tmp_path / "a.nc")
+    declared = Declared(wavelength_unit="um")
+    back = read_cube(tmp_path / "a.nc", declared)
+    np.testing.assert_allclose(back["wavelength"], [400, 500, 600])
+    require_used(declared, declared_for(back), stated_in(back))
+    with pytest.raises(InputError, match="declared wavelength-unit: found 'ft'"):
+        read_cube(tmp_path / "a.nc", Declared(wavelength_unit="ft"))
+    cube["wavelength"].attrs["units"] = "ft"
+    cube.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="the unit 'ft'"):
+        read_cube(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize("nm", [[0.4, 0.5, 0.6], [4e5, 5e5, 6e5], [4e-7, 5e-7, 6e-7]])
+@pytest.mark.parametrize("ending", [".nc", ".exr", ".hdr"])
+def test_wavelengths_that_are_none_of_light_are_refused(tmp_path, ending, nm):
+    path = tmp_path / f"a{ending}"
+    if ending == ".exr":
+        exr(
+            path,
+            channels([f"S0.{w:g}nm".replace("0.", "0,").replace("S0,", "S0.") for w in nm]),
+            emissiveUnits=RADIANCE,
+        )
+    else:
+        write_cube(path, as_cube(GREY, nm))
+    with pytest.raises(InputError, match=r"wavelength: .*wavelengths of light.*another unit"):
+        read_cube(path)
+    if ending != ".exr":
+        with pytest.raises(InputError, match="wavelengths of light"), open_cube(path):
+            pass
 
 
 def test_negative_radiance_is_told(tmp_path):

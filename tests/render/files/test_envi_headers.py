@@ -10,6 +10,7 @@ from helpers.faults import fault_folder
 
 
 def read(tmp_path, *arguments, declared=None, **keywords):
+    tmp_path.mkdir(exist_ok=True)
     return read_cube(write(tmp_path / "cube", *arguments, **keywords), declared or Declared())
 
 
@@ -65,6 +66,14 @@ def test_of_two_data_files_the_one_of_the_headers_size_is_read(tmp_path):
     (tmp_path / "cube" / "x.dat").write_bytes((tmp_path / "cube" / "x.bil").read_bytes())
     with pytest.raises(InputError, match=r"data files x.dat, x.bil of the same size"):
         read_cube(path)
+
+
+def test_an_ending_that_contradicts_the_header_is_noted(tmp_path):
+    cube = read(tmp_path, header_text(interleave="bil"), order="bil", data="x.bsq")
+    np.testing.assert_array_equal(cube["radiance"], LIGHT)
+    assert "read as bil, as the header states, although the data file is x.bsq" in cube.attrs["reading_notes"]
+    cube = read(tmp_path / "other", header_text(interleave="bil"), order="bil", data="x.BIL")
+    assert "reading_notes" not in cube.attrs
 
 
 def test_samples_named_in_place_of_their_header(tmp_path):
@@ -333,6 +342,14 @@ def test_ignored_values_of_any_range(tmp_path, ignored):
     values = np.arange(120).reshape(4, 5, 6)
     cube = read(tmp_path, header_text(data_type=12, data_ignore_value=ignored), values, kind="<u2")
     assert np.isnan(cube["radiance"]).sum() == (1 if ignored == "0" else 0)
+
+
+def test_an_ignored_number_of_64_bits_in_samples_of_32(tmp_path):
+    values = LIGHT.copy()
+    values[1, 2, 3] = np.inf
+    cube = read(tmp_path, header_text(data_ignore_value="1.7976931348623157e308"), values)
+    assert np.isnan(cube["radiance"].values[1, 2, 3])
+    assert np.isnan(cube["radiance"]).sum() == 1
 
 
 # ---- bad bands

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cboxlab.scenes
 import pytest
-from cboxlab.rendering.model import Model, load_model, write_model
+from cboxlab.rendering.model import Model, load_model, model_text, write_model
 from cboxlab.scenes import load_scene
 from cboxlab.utils.errors import InputError
 
@@ -57,3 +57,9 @@ def test_a_wrong_effect_is_one_input_error(effect, values, text):
     with pytest.raises(InputError) as error:
         Model().with_effect(effect, **values)
     assert text in str(error.value)
+
+
+def test_the_text_of_a_model_in_memory_says_so():
+    """Provenance of cubes and maps holds the model's text."""
+    model = Model(load_scene("cornell-box").with_reflectance("red", 0.3))
+    assert 'scene = "in memory: cornell-box"' in model_text(model)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device import dr, mi
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.perturbation.brdf_change import Coat, Reflection, changed_reflection, fresnel
+from cboxlab.rendering.perturbation import Coat, Reflection, changed_reflection, fresnel
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from helpers.boxes import BANDS, box_with_lamp, camera_inside

@@ -132,7 +132,7 @@ def test_what_is_known_of_the_same_numbers_is_not_computed_again():
             computed.append(numbers)
             return np.sum(numbers)
 
-        return transport.kept(("sum", np.array(numbers)), made)
+        return transport.cached(("sum", np.array(numbers)), made)
 
     assert [of(1.0, 2.0), of(1.0, 2.0), of(1.0, 2.5), of(1.0, 2.0)] == [3.0, 3.0, 3.5, 3.0]
     assert computed == [(1.0, 2.0), (1.0, 2.5)]
@@ -142,7 +142,7 @@ def test_what_is_known_of_the_same_numbers_is_not_computed_again():
     assert of(1.0, 2.5) == 3.5
     assert computed.count((1.0, 2.0)) == 1
     assert computed.count((1.0, 2.5)) == 2
-    assert len(transport._kept) < 20
+    assert len(transport._results) < 20
 
 
 @pytest.mark.parametrize("changed", ["patch_reflectance", "patch_emission", "surround", "max_bounces"])
@@ -153,6 +153,6 @@ def test_a_solution_follows_whatever_changes_it(changed):
     value = 3 if changed == "max_bounces" else 1.1 * getattr(light, changed)
     other = light.change(**{changed: value})
     fresh = replace(other, transport=replace(other.transport))
-    assert fresh.transport._kept == {}
+    assert fresh.transport._results == {}
     np.testing.assert_array_equal(other.patch_radiance(), fresh.patch_radiance())
     assert np.any(other.patch_radiance() != light.patch_radiance())

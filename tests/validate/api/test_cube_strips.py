@@ -17,7 +17,7 @@ from cboxlab.rendering.photometry import tristimulus_weights
 from cboxlab.scenes import cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import CubeSettings, cube, render, render_file
-from cboxlab.validation.api.kept_strips import keep_strip, kept_strip
+from cboxlab.validation.api.strip_files import load_strip, store_strip
 from helpers.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -137,8 +137,8 @@ def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
         {"wavelength": ("wavelength", [500.0], {"units": "nm"})},
     )
     place = tmp_path / "cube.nc.strips" / "0"
-    keep_strip(place, "made from this", strip)
-    back = kept_strip(place, "made from this")
+    store_strip(place, "made from this", strip)
+    back = load_strip(place, "made from this")
     assert back is not None and np.array_equal(back["radiance"], strip["radiance"])
     assert [path.name for path in place.parent.iterdir()] == ["0"]
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from cboxlab.validation.compare.colour_difference import (
+    COLOUR_DIFFERENCES,
     White,
-    delta_e_2000,
-    delta_e_ab,
     expected_from_noise,
     lab,
     srgb_preview,
@@ -34,8 +33,10 @@ def test_white_of_lab():
     ],
 )
 def test_published_colour_differences(first, second, expected):
-    assert delta_e_2000(first, second) == pytest.approx(expected, abs=5e-5)
-    assert delta_e_ab(first, second) == pytest.approx(np.linalg.norm(np.subtract(first, second)))
+    assert COLOUR_DIFFERENCES["delta_e_2000"].between(first, second) == pytest.approx(expected, abs=5e-5)
+    assert COLOUR_DIFFERENCES["delta_e_ab"].between(first, second) == pytest.approx(
+        np.linalg.norm(np.subtract(first, second))
+    )
 
 
 def test_the_white_is_the_lamps_colour_at_the_brightest_surfaces():
@@ -50,7 +51,7 @@ def test_noise_of_lightness_alone_has_the_mean_of_a_half_normal():
     """
     level, sigma = np.full((2, 256), 60.0), np.full((2, 256), 0.12)
     xyz_per_dn = np.outer(XYZ, [0.004, 0.002])
-    found, _ = expected_from_noise(level, sigma, xyz_per_dn, WHITE, seed=1)
+    found = expected_from_noise(level, sigma, xyz_per_dn, WHITE, seed=1)["delta_e_ab"]
     relative = 0.006 * 60.0
     scatter = 116 / 3 * np.hypot(0.004, 0.002) * 0.12 * relative ** (-2 / 3)
     assert found.mean == pytest.approx(np.sqrt(2 / np.pi) * scatter, rel=0.01)

@@ -67,8 +67,8 @@ def test_scale_error_is_reported_as_such():
     # dL* = 116/3 (Y/Yn)^(1/3) 0.02, for a near-neutral surface most of Delta E.
     row = comparison.by_surface["ceiling"]
     relative_luminance = comparison.maps.xyz_rendered.values[(BOX.surface == 1), 1].mean() / comparison.white.luminance
-    assert row.delta_e_ab == pytest.approx(116 / 3 * relative_luminance ** (1 / 3) * 0.02, rel=0.05)
-    assert row.delta_e_ab > 10 * row.delta_e_noise
+    assert row.colour["delta_e_ab"] == pytest.approx(116 / 3 * relative_luminance ** (1 / 3) * 0.02, rel=0.05)
+    assert row.colour["delta_e_ab"] > 10 * row.colour_noise["delta_e_ab"]
     assert verdict(comparison).level == "unexplained"
 
 
@@ -124,8 +124,8 @@ def test_noise_expectation_of_colour_difference():
     """Where the render is exact, Delta E is what the expectation from noise says."""
     comparison = BOX.compare(seed=5)
     for seen, noise in (
-        (comparison.delta_e_ab, comparison.delta_e_ab_noise),
-        (comparison.delta_e_2000, comparison.delta_e_2000_noise),
+        (comparison.colour["delta_e_ab"], comparison.colour_noise["delta_e_ab"]),
+        (comparison.colour["delta_e_2000"], comparison.colour_noise["delta_e_2000"]),
     ):
         assert seen.mean == pytest.approx(noise.mean, rel=0.03)
         assert seen.p95 == pytest.approx(noise.p95, rel=0.05)
@@ -168,7 +168,7 @@ def test_masked_pixels_do_not_matter_and_are_counted():
     signal[2, 20:30, 40:60] = np.nan
     spoilt = compare(band_images(BANDS, signal, measured.variance, mask), rendered, BOX.sensor_variance, **arguments)
     assert spoilt.chi2 == clean.chi2
-    assert spoilt.delta_e_ab == clean.delta_e_ab
+    assert spoilt.colour["delta_e_ab"] == clean.colour["delta_e_ab"]
     assert spoilt.luminance == clean.luminance
     assert spoilt.masked["hot"] == 200
     assert spoilt.masked["lamp"] == BOX.lamp.sum()

@@ -24,16 +24,16 @@ def test_every_region_has_its_own_squares_and_its_part_of_the_freedom():
         assert sum(row.chi2.count for row in rows) == used.sum()
     wheres = {name: BOX.surface == i for i, name in enumerate(SURFACES)}
     for row in found["surface"][: len(SURFACES)]:
-        own = residual[:, wheres[row.words]]
+        own = residual[:, wheres[row.name]]
         count, value = np.isfinite(own).sum(), float(np.nansum(own**2))
         assert (row.chi2.count, row.chi2.value, row.chi2.dof) == pytest.approx((count, value, count * each))
         assert row.share_of_excess == pytest.approx((value - count * each) / excess)
         assert row.share_of_residuals == pytest.approx(count / used.sum())
     for band, row in zip(residual, found["band"], strict=True):
         assert row.chi2.value == pytest.approx(np.nansum(band**2))
-    assert [row.words for row in found["band"]] == list(BANDS)
+    assert [row.name for row in found["band"]] == list(BANDS)
     most = max(found["surface"], key=lambda row: row.share_of_excess)
-    assert most.words == "floor" and most.share_of_excess > 0.9
+    assert most.name == "floor" and most.share_of_excess > 0.9
 
 
 def test_where_noise_explains_all_there_is_no_share():

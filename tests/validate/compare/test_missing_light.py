@@ -7,7 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
-from cboxlab.validation.compare import Prepared, pipeline, validate_capture
+from cboxlab.validation.compare import CalibratedCapture, pipeline, validate_capture
 from cboxlab.validation.diagnose import diagnose, stepwise
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
@@ -19,17 +19,17 @@ def test_noise_is_that_of_the_measured_light_where_the_model_lacks_it():
     measured = np.array([[[1000.0, 1000.0, 1000.0, 1000.0, 60.0, 40.0, 60.0, 4000.0, np.nan]]])
     usable = np.array([[[True, True, True, True, True, True, True, False, False]]])
     signal = np.array([[[990.0, 450.0, 510.0, 1000.0, 0.0, 0.0, 35.0, 0.0, 5.0]]])
-    lit = Prepared.lit(SimpleNamespace(measured=measured, usable=usable), signal)
+    lit = CalibratedCapture.noise_reference_signal(SimpleNamespace(measured=measured, usable=usable), signal)
     assert lit.tolist() == [[[990.0, 1000.0, 510.0, 1000.0, 60.0, 0.0, 35.0, 0.0, 5.0]]]
 
 
 def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
     given = {}
-    monkeypatch.setattr(pipeline, "kept_fit", lambda cache, **named: given.update(named))
+    monkeypatch.setattr(pipeline, "cached_fit", lambda cache, **named: given.update(named))
     predictor = SimpleNamespace(signal=lambda effects: np.full((1, 1, 2), 100.0), warp=None)
     prepared = SimpleNamespace(
         calibration=SimpleNamespace(predicted_variance=lambda lit: 2 * lit + 5),
-        lit=lambda signal: 3 * signal,
+        noise_reference_signal=lambda signal: 3 * signal,
         cache=None,
         measured=None,
         expected_camera=lambda effects: None,

@@ -252,7 +252,7 @@ def test_surfaces_agree(result):
     for row in result.comparison.by_surface.values():
         if row.interior_pixels > 20:
             assert np.all(np.abs(row.relative) < 5 * row.relative_sigma + 0.003)
-            assert row.delta_e_ab < 0.5
+            assert row.colour["delta_e_ab"] < 0.5
 
 
 def test_luminances_are_those_of_the_light_that_was_photographed(written, result, truth):
@@ -387,6 +387,6 @@ def test_the_promised_figures_are_met(shared):
     assert distance(result.prepared.calibrated_camera, true) <= 29.6
     for name, row in c.by_surface.items():
         assert np.all(np.abs(row.relative) < 0.01), name
-        assert row.delta_e_ab < 0.5, name
+        assert row.colour["delta_e_ab"] < 0.5, name
     assert 0.9 <= c.chi2.per_dof <= 1.1
     assert c.render_sigma_over_sensor_sigma <= 1

@@ -6,9 +6,11 @@ import pytest
 from cboxlab.rendering.files import Window, write_cube
 from cboxlab.rendering.files.cube_checks import as_cube
 from cboxlab.rendering.files.headers import with_window
+from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders import compare_stacks, read_stack
 from cboxlab.validation.compare_renders.regress import regress_inputs
+from cboxlab.validation.predict.foreign import external_picture
 from helpers.faults import fault_folder
 
 NM = [400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0]
@@ -131,3 +133,10 @@ def test_cubes_of_one_side_have_the_same_pixels(tmp_path):
     b = stored(tmp_path / "b.exr", LIGHT[:, 20:60], Window(20, 0, 40, 32, (0, 0, 64, 32)))
     with pytest.raises(InputError, match=r"the pixels x 20 to 59"):
         regress_inputs(str(a), f"{a},{b}")
+
+
+def test_a_part_is_not_validated_as_the_complete_picture(tmp_path):
+    """Of the capture's size or not: its pixels are others."""
+    a = stored(tmp_path / "a.exr", LIGHT[:, :32], Window(20, 0, 32, 32, (0, 0, 64, 32)))
+    with pytest.raises(InputError, match=r"a part of a picture, x 20 to 51.*the complete picture"):
+        external_picture(a, cornell_box(), cornell_camera(32), None)

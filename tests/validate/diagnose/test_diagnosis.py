@@ -126,8 +126,8 @@ def test_error_falls_to_the_noise(outcome):
     assert first.comparison is validation.comparison
     assert last.comparison.chi2.per_dof < 1.2 < first.comparison.chi2.per_dof
     assert last.smooth_excess < 0.1 * first.smooth_excess
-    noise = last.comparison.delta_e_ab_noise.mean
-    assert last.comparison.delta_e_ab.mean < 1.1 * noise
+    noise = last.comparison.colour_noise["delta_e_ab"].mean
+    assert last.comparison.colour["delta_e_ab"].mean < 1.1 * noise
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -105,7 +105,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         lamp_sigma=0.02,
         expected_camera=lambda given: None,
         responses=None,
-        lit=lambda signal: 3 * signal,
+        noise_reference_signal=lambda signal: 3 * signal,
     )
     predictor = SimpleNamespace(signal=lambda effects: picture, warp=None, lamp_scale=scale)
     predictor.seen_by = predictor.at_lamp = lambda _: predictor

@@ -36,14 +36,14 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
 
 
 def test_what_was_not_used_for_longest_goes_but_never_the_base_pictures():
-    store, made = {}, []
+    store, made = predictor._Store(3), []
 
     def use(key):
-        return predictor._kept(store, (key,), 3, lambda: made.append(key) or key.upper())
+        return store.get((key,), lambda: made.append(key) or key.upper())
 
     assert [use(key) for key in "abcbdadbe"] == list("ABCBDADBE")
     assert made == list("abcde")
-    assert list(store) == [("a",), ("b",), ("e",)]
+    assert list(store.results) == [("a",), ("b",), ("e",)]
 
 
 def test_pixels_without_light_do_not_count_as_rendered_well():

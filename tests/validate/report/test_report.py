@@ -7,12 +7,16 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare import regions_of
+from cboxlab.validation.compare import COLOUR_DIFFERENCES, read_map, regions_of, write_maps
+from cboxlab.validation.compare.colour_difference import ColourDifference
 from cboxlab.validation.compare.comparison import compare
 from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, Story, Table, number, with_error
+from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import falling_curve, map_row, residual_scale
 from cboxlab.validation.report.verdict import verdict
+from cboxlab.validation.report.viewer import picture_data
+from colour.difference import delta_E_CIE1994
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
 from PIL import Image
 
@@ -27,7 +31,7 @@ def folder(tmp_path_factory):
     step = ReportSection(
         "The error falling",
         ("Effects added one at a time.",),
-        (falling_curve(["as given", "+ veiling-glare"], [7.3, 1.02], [1.9, 0.3]),),
+        (falling_curve(["as given", "+ veiling-glare"], [7.3, 1.02], [1.9, 0.3], "ΔE*ab"),),
     )
     table = Table(("effect", "fraction"), [("veiling-glare", Cell("0.031", "± 0.001", True))])
     pictures = map_row({"before": np.ones((8, 8)), "after": np.zeros((8, 8))}, residual_scale())
@@ -98,6 +102,26 @@ def test_pictures_are_there(pages):
     assert pages["noise"].count("<svg") == 6  # two each of residuals, scatter, weights
 
 
+def test_a_third_colour_difference_needs_one_record(monkeypatch, tmp_path):
+    """CIE94 in the table alone: figures, tables and maps of the report, metrics.json, the files of maps have it."""
+    third = ColourDifference("delta_e_94", "ΔE94", "CIE94", "dE94", delta_E_CIE1994)
+    monkeypatch.setitem(COLOUR_DIFFERENCES, third.id, third)
+    comparison = BOX.compare(seed=1)
+    build_report(tmp_path / "report.html", ReportInputs(comparison, fake_run(), ASSUMPTIONS))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "mean ΔE94" in page
+    header = next(row for row in re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL) if "interior px" in row)
+    assert re.sub(r"<[^>]*>|\s", "", header).endswith("ΔE*abCIEDE2000ΔE94interiorpx")
+    assert "ΔE*ab (1976)" in page and ">CIE94<" in page
+    content = metrics(comparison, fake_run())
+    assert content[third.id]["mean"] == comparison.colour[third.id].mean > 0
+    assert all(third.id in row for row in content["surfaces"].values())
+    write_maps(tmp_path, comparison, {})
+    assert "dE94" in read_map(tmp_path / "difference.exr")[0].channel.values
+    # no JavaScript computes it, so the viewer does not offer it
+    assert [d["id"] for d in picture_data(comparison)["colour_differences"]] == ["delta_e_ab", "delta_e_2000"]
+
+
 def test_verdict_in_words(pages):
     assert "Where it fails" in pages["error"]
     assert re.search(r"\d+ % of the excess χ² is (in interiors of|on) surfaces", pages["error"])
@@ -118,7 +142,7 @@ def test_shares_of_the_excess_sum_to_a_hundred(kind):
     assert sum(r.share_of_excess for r in regions) == pytest.approx(1)
     assert sum(r.chi2.value for r in regions) == pytest.approx(c.chi2.value)
     assert sum(r.chi2.count for r in regions) == c.chi2.count
-    assert ("outside the box" in [r.words for r in regions]) == (kind != "band")
+    assert ("outside the box" in [r.name for r in regions]) == (kind != "band")
 
 
 def test_what_is_outside_the_box_is_no_edge():

@@ -22,7 +22,7 @@ def test_pixels_count_by_the_noise_of_the_measured_light_where_the_model_lacks_i
         expected_camera=lambda effects: camera,
         lamp_sigma=held,
         measured=before + np.array([1.0, 0.0]),
-        lit=lambda signal: there if signal is before else None,
+        noise_reference_signal=lambda signal: there if signal is before else None,
         calibration=SimpleNamespace(predicted_variance=lambda light: light),
     )
     rendered = SimpleNamespace(

@@ -13,7 +13,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.api import Study
 from cboxlab.validation.api import study as study_module
-from cboxlab.validation.compare import kept_fits, refitted_picture
+from cboxlab.validation.compare import fit_cache, refitted_picture
 from cboxlab.validation.predict import picture_cache
 from helpers.glare_capture import GLARE, glare_capture
 
@@ -91,7 +91,7 @@ def test_several_effects_are_fitted_together(study):
 def test_two_captures_know_an_effect_better_than_one(study, fitted):
     """The same capture twice: the same effect, its standard deviation smaller by the root of two."""
     pictures = study_module._Pictures(2 * study._pictures.prepared, study.model)
-    pictures._bases[()] = 2 * study._bases(NO_PROGRESS)
+    pictures._bases.get((), lambda: 2 * study._bases(NO_PROGRESS))
     twice = replace(study, _pictures=pictures).add("veiling-glare", fraction=0.01).fit()
     one, both = fitted.effects[0], twice.effects[0]
     assert both.values["fraction"] == pytest.approx(one.values["fraction"], rel=1e-3)
@@ -127,7 +127,7 @@ def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place, monkeypat
     study_json, model = rendered.write(place / "saved")
     assert load_model(model).effects[0].sigma == fitted.effects[0].sigma
     monkeypatch.setattr(picture_cache, "gather", None)
-    monkeypatch.setattr(kept_fits, "fit_nuisances", None)
+    monkeypatch.setattr(fit_cache, "fit_nuisances", None)
     opened = Study.read(place / "saved", cache=place / "cache")
     assert same_bits(opened, rendered)
     monkeypatch.setattr(study_module, "prepare", None)

@@ -13,6 +13,7 @@ from .console import (
     bar,
     data_table,
     give_json,
+    print_result,
     print_table,
     require_folder,
     say,
@@ -50,19 +51,14 @@ def calibrate(
         return
     from ...api import calibrate as run
     from ...api import write_manifest
-    from .summary import print_suspicions
 
     require_folder(out)
     with bar("calibrating"):
         result = run(capture, reference_uncertainty=reference_uncertainty)
     written = [*result.write(out)]
-    calibration = result.calibration
-    _print_calibration(calibration)
-    print_suspicions(calibration)
-    for note in calibration.notes:
-        say(f"• {note}")
+    print_result(result.lines(), result.tables())
     if refine_geometry:
-        written.append(_refine_geometry(calibration, out))
+        written.append(_refine_geometry(result.calibration, out))
     write_manifest(out, written, [capture])
     give_json(json, result.to_dict())
     say(f"Calibration: {out / 'calibration.json'}")
@@ -124,35 +120,3 @@ def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:
     lines = [f"• {same[0]}" + (f" (and {len(same) - 1} more)" if same[1:] else "") for same in alike.values()]
     for line in [title, *lines] if lines else []:
         say(line)
-
-
-def _print_calibration(calibration: Calibration) -> None:
-    from cboxlab.calibration.colour import patch_errors
-
-    from ...report import calibration_rows, colour_rows, patch_rows
-
-    table = data_table(
-        calibration.capture.manifest.name or calibration.capture.folder.name, "", "value", "± 1 σ", "unit"
-    )
-    for row in calibration_rows(calibration):
-        table.add_row(*row)
-    print_table(table)
-    if calibration.colour is not None:
-        errors = data_table(
-            "Filter weights: rms error, mean and largest colour difference",
-            "weights",
-            "X, %",
-            "Y, %",
-            "Z, %",
-            "ΔE*ab",
-            "CIEDE2000",
-        )
-        for method in colour_rows(calibration.colour):
-            errors.add_row(*method)
-        print_table(errors)
-    if calibration.patches is not None:
-        colours = data_table("Patches", "patch", "X", "Y", "Z", "σ(Y)", "true Y", "Δρ", "ΔE*ab", "ΔE00")
-        errors_of_patches = patch_errors(calibration.patches, calibration.capture.label_reflectances())
-        for patch in patch_rows(calibration.patches, errors_of_patches):
-            colours.add_row(*patch)
-        print_table(colours)

@@ -10,12 +10,11 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.model import Model, write_model
 
-from ...api import RawFrame, simulate, write_manifest
+from ...api import DiagnosisResult, RawFrame, ValidationResult, simulate, write_manifest
 from ...compare import Predicted, Validation, validate_capture
 from ...diagnose import Diagnosis, diagnose
 from ...report import ReportSection, picture_row, verdict, write_diagnosis, write_validation
-from .console import bar, say
-from .summary import print_diagnosis, print_validation
+from .console import bar, print_result, say
 
 __all__ = ["DEMO_CAPTURE", "run_demo"]
 
@@ -37,7 +36,8 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
     with bar("calibrating, rendering, comparing") as report:
         result = validate_capture(load_capture(DEMO_CAPTURE), model or Model(), report)
     _tell(result)
-    print_validation(result)
+    shown = ValidationResult(result)
+    print_result(shown.lines(), shown.tables())
     diagnosis = _diagnosed(result)
     shot = _other_camera(result)
     written = [*write_validation(result, out, diagnosis, (_raw_section(shot),)), *shot.write(out)]
@@ -63,7 +63,8 @@ def _diagnosed(result: Validation) -> Diagnosis | None:
     say("5. Diagnosis: every effect of the catalogue is fitted, together with camera and lamp.")
     with bar("diagnosing") as report:
         diagnosis = diagnose(result, report)
-    print_diagnosis(diagnosis)
+    shown = DiagnosisResult(diagnosis, result)
+    print_result(shown.lines(), shown.tables())
     return diagnosis
 
 

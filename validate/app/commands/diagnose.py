@@ -14,6 +14,7 @@ from .console import (
     give_json,
     load_inputs,
     options,
+    print_result,
     require_folder,
     say,
 )
@@ -50,7 +51,6 @@ def diagnose(
     from ...api import diagnose as run
     from ...api import write_manifest
     from ...predict import default_cache
-    from .summary import print_diagnosis, print_failures, print_suspicions
 
     if out is not None:
         require_folder(out)
@@ -63,9 +63,7 @@ def diagnose(
             report.stage("writing the report")
             inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]
             write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
-    print_suspicions(result.validation.prepared.calibration)
-    print_failures(result.validation)
-    print_diagnosis(result.diagnosis)
+    print_result(result.lines(), result.tables())
     give_json(json, result.to_dict())
     if out is not None:
         say(f"Report: {out / 'report.html'}; the final model: {out / 'model.toml'}")

@@ -83,7 +83,7 @@ def regress(
 
 
 def _print(outcome: Outcome) -> None:
-    from ...compare_renders.regress import as_percent, told_change
+    from ...compare_renders.regress import UNKNOWN, as_percent, told_change
 
     whole = outcome.whole
     size = as_percent(whole.difference, "the baseline", unit="%")
@@ -102,8 +102,12 @@ def _print(outcome: Outcome) -> None:
             table.add_row(f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
         print_table(table)
         for index, named in enumerate(outcome.named[:3]):
-            start = "Named" if index == 0 else "or   "
+            start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
+            start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
             say(f"{start}: {told_change(named)}, probability {named.probability:.2f}")
+        if outcome.fits is not None and outcome.left_chi2_per_number == outcome.left_chi2_per_number:
+            fit = "it fits" if outcome.fits else "it does not fit"
+            say(f"The best name leaves a χ² per number of {outcome.left_chi2_per_number:.2f} (noise: about 1): {fit}.")
     if outcome.outliers:
         say(
             f"• {outcome.outliers} outlying pixels (fireflies) are not included in the means; they contain "

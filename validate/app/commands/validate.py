@@ -14,6 +14,7 @@ from .console import (
     give_json,
     load_inputs,
     options,
+    print_result,
     require_folder,
     say,
     warn_unless_compiled,
@@ -42,7 +43,6 @@ def validate(
     from ...api import validate as run
     from ...api import write_manifest
     from ...predict import default_cache
-    from .summary import print_validation
 
     require_folder(out)
     declared = declared_files(declare)
@@ -53,6 +53,6 @@ def validate(
         report.stage("writing the report")
         inputs = [path for path in (capture, model, render, *chosen.files) if path is not None]
         write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
-    print_validation(result.validation)
+    print_result(result.lines(), result.tables())
     give_json(json, result.to_dict())
     say(f"Report: {out / 'report.html'}")

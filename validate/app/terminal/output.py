@@ -10,12 +10,13 @@ import os
 import shlex
 import sys
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cboxlab.utils.files import replacing
+from cboxlab.utils.table import Table as TextTable
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
@@ -29,6 +30,7 @@ __all__ = [
     "data_table",
     "errors",
     "give_json",
+    "print_result",
     "print_table",
     "say",
     "show_results_apart",
@@ -151,6 +153,27 @@ def print_table(table: Table) -> None:
         for row in zip(*(column.cells for column in part), strict=True):
             shown.add_row(*row)
         console.print(shown)
+
+
+def print_result(lines: Iterable[str], tables: Iterable[TextTable]) -> None:
+    """Print the sentences and tables of a result, the first sentence in bold.
+
+    Parameters
+    ----------
+    lines
+        Sentences, the finding first.
+    tables
+        Tables below them.
+    """
+    for index, line in enumerate(lines):
+        console.print(Text(line, style="" if index else "bold"), soft_wrap=True)
+    for table in tables:
+        columns = data_table(table.title, *table.columns)
+        for index in table.text_columns:
+            columns.columns[index].no_wrap = False
+        for row in table.rows:
+            columns.add_row(*row)
+        print_table(columns)
 
 
 def _width(column: Column) -> int:

@@ -1,4 +1,4 @@
-"""What a change has to explain: means of cells of the picture in groups of bands, and pixels at edges.
+"""Evidence for the naming of a change: means of cells in groups of bands, edge pixels.
 
 A cell is the part of one surface inside one block of 8 x 8 pixels. Every change of the picture becomes a list of
 numbers over their standard deviations, in which a right explanation leaves squares of 1 on average.
@@ -17,105 +17,188 @@ from .verdict import Comparison
 
 __all__ = ["Evidence", "Fit", "build_evidence"]
 
-#: Pixels a side of a cell, groups of bands, fewest pixels of a cell.
-_CELL_PX, _GROUPS, _FEWEST = 8, 8, 6
-#: Relative standard deviations that no noise explains: of a cell's mean, of an edge pixel; and part of the local range,
-#: the second where a side states no errors. Those at edges are then guessed from smooth parts, but with 20 rays in
-#: either picture the part of a pixel beyond an edge is known no better.
-_CELL_FLOOR, _PIXEL_FLOOR, _RANGE_FLOOR, _RANGE_GUESSED = 5e-4, 1e-3, 0.05, 0.15
-#: Residuals beyond so many standard deviations count linearly (Huber 1964); single pixels no more beyond _MOST.
-_HUBER, _MOST = 4.0, 20.0
+#: Pixels a side of a cell: small enough to show a shadow, large enough for a mean with little noise.
+_CELL_PX = 8
+#: Most groups of bands: enough for the shape of a paint's spectrum.
+_MAX_GROUPS = 8
+#: Fewest pixels of a cell.
+_MIN_CELL_PX = 6
+#: Relative standard deviation that is added to a cell's mean: the accuracy of computed changes.
+_CELL_FLOOR = 5e-4
+#: Relative standard deviation that is added to an edge pixel.
+_PIXEL_FLOOR = 1e-3
+#: Standard deviation that is added to an edge pixel, over the local range of the radiance.
+_RANGE_FLOOR = 0.05
+#: The same where a side states no errors. Those at edges are then estimated from smooth parts. With 20 rays a pixel
+#: the part of a pixel beyond an edge is known to 0.15 at best.
+_RANGE_FLOOR_UNSTATED = 0.15
+#: Residual, in standard deviations, beyond which it counts linearly (Huber 1964).
+_HUBER_SIGMAS = 4.0
+#: Residual of a single pixel, in standard deviations, beyond which it counts no more.
+_MAX_PIXEL_SIGMAS = 20.0
+#: Largest ratio of the scatter of neighbours to the stated variance that inflates variances.
+_MAX_INFLATION = 9.0
+#: Steps of iterated weighted least squares; Huber's weights settle in five.
+_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """amplitudes : of the templates. chi2 : what remains, Huber's."""
+    """Fit of templates."""
 
+    #: Amplitude of each template.
     amplitudes: NDArray[np.float64]
-    chi2: float
+    #: Huber's sum of squares of the residuals of cells; infinite for a change that is not finite.
+    cells_chi2: float
+    #: The same of single pixels.
+    pixels_chi2: float = 0.0
+
+    @property
+    def chi2(self) -> float:
+        """Huber's sum of squares of all residuals."""
+        return self.cells_chi2 + self.pixels_chi2
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """baseline, candidate : (y, x, w), outliers set aside. cell : (y, x) number of the cell, -1 for none.
+    """Numbers that a change has to explain."""
 
-    whitener : (c, g, g) of each cell's relative changes. level : (c, g) the baseline's sums. group : (w,) of each
-    band. pixels : (y, x) at edges, lamp and border. scale : of those, 1 / standard deviation. target : (n,).
-    """
-
+    #: (y, x, w) radiance of the baseline without outliers.
     baseline: NDArray[np.float64]
+    #: (y, x, w) radiance of the candidate without outliers.
     candidate: NDArray[np.float64]
+    #: (y, x) number of the cell; -1 outside of all.
     cell: NDArray[np.int64]
+    #: (c, g, g) matrices that give each cell's relative changes unit covariance.
     whitener: NDArray[np.float64]
+    #: (c, g) the baseline's sums over cells and groups.
     level: NDArray[np.float64]
+    #: (w,) group of each band.
     group: NDArray[np.int64]
+    #: (y, x) single pixels: at edges, lamp and border.
     pixels: NDArray[np.bool_]
+    #: (p,) 1 / standard deviation of the single pixels.
     scale: NDArray[np.float64]
+    #: (n,) numbers of the change from baseline to candidate, over their standard deviations.
     target: NDArray[np.float64]
 
     @property
     def numbers(self) -> int:
-        """How many numbers a change has to explain."""
+        """Count of the numbers."""
         return int(self.target.size)
 
     @property
     def groups(self) -> int:
-        """Groups of bands."""
+        """Count of groups of bands."""
         return int(self.group.max()) + 1
 
     def grouped(self) -> Evidence:
-        """The same with the bands of a group added up, for changes that act on all bands alike."""
+        """Evidence with the bands of each group summed, for changes that act on all bands alike.
+
+        Returns
+        -------
+        Evidence
+            The same numbers, with pictures of one plane a group.
+        """
         starts = np.searchsorted(self.group, np.arange(self.groups))
         baseline, candidate = (np.add.reduceat(p, starts, axis=-1) for p in (self.baseline, self.candidate))
         return replace(self, baseline=baseline, candidate=candidate, group=np.arange(self.groups))
 
     def features(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of a change of the picture (y, x, w)."""
+        """Numbers of a change of the picture.
+
+        Parameters
+        ----------
+        change
+            (y, x, w) change of the radiance.
+
+        Returns
+        -------
+        NDArray
+            (n,) relative means of cells, whitened, and sums of single pixels over their standard deviations.
+        """
         return _features(change, self.cell, self.group, self.level, self.whitener, self.pixels, self.scale)
 
     def fit(self, templates: Sequence[NDArray[np.float64]], fixed: NDArray[np.float64] | None = None) -> Fit:
-        """Amplitudes of templates (y, x, w) beside a ``fixed`` change, by iterated weighted least squares."""
+        """Amplitudes of templates by iterated weighted least squares (Huber 1964).
+
+        Parameters
+        ----------
+        templates
+            Changes (y, x, w) of amplitude 1; none leaves the change as it is.
+        fixed
+            (y, x, w) change that is subtracted first, without a free number.
+
+        Returns
+        -------
+        Fit
+            Amplitudes and chi-square.
+        """
         goal = self.target if fixed is None else self.target - self.features(fixed)
         if not templates:
-            return Fit(np.zeros(0), self._left(goal) if np.isfinite(goal).all() else np.inf)
+            return self._fit(np.zeros(0), goal) if np.isfinite(goal).all() else Fit(np.zeros(0), np.inf)
         columns = np.stack([self.features(template) for template in templates], axis=1)
-        if not np.isfinite(columns).all():  # a change out of all bounds
+        if not np.isfinite(columns).all():  # a change that overflows
             return Fit(np.zeros(columns.shape[1]), np.inf)
         amplitudes: NDArray[np.float64] = np.zeros(columns.shape[1])
-        for step in range(8):
-            left = np.abs(goal - columns @ amplitudes)
-            weight = np.ones(left.size) if step == 0 else np.minimum(1.0, _HUBER / np.maximum(left, 1e-12))
+        for step in range(_STEPS):
+            size = np.abs(goal - columns @ amplitudes)
+            weight = np.ones(size.size) if step == 0 else np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12))
             root = np.sqrt(weight)
             amplitudes = np.asarray(np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float)
-        return Fit(amplitudes, self._left(goal - columns @ amplitudes))
+        return self._fit(amplitudes, goal - columns @ amplitudes)
 
-    def _left(self, residual: NDArray[np.float64]) -> float:
+    def _fit(self, amplitudes: NDArray[np.float64], residual: NDArray[np.float64]) -> Fit:
+        """Fit with residuals (n,)."""
         cells = self.level.size
-        return huber(residual[:cells]) + huber(np.clip(residual[cells:], -_MOST, _MOST))
+        pixels = np.clip(residual[cells:], -_MAX_PIXEL_SIGMAS, _MAX_PIXEL_SIGMAS)
+        return Fit(amplitudes, huber(residual[:cells]), huber(pixels))
 
 
 def huber(residual: NDArray[np.float64]) -> float:
-    """Sum of squares, beyond _HUBER linear."""
-    size = np.abs(residual)
-    return float(np.where(size < _HUBER, size**2, 2 * _HUBER * size - _HUBER**2).sum())
+    """Sum of Huber's loss: squares up to four standard deviations, linear beyond.
+
+    Parameters
+    ----------
+    residual
+        (n,) residuals in standard deviations.
+
+    Returns
+    -------
+    float
+        The sum.
+    """
+    size, limit = np.abs(residual), _HUBER_SIGMAS
+    return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).sum())
 
 
-def build_evidence(found: Comparison) -> Evidence:
-    """From what a verdict is made of."""
-    strata, noise, trimmed = found.strata, found.noise, found.trimmed
+def build_evidence(comparison: Comparison) -> Evidence:
+    """Evidence from a comparison.
+
+    Parameters
+    ----------
+    comparison
+        Sides, parts, noise and outliers of a verdict.
+
+    Returns
+    -------
+    Evidence
+        The numbers that a change has to explain.
+    """
+    strata, noise, trimmed = comparison.strata, comparison.noise, comparison.trimmed
     level, count = trimmed.level, trimmed.level.shape[-1]
-    groups = min(_GROUPS, count)
+    groups = min(_MAX_GROUPS, count)
     group = np.arange(count) * groups // count
-    cell = _cells(found)
+    cell = _cells(comparison)
     cells = int(cell.max()) + 1
     sums = _sums(level, cell, group, cells)
     rows = np.stack([(group == g).astype(float) for g in range(groups)])
     variances = np.stack([noise.over(row) for row in rows], axis=-1)
-    inflation = noise.clustering * max(1.0, min(noise.ratio, 9.0) if np.isfinite(noise.ratio) else 1.0)
+    inflation = noise.clustering * max(1.0, min(noise.ratio, _MAX_INFLATION) if np.isfinite(noise.ratio) else 1.0)
     inside = cell >= 0
     variance = np.stack([np.bincount(cell[inside], variances[..., g][inside], cells) for g in range(groups)], axis=-1)
     safe = np.maximum(sums, 1e-6 * max(float(sums.max(initial=0.0)), 1e-300))
-    shared = found.pooling.shared
+    shared = comparison.pooling.shared
     common = 0.0 if shared is None else _sums(shared, cell, group, cells)
     deviation = np.sqrt(variance * inflation + common**2) / safe
     correlation = _grouped(noise.correlation, noise.variance, rows)
@@ -125,30 +208,33 @@ def build_evidence(found: Comparison) -> Evidence:
     pixels = strata.used & ~strata.smooth
     total = level.sum(axis=-1)
     sigma = np.maximum(smooth_variance(total, noise.total, noise.degrees), noise.total) * inflation
-    part = _RANGE_GUESSED if noise.estimated else _RANGE_FLOOR
+    part = _RANGE_FLOOR_UNSTATED if noise.estimated else _RANGE_FLOOR
     sigma += (_PIXEL_FLOOR * total) ** 2 + (part * local_range(total)) ** 2
     scale = 1 / np.sqrt(sigma[pixels])
     target = _features(trimmed.difference, cell, group, safe, whitener, pixels, scale)
     return Evidence(level, level + trimmed.difference, cell, whitener, safe, group, pixels, scale, target)
 
 
-def _cells(found: Comparison) -> NDArray[np.int64]:
-    smooth = found.strata.smooth
+def _cells(comparison: Comparison) -> NDArray[np.int64]:
+    """(y, x) number of each smooth pixel's cell; -1 for others and for cells of few pixels."""
+    smooth = comparison.strata.smooth
     rows, columns = (np.arange(size) // _CELL_PX for size in smooth.shape)
-    key = (rows[:, None] * (columns.max() + 1) + columns) * (len(found.strata.surfaces) + 1)
-    for number, mask in enumerate(found.strata.surfaces.values(), start=1):
+    key = (rows[:, None] * (columns.max() + 1) + columns) * (len(comparison.strata.surfaces) + 1)
+    for number, mask in enumerate(comparison.strata.surfaces.values(), start=1):
         key = key + number * mask
     _, index, counts = np.unique(np.where(smooth, key, -1), return_inverse=True, return_counts=True)
     index = index.reshape(smooth.shape)
-    kept = (counts >= _FEWEST)[index] & smooth
+    used = (counts >= _MIN_CELL_PX)[index] & smooth
     result = np.full(smooth.shape, -1)
-    result[kept] = np.unique(index[kept], return_inverse=True)[1]
+    result[used] = np.unique(index[used], return_inverse=True)[1]
     return result
 
 
 def _grouped(correlation: NDArray | None, variance: NDArray, rows: NDArray) -> NDArray[np.float64]:
-    """(g, g) correlation between sums over groups of bands, for the picture's mean variances; where it is not known the
-    identity times g, which no correlation exceeds in any direction."""
+    """(g, g) correlation between sums over groups of bands, for the picture's mean variances.
+
+    Where it is unknown it is the identity times g, which no correlation exceeds in any direction.
+    """
     if correlation is None:
         return len(rows) * np.eye(len(rows))
     sigma = np.sqrt(variance.reshape(-1, variance.shape[-1]).mean(axis=0))
@@ -158,11 +244,12 @@ def _grouped(correlation: NDArray | None, variance: NDArray, rows: NDArray) -> N
 
 
 def _sums(picture: NDArray, cell: NDArray, group: NDArray, cells: int) -> NDArray[np.float64]:
+    """(c, g) sums of a picture (y, x, w) over cells and groups of bands."""
     inside = cell >= 0
-    own = cell[inside]
+    number = cell[inside]
     starts = np.searchsorted(group, np.arange(group.max() + 1))
     grouped = np.add.reduceat(picture[inside], starts, axis=-1)
-    return np.stack([np.bincount(own, column, cells) for column in grouped.T], axis=-1)
+    return np.stack([np.bincount(number, column, cells) for column in grouped.T], axis=-1)
 
 
 def _features(
@@ -174,6 +261,7 @@ def _features(
     pixels: NDArray,
     scale: NDArray,
 ) -> NDArray[np.float64]:
+    """(n,) numbers of a change; see ``Evidence.features``."""
     relative = _sums(change, cell, group, len(level)) / level
     cells = np.einsum("cij,cj->ci", whitener, relative).ravel()
     return np.concatenate([cells, change.sum(axis=-1)[pixels] * scale])

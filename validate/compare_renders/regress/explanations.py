@@ -1,4 +1,4 @@
-"""Explanations that need nothing but the two pictures: lamp, wavelengths, exchanged bands, values."""
+"""Explanations by the two pictures alone: lamp, wavelengths, exchanged bands, values."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .sides import Side
 
 __all__ = ["Explanation", "exact", "from_pictures", "group_name"]
 
-#: Factors by which renderers differ that take a quantity or a unit for another.
-#: Each with its name and what it may mean. Candidate over baseline, or the other way round.
+#: Factors between renderers that take a quantity or a unit for another: value, name, meaning. They are those of
+#: candidate over baseline, or of baseline over candidate.
 _FACTORS = (
     (2.0, "2", "a lamp that emits from both sides, or half of the light's power or area"),
     (math.pi, "pi", "irradiance or radiosity taken for radiance, or a diffuse reflectance that is not divided by pi"),
@@ -31,30 +31,56 @@ _FACTORS = (
     (106.857, "106.857", "division by the integral of the CIE's y in one of them"),
     (1000.0, "1000", "a unit's prefix, such as W and mW, or nm and um"),
 )
-#: A factor is taken for a known one within this part of it.
-_NEAR = 3e-3
-#: A factor further from 1 is a ratio of sums.
-_LARGE = 0.3
+#: Largest relative distance of a factor from one of these that it is taken for: noise of a mean.
+_FACTOR_TOLERANCE = 3e-3
+#: Distance of a factor from 1 beyond which it is a ratio of sums: noise of the baseline would bias the fit.
+_LARGE_FACTOR = 0.3
 #: Steps of Gauss and Newton.
 _STEPS = 5
-#: Exponents of values encoded for a screen, and decoded, and how near one is taken for it, relative.
-_SCREEN, _NEAR_SCREEN = (1 / 2.2, 2.2), 0.05
-#: An exponent nearer to 1 is none.
-_NEAR_ONE = 1e-3
+#: Exponents of values encoded for a screen, and of values decoded.
+_SCREEN_EXPONENTS = (1 / 2.2, 2.2)
+#: Largest relative distance of an exponent from one of these that it is taken for.
+_EXPONENT_TOLERANCE = 0.05
+#: Smallest distance of an exponent from 1.
+_MIN_EXPONENT_CHANGE = 1e-3
+#: Fewest wavelengths for which shifts of wavelengths are fitted.
+_MIN_WAVELENGTHS = 4
 
 
 @dataclass(frozen=True)
 class Explanation(OwnMappings):
-    """change : its identifier. chi2 : of what it leaves. free : parameters fitted or chosen."""
+    """A fitted explanation of a change."""
 
+    #: Identifier of the change.
     change: str
+    #: Parameters by name.
     parameters: Mapping[str, Any]
-    chi2: float
+    #: Fit whose remainder counts.
+    fit: Fit
+    #: Number of parameters that were fitted or selected.
     free: int
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square of the remainder."""
+        return self.fit.chi2
 
 
 def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
-    """All of them, fitted. side : either of those compared, for what its planes are called."""
+    """Fitted explanations that need no scene.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    side
+        Either side, for the names of its planes.
+
+    Yields
+    ------
+    Explanation
+        Lamp, values, exchanged bands, wavelengths.
+    """
     yield from _lamp(evidence, side)
     yield from _values(evidence)
     yield from _exchanged(evidence, side)
@@ -63,96 +89,123 @@ def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
 
 
 def group_name(side: Side, group: NDArray[np.bool_]) -> str:
-    """Of a group of planes (w,): their mean wavelength in nm, or X, Y, Z."""
+    """Name of a group of planes: their mean wavelength in nm, or X, Y, Z.
+
+    Parameters
+    ----------
+    side
+        Side with these planes.
+    group
+        (w,) planes of the group.
+
+    Returns
+    -------
+    str
+        The name.
+    """
     if side.in_colour:
         return " ".join(name for name, inside in zip(side.bands, group, strict=True) if inside)
     return f"{float(side.wavelength_nm[group].mean()):.4g}"
 
 
 def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
+    """All light times a factor; and times one factor for each group of bands."""
     base = evidence.baseline
     fit = evidence.fit([base])
     factor = 1 + float(fit.amplitudes[0])
-    if abs(factor - 1) > _LARGE:  # noise of the baseline, in both sides of the fit, would bias it
+    if abs(factor - 1) > _LARGE_FACTOR:
         inside = evidence.cell >= 0
         factor = float(evidence.candidate[inside].sum() / base[inside].sum())
     meaning = _meaning(factor)
-    known = {} if meaning is None else {"meaning": meaning}
-    yield Explanation("lamp-scale", {"factor": factor, **known}, fit.chi2, 1)
+    remark = {} if meaning is None else {"meaning": meaning}
+    yield Explanation("lamp-scale", {"factor": factor, **remark}, fit, 1)
     if evidence.groups > 1:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
         factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
         if min(factors.values()) >= 0:
-            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit.chi2, len(masks))
+            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
 
 
 def _meaning(factor: float) -> str | None:
-    """A sentence for a factor that is known, or whose inverse is; None for others."""
+    """Sentence for a factor of the list, or the inverse of one; None for others."""
     if factor <= 0:
         return None
-    for known, name, meaning in _FACTORS:
-        for value, shown in ((known, name), (1 / known, f"1 / {name}")):
-            if abs(factor - value) < _NEAR * value:
-                return f"factor {shown}: {meaning}?"
+    for listed, name, meaning in _FACTORS:
+        for value, label in ((listed, name), (1 / listed, f"1 / {name}")):
+            if abs(factor - value) < _FACTOR_TOLERANCE * value:
+                return f"factor {label}: {meaning}?"
     return None
 
 
 def exact(evidence: Evidence, picture: NDArray) -> Fit:
-    """What is left where the candidate is said to be a picture, without a free number."""
+    """Fit of a picture that the candidate should be, without a free number.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    picture
+        (y, x, w) expected candidate.
+
+    Returns
+    -------
+    Fit
+        Chi-square of the remainder.
+    """
     return evidence.fit([], picture - evidence.baseline)
 
 
 def _values(evidence: Evidence) -> Iterator[Explanation]:
-    """A constant added; values cut off above a largest one; values taken to a power."""
+    """A constant added; values clipped at a largest one; values raised to a power."""
     base, mean = evidence.baseline, float(evidence.baseline.mean())
     if not mean > 0:
         return
     fit = evidence.fit([np.full_like(base, mean)])
-    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit.chi2, 1)
+    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit, 1)
     most = float(evidence.candidate.max())
     if 0 < most < float(base.max()):
 
         def cut(level: float) -> float:
             return exact(evidence, np.minimum(base, level)).chi2
 
-        found = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
-        yield Explanation("clipped", {"largest": float(found.x)}, float(found.fun), 1)
+        best = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
+        yield Explanation("clipped", {"largest": float(best.x)}, exact(evidence, np.minimum(base, best.x)), 1)
     yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
 
 
 def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[Explanation]:
-    """base : radiances over their mean."""
-    seen = (evidence.cell >= 0)[..., None] & (evidence.candidate > 0) & (base > 1e-3)
-    if np.count_nonzero(seen) < 3:
+    """Values raised to a power, times a factor. base : (y, x, w) radiances over their mean."""
+    used = (evidence.cell >= 0)[..., None] & (evidence.candidate > 0) & (base > 1e-3)
+    if np.count_nonzero(used) < 3:
         return
-    exponent, level = np.polyfit(np.log(base[seen]), np.log(evidence.candidate[seen] / mean), 1)
+    exponent, level = np.polyfit(np.log(base[used]), np.log(evidence.candidate[used] / mean), 1)
     factor, best = float(np.exp(level)), None
     for _ in range(_STEPS):
         picture = factor * mean * base**exponent
-        chi2 = exact(evidence, picture).chi2
-        if best is None or chi2 < best.chi2:
-            screen = [known for known in _SCREEN if abs(exponent / known - 1) < _NEAR_SCREEN]
-            told = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
-            parameters = {"exponent": float(exponent), "factor_at_mean": factor, **told}
-            best = Explanation("power", parameters, chi2, 2)
+        fit = exact(evidence, picture)
+        if best is None or fit.chi2 < best.chi2:
+            screen = [e for e in _SCREEN_EXPONENTS if abs(exponent / e - 1) < _EXPONENT_TOLERANCE]
+            remark = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
+            parameters = {"exponent": float(exponent), "factor_at_mean": factor, **remark}
+            best = Explanation("power", parameters, fit, 2)
         step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
         factor *= float(np.clip(1 + step[0], 0.5, 2.0))
         exponent = float(np.clip(exponent + step[1], 0.05, 20.0))
-    if best is not None and abs(best.parameters["exponent"] - 1) > _NEAR_ONE:
+    if best is not None and abs(best.parameters["exponent"] - 1) > _MIN_EXPONENT_CHANGE:
         yield best
 
 
 def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
-    """Bands in another order; of pictures in colour red, green and blue, whose primaries are not known here."""
+    """Bands in another order; in colour red, green and blue, for each known set of primaries."""
     base = evidence.baseline
     if side.in_colour:
         for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):
             matrix = primaries_matrix(corners)
-            chi2 = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T).chi2
+            fit = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T)
             names = "".join("RGB"[i] for i in order)
             if names != "RGB":
-                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, chi2, 1)
+                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, fit, 1)
         return
     inside = evidence.cell >= 0
     if not inside.any():
@@ -163,19 +216,19 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
         for picture in (base, evidence.candidate)
     )
     cost = np.abs(after[:, None] - before[None]).mean(axis=-1)
-    shown, order = linear_sum_assignment(cost)
-    others = int(np.count_nonzero(shown != order))
+    rows, order = linear_sum_assignment(cost)
+    others = int(np.count_nonzero(rows != order))
     if others:
-        named = [side.bands[i] for i in order]
-        yield Explanation("bands-exchanged", {"order": named}, exact(evidence, base[..., order]).chi2, others)
+        labels = [side.bands[i] for i in order]
+        yield Explanation("bands-exchanged", {"order": labels}, exact(evidence, base[..., order]), others)
 
 
 def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
-    """Reversed; and values of wavelengths that are off by a constant, or by a constant and a stretch."""
+    """Wavelengths reversed, shifted, or shifted and stretched."""
     base = evidence.baseline
-    if wavelength_nm.size < 4:
+    if wavelength_nm.size < _MIN_WAVELENGTHS:
         return
-    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]).chi2, 1)
+    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]), 1)
     step = float(np.median(np.diff(wavelength_nm)))
     spectrum = CubicSpline(wavelength_nm, base, axis=-1)
     slope = spectrum.derivative()
@@ -183,7 +236,7 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
     shapes = [np.ones(wavelength_nm.size), (wavelength_nm - middle) / half]
     for count in (1, 2):
         off = np.zeros(count)
-        best = (np.inf, off)
+        best = (exact(evidence, spectrum(wavelength_nm)), off)
         for _ in range(_STEPS):
             at = np.clip(
                 wavelength_nm + off @ np.array(shapes[:count]),
@@ -192,9 +245,9 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
             )
             picture, rise = spectrum(at), slope(at)
             fit = evidence.fit([rise * shape for shape in shapes[:count]], picture - base)
-            own = exact(evidence, picture).chi2
-            if own < best[0]:
-                best = own, off
+            moved = exact(evidence, picture)
+            if moved.chi2 < best[0].chi2:
+                best = moved, off
             off = np.clip(off + fit.amplitudes, -1.5 * step, 1.5 * step)
         parameters = {"shift_nm": float(best[1][0])}
         if count == 2:

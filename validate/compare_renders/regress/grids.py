@@ -1,7 +1,7 @@
-"""Two sides brought to wavelengths in common.
+"""Common wavelengths of two sides.
 
-Where both have a wavelength it is used as it is. Where they share too few, the candidate's spectrum over a smooth
-reference (each pixel's own spectrum on the other grid is not smooth, the ratio of pictures is) is interpolated.
+Wavelengths of both are used as they are. Where the sides share too few, the ratio of the candidate to the baseline's
+mean spectrum is interpolated: a pixel's spectrum is not smooth, the ratio of pictures is.
 """
 
 from __future__ import annotations
@@ -17,26 +17,47 @@ from .sides import Side, in_common_quantity
 
 __all__ = ["Common", "common_wavelengths"]
 
-#: Wavelengths nearer than this are the same, nm.
-_SAME_NM = 1e-3
-#: So many equal wavelengths, or this part of the shorter grid, are enough to compare by them alone.
-_ENOUGH = 0.5
+#: Largest distance of wavelengths that count as equal, nm: rounding of files.
+_EQUAL_NM = 1e-3
+#: Part of the shorter grid that has to be common for a comparison without interpolation.
+_MIN_COMMON_PART = 0.5
+#: Relative standard deviation of interpolation that is always allowed.
+_MIN_INTERPOLATION = 1e-3
+#: Smallest mean radiance of a band over that of the brightest one, by which ratios are formed.
+_MIN_LIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """Both sides on one grid. interpolation : relative standard deviation allowed for it, by wavelength (w,)."""
+    """Both sides on one grid of wavelengths."""
 
+    #: The candidate.
     candidate: Side
+    #: The baseline.
     baseline: Side
+    #: (w,) relative standard deviation from interpolation; 0 where there was none.
     interpolation: NDArray[np.float64]
+    #: Remarks for the reader.
     notes: tuple[str, ...]
 
 
 def common_wavelengths(candidate: Side, baseline: Side) -> Common:
-    """In X, Y, Z where one side is in colour.
+    """Two sides on their common wavelengths; in X, Y, Z where one side is in colour.
 
-    Raises InputError where the pictures differ in size or their wavelengths do not overlap.
+    Parameters
+    ----------
+    candidate, baseline
+        The sides.
+
+    Returns
+    -------
+    Common
+        Both at the baseline's wavelengths, or at those that both have.
+
+    Raises
+    ------
+    InputError
+        If the pictures differ in size or their wavelengths do not overlap.
     """
     if candidate.shape != baseline.shape:
         sizes = [f"{side.shape[1]} x {side.shape[0]} px" for side in (candidate, baseline)]
@@ -45,34 +66,37 @@ def common_wavelengths(candidate: Side, baseline: Side) -> Common:
     if baseline.in_colour:
         return Common(candidate, baseline, np.zeros(3), ())
     a, b = candidate.wavelength_nm, baseline.wavelength_nm
-    equal = np.abs(a[:, None] - b) < _SAME_NM
-    here, there = np.nonzero(equal)
-    if here.size >= _ENOUGH * min(a.size, b.size):
-        left = a.size + b.size - 2 * here.size
-        notes = () if left == 0 else (f"{here.size} wavelengths in common are compared, {left} are in one only",)
-        return Common(candidate.at(here), baseline.at(there), np.zeros(here.size), notes)
+    equal = np.abs(a[:, None] - b) < _EQUAL_NM
+    index_a, index_b = np.nonzero(equal)
+    if index_a.size >= _MIN_COMMON_PART * min(a.size, b.size):
+        count, single = index_a.size, a.size + b.size - 2 * index_a.size
+        notes = () if single == 0 else (f"{count} wavelengths in common are compared, {single} are in one only",)
+        return Common(candidate.at(index_a), baseline.at(index_b), np.zeros(count), notes)
     inside = (b >= a.min()) & (b <= a.max())
     if inside.sum() < 2 or a.size < 2:
-        found = f"{a.min():g} to {a.max():g} nm"
-        raise InputError(candidate.source, found, f"wavelengths that overlap {b.min():g} to {b.max():g} nm")
+        span = f"{a.min():g} to {a.max():g} nm"
+        raise InputError(candidate.source, span, f"wavelengths that overlap {b.min():g} to {b.max():g} nm")
     index = np.flatnonzero(inside)
     return _interpolated(candidate, baseline.at(index))
 
 
 def _interpolated(candidate: Side, baseline: Side) -> Common:
-    """The candidate at the baseline's wavelengths: the ratio of both to the baseline's mean spectrum is smooth."""
+    """Candidate at the baseline's wavelengths, by its ratio to the baseline's mean spectrum.
+
+    The error is the difference between linear and cubic interpolation of the mean ratio.
+    """
     a, b = candidate.wavelength_nm, baseline.wavelength_nm
     mean = baseline.radiance.mean(axis=(0, 1))
     reference = CubicSpline(b, mean, extrapolate=True) if b.size > 2 else lambda x: np.interp(x, b, mean)
-    at_a = np.maximum(reference(a), 1e-3 * mean.max())
-    at_b = np.maximum(mean, 1e-3 * mean.max())
+    at_a = np.maximum(reference(a), _MIN_LIGHT * mean.max())
+    at_b = np.maximum(mean, _MIN_LIGHT * mean.max())
     weights = np.array([np.interp(b, a, row) for row in np.eye(a.size)])
     ratio = candidate.radiance / at_a
     radiance = (ratio @ weights) * at_b
     variance = None if candidate.variance is None else ((candidate.variance / at_a**2) @ weights**2) * at_b**2
     level = ratio.reshape(-1, a.size).mean(axis=0)
     smooth = CubicSpline(a, level)(b) if a.size > 2 else level @ weights
-    error = np.abs(smooth - level @ weights) / np.maximum(np.abs(smooth), 1e-12) + 1e-3
+    error = np.abs(smooth - level @ weights) / np.maximum(np.abs(smooth), 1e-12) + _MIN_INTERPOLATION
     note = (
         f"the wavelengths differ: ratios of {candidate.source} are interpolated to those of {baseline.source}, "
         f"which may be off by {error.max():.1%}"

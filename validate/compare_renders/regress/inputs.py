@@ -1,4 +1,4 @@
-"""From what the command line names to an outcome: cubes read, models rendered, the scene found."""
+"""Regression of the command line's arguments: cubes read, models rendered, scene recognised."""
 
 from __future__ import annotations
 
@@ -23,32 +23,47 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
 from .naming import named_changes
-from .outcome import NamedChange, Outcome, as_percent, told_change
+from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, told_change
 from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
 
 __all__ = ["SIDES", "assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
 
-#: Pictures that deviate less from the published box's (see ``mismatch``) show it.
-_RECOGNISED = 0.05
+#: Largest deviation from the rendering of a scene (see ``mismatch``) of a picture that shows it.
+_MAX_MISMATCH = 0.05
+#: Scene that is looked for where none is stated.
 _PUBLISHED = "cornell-box"
-#: What the two are called where something is declared for one of them.
+#: Names of the sides, where something is declared for one of them.
 SIDES = ("baseline", "candidate")
-#: In a command, where it writes; characters of a failed command's own words that are repeated.
-_OUT, _MOST_WORDS = "{out}", 400
-#: Of models rendered on the fly where both sides are models.
-_SIZE_PX, _WAVELENGTHS_NM = 128, np.arange(400.0, 701.0, 20.0)
+#: Place in a command for the path that it writes to.
+_OUT = "{out}"
+#: Characters of a failed command's last message that are repeated: about five lines of a terminal.
+_MAX_MESSAGE_LENGTH = 400
+#: Pixels a side of models, where both sides are models.
+_SIZE_PX = 128
+#: Wavelengths of models, nm, where both sides are models.
+_WAVELENGTHS_NM = np.arange(400.0, 701.0, 20.0)
+#: Samples per pixel and batch of models.
 _SAMPLES = 64
+#: Deciding pools listed in the error of ``assert_same_light``.
+_MAX_LISTED_POOLS = 5
+#: Explanations listed in the same error.
+_MAX_LISTED_CHANGES = 3
+#: Probability of wrong labels of wavelengths where the pictures, plane by plane, are the same.
+_MISLABELLED_PROBABILITY = 0.99
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The scene that both sides show. stated : whether the user says so; else it has to be recognised."""
+    """Scene that both sides show."""
 
+    #: The scene.
     scene: Scene
+    #: The camera.
     camera: Camera
-    stated: bool
+    #: Whether the user stated the scene; otherwise the pictures have to match it.
+    scene_stated: bool
 
 
 def regress_inputs(
@@ -61,16 +76,37 @@ def regress_inputs(
     *,
     declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
-    """Compare what two arguments of the command line name, and name the change where they differ.
+    """Compare the pictures that two arguments name, and name the change where they differ.
 
-    Each is a spectral cube, several joined by commas, a folder of cubes, a command that writes one or more, such as
-    "ourrenderer box.xml -o {out}.exr", run by the shell, a model file or a packaged scene; models are rendered at the
-    other side's size and wavelengths. model, camera : what the cubes show, the latter a camera file or a capture
-    folder. Without a camera it is the one that a cube states, else the published one; without a model it is the
-    published box, if the baseline shows it. declared : what the files do not state, of both or
-    of each.
+    Each argument is one of these: a spectral cube, several joined by commas, a folder of cubes; a command that writes
+    one or more, such as "ourrenderer box.xml -o {out}.exr", run by the shell; a model file or a packaged scene.
+    Models are rendered at the size and wavelengths of the other side.
 
-    Raises InputError for what cannot be read or compared.
+    Parameters
+    ----------
+    baseline, candidate
+        The arguments.
+    model
+        Model of the scene that the cubes show. None stands for a model among the arguments, or else for the published
+        box, if the baseline shows it.
+    camera
+        Camera file or capture folder. None stands for the camera that a cube states, or else for the published one.
+    false_alarms
+        Rate of false alarms of the verdict.
+    progress
+        Receiver of the finished part.
+    declared
+        Properties that the files do not state, of both or of each.
+
+    Returns
+    -------
+    Outcome
+        Verdict, tests, named change.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be read or rendered, or if the pictures cannot be compared.
     """
     pair = declared if isinstance(declared, DeclaredPair) else DeclaredPair(SIDES, declared)
     sides = [
@@ -79,16 +115,16 @@ def regress_inputs(
     used = [() if side is None else side.declared for side in sides]
     instead = [{} if side is None else side.stated for side in sides]
     pair.require_used((used[0], used[1]), (instead[0], instead[1]))
-    known = next((side for side in sides if side is not None), None)
-    seen = camera or next((side.camera for side in sides if side is not None and side.camera), None)
-    stated = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
-    size = _SIZE_PX if known is None else _picture_size(known)
-    view = None if stated is None else _view(stated, seen, size)
+    cube = next((side for side in sides if side is not None), None)
+    view_camera = camera or next((side.camera for side in sides if side is not None and side.camera), None)
+    scene = model or next((text for text in (baseline, candidate) if _is_model(text)), None)
+    size = _SIZE_PX if cube is None else _picture_size(cube)
+    view = None if scene is None else _view(scene, view_camera, size)
     if view is None and camera is not None:
-        view = replace(_view(_PUBLISHED, camera, size), stated=False)
-    grid = _WAVELENGTHS_NM if known is None or known.in_colour else known.wavelength_nm
+        view = replace(_view(_PUBLISHED, camera, size), scene_stated=False)
+    grid = _WAVELENGTHS_NM if cube is None or cube.in_colour else cube.wavelength_nm
     ready = [
-        _rendered(text, seen, size, grid, seed) if side is None else side
+        _rendered(text, view_camera, size, grid, seed) if side is None else side
         for seed, (text, side) in enumerate(zip((baseline, candidate), sides, strict=True))
     ]
     return regress_pictures(ready[0], ready[1], view, false_alarms, progress)
@@ -101,7 +137,29 @@ def regress_pictures(
     false_alarms: float = FALSE_ALARMS,
     progress: Progress = NO_PROGRESS,
 ) -> Outcome:
-    """Verdict and, where the sides differ, the named change. view : the scene, else the published one if it fits."""
+    """Compare two sides, and name the change where they differ.
+
+    Parameters
+    ----------
+    baseline, candidate
+        The sides.
+    view
+        Scene and camera of both; None for the published box, if the baseline shows it.
+    false_alarms
+        Rate of false alarms of the verdict.
+    progress
+        Receiver of the finished part.
+
+    Returns
+    -------
+    Outcome
+        Verdict, tests, named change.
+
+    Raises
+    ------
+    InputError
+        If the sides cannot be compared.
+    """
     progress.part(0.02)
     baseline, candidate, cut = on_common_pixels(baseline, candidate)
     baseline, candidate = in_common_quantity(baseline, candidate)
@@ -112,15 +170,16 @@ def regress_pictures(
     if surfaces is None:
         variants = _variants(view, baseline, candidate, notes)
         surfaces = None if variants is None else variants.surface_map()
-    outcome, found = regress_sides(baseline, candidate, surfaces, false_alarms)
+    outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
-    named: tuple[NamedChange, ...] = ()
+    changes: tuple[NamedChange, ...] = ()
     if not outcome.same:
         variants = variants or _variants(view, baseline, candidate, notes)
-        named = _mislabelled(baseline, candidate, surfaces, false_alarms) or named_changes(found, variants, progress)
+        changes = _mislabelled(baseline, candidate, surfaces, false_alarms)
+        changes = changes or named_changes(comparison, variants, progress)
         if variants is None:
             notes.append("the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named")
-    return replace(outcome, named=named, notes=(*outcome.notes, *notes))
+    return replace(outcome, named=changes, notes=(*outcome.notes, *notes))
 
 
 def assert_same_light(
@@ -132,23 +191,59 @@ def assert_same_light(
     false_alarms: float = FALSE_ALARMS,
     declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
-    """The outcome where both show the same light; otherwise AssertionError that tells where, and what changed.
+    """Require that two pictures show the same light.
 
-    Arguments as ``regress_inputs``. Raises InputError for a missing baseline.
+    Parameters
+    ----------
+    baseline, candidate, model, camera, false_alarms, declared
+        As in ``regress_inputs``.
+
+    Returns
+    -------
+    Outcome
+        The outcome, where the light is the same.
+
+    Raises
+    ------
+    AssertionError
+        If the light differs; the message states where, and the named change.
+    InputError
+        If a picture is missing or cannot be compared.
     """
     outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms, declared=declared)
     if outcome.same:
         return outcome
-    whole = outcome.whole
-    size = as_percent(whole.difference, "the baseline", unit="%")
-    lines = [f"{candidate} differs from {baseline}: mean light {size} ± {whole.sigma:.3%}"]
-    lines += [f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}" for row in outcome.deciding[:5]]
-    lines += [f"  named: {told_change(n)} ({n.probability:.2f})" for n in outcome.named[:3]]
+    mean = outcome.whole
+    size = as_percent(mean.difference, "the baseline", unit="%")
+    lines = [f"{candidate} differs from {baseline}: mean light {size} ± {mean.sigma:.3%}"]
+    lines += [
+        f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}"
+        for row in outcome.deciding[:_MAX_LISTED_POOLS]
+    ]
+    for change in outcome.named[:_MAX_LISTED_CHANGES]:
+        label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
+        lines.append(f"  {label}: {told_change(change)} ({change.probability:.2f})")
     raise AssertionError("\n".join(lines))
 
 
 def input_files(text: str) -> tuple[Path, ...]:
-    """The files that a side of a comparison is read from; none for a command and for a packaged scene."""
+    """Files that an argument of ``regress_inputs`` is read from.
+
+    Parameters
+    ----------
+    text
+        The argument.
+
+    Returns
+    -------
+    tuple of Path
+        The files; none for a command and for a packaged scene.
+
+    Raises
+    ------
+    InputError
+        If a model file cannot be read, or if a folder holds no cube.
+    """
     if _OUT in text:
         return ()
     if _is_model(text):
@@ -157,39 +252,39 @@ def input_files(text: str) -> tuple[Path, ...]:
 
 
 def _read(text: str, declared: Declared) -> Side:
-    """Cubes, or what a command writes, which has {out} in the place of a path without ending."""
+    """Side from cubes, or from a command that has {out} in place of a path without ending."""
     if _OUT not in text:
         return read_side(cube_paths(text), declared)
     with temporary_folder() as folder:
         command = text.replace(_OUT, shlex.quote(f"{folder}/picture"))
-        done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
-        if done.returncode:
-            words = (done.stderr.strip() or done.stdout.strip())[-_MOST_WORDS:]
-            raise InputError(text, f"it ended with {done.returncode}: {words}", "a command that writes a picture")
+        process = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+        if process.returncode:
+            message = (process.stderr.strip() or process.stdout.strip())[-_MAX_MESSAGE_LENGTH:]
+            fault = f"it ended with {process.returncode}: {message}"
+            raise InputError(text, fault, "a command that writes a picture")
         return replace(read_side(cube_paths(str(folder)), declared), source=text)
 
 
 def _is_model(text: str) -> bool:
+    """Whether an argument names a model file or a packaged scene."""
     return text.endswith(".toml") or (text in packaged_scenes() and not Path(text).exists())
 
 
-def _seen(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
-    """Camera and lamp. Raises InputError where the pictures are not of the camera's size."""
+def _camera_and_lamp(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
+    """Camera, and the lamp of a capture; InputError where pictures are not of the camera's size."""
     rows, columns = (size, size) if isinstance(size, int) else size
     if camera is None:
         if rows != columns:
             raise InputError("camera", f"pictures of {columns} x {rows} px", "a camera file or a capture folder")
         return cornell_camera(rows), None
-    found, lamp = view_of(camera)
-    if not isinstance(size, int) and (found.height_px, found.width_px) != (rows, columns):
-        raise InputError(
-            str(camera), f"{found.width_px} x {found.height_px} px", f"{columns} x {rows} px, as the cubes"
-        )
-    return found, lamp
+    view, lamp = view_of(camera)
+    if not isinstance(size, int) and (view.height_px, view.width_px) != (rows, columns):
+        raise InputError(str(camera), f"{view.width_px} x {view.height_px} px", f"{columns} x {rows} px, as the cubes")
+    return view, lamp
 
 
 def _picture_size(side: Side) -> tuple[int, int]:
-    """Rows and columns of the picture that a side is, or is a part of; those of the part where it does not say."""
+    """Rows and columns of the picture that a side is a part of; its own where not stated."""
     display = side.pixels.display
     return side.shape if display is None else (display[3], display[2])
 
@@ -204,48 +299,50 @@ def _cut_view(view: View, side: Side) -> View:
 
 
 def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) -> View:
-    scene, view, _ = model_cube_inputs(load_model(text), *_seen(camera, size))
+    """Scene and camera of a model."""
+    scene, view, _ = model_cube_inputs(load_model(text), *_camera_and_lamp(camera, size))
     return View(scene, view, True)
 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
-    chosen = load_model(text)
-    scene, view, bounces = model_cube_inputs(chosen, *_seen(camera, size))
-    own = chosen.render.seed + 7 * seed
-    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=own, max_bounces=bounces))
-    image = transported(image, scene, view, chosen.effects, own, bounces)
+    """Side rendered from a model. seed : number of the side, which gets its own random numbers."""
+    model = load_model(text)
+    scene, view, bounces = model_cube_inputs(model, *_camera_and_lamp(camera, size))
+    side_seed = model.render.seed + 7 * seed
+    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
+    image = transported(image, scene, view, model.effects, side_seed, bounces)
     return side_of([labelled_cube(image)], [text])
 
 
 def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[str]) -> Variants | None:
-    """Of the stated scene, or of the published one where the baseline shows it."""
+    """Rendering of the stated scene, or of the published one where the baseline shows it."""
     if view is None:
         camera = baseline.camera or candidate.camera
         if camera is None and baseline.shape[0] != baseline.shape[1]:
             return None
-        view = replace(_view(_PUBLISHED, camera, baseline.shape), stated=False)
+        view = replace(_view(_PUBLISHED, camera, baseline.shape), scene_stated=False)
     try:
         variants = build_variants(view.scene, view.camera, baseline)
     except InputError as error:
         notes.append(f"changes that need the scene cannot be named: {error}")
         return None
     off = mismatch(variants, baseline)
-    if view.stated and off > _RECOGNISED:
+    if view.scene_stated and off > _MAX_MISMATCH:
         notes.append(f"the baseline deviates from the stated model by {off:.0%}: is it the right model and camera?")
-    if view.stated:
+    if view.scene_stated:
         return variants
-    if off > _RECOGNISED:
+    if off > _MAX_MISMATCH:
         return None
     notes.append(f"the baseline shows the published box (within {off:.1%}), whose surfaces and light are used")
     return variants
 
 
 def _mislabelled(baseline: Side, candidate: Side, surfaces: object, false_alarms: float) -> tuple[NamedChange, ...]:
-    """Wavelengths that differ between the files though the pictures, plane by plane, do not."""
+    """Change of wavelengths alone: the pictures, plane by plane, are the same."""
     a, b = candidate.wavelength_nm, baseline.wavelength_nm
     if baseline.in_colour or a.size != b.size or np.allclose(a, b, atol=1e-3):
         return ()
     outcome, _ = regress_sides(baseline, replace(candidate, wavelength_nm=b), surfaces, false_alarms)  # type: ignore[arg-type]
     if not outcome.same:
         return ()
-    return (NamedChange("wavelengths", {"labels_off_nm": float((a - b).mean())}, 0.99),)
+    return (NamedChange("wavelengths", {"labels_off_nm": float((a - b).mean())}, _MISLABELLED_PROBABILITY),)

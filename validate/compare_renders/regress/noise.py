@@ -1,4 +1,4 @@
-"""Noise of the difference of two pictures: variances, correlation over wavelengths, clustering of pixels.
+"""Noise of a difference: variances, correlation of wavelengths, clustering of pixels.
 
 Standard errors that a side states are used, but never alone: neighbouring pixels of the difference show how much it
 scatters, and the larger of the two counts. Where a side states none, noise is estimated by the scatter of neighbours
@@ -42,7 +42,7 @@ _MIN_PAIRS = 20
 _BANDS_AT_ONCE = 16
 #: Rows of the picture whose correlation is summed at once, which bounds memory.
 _ROWS_AT_ONCE = 64
-#: Rows of which medians are taken at once: temporaries stay in the cache, twice as fast as 64 or more.
+#: Rows whose medians are formed at once: temporaries stay in the cache, twice as fast as 64 or more.
 _ROWS_IN_CACHE = 32
 #: Exchanges that sort five numbers (Knuth, The Art of Computer Programming 3, 5.3.4).
 _EXCHANGES_OF_5 = ((0, 3), (1, 4), (0, 2), (1, 3), (0, 1), (2, 4), (1, 2), (3, 4), (2, 3))
@@ -133,14 +133,16 @@ class Noise:
         for band in range(variance.shape[-1]):
             quiet = smooth_variance(level[..., band], self.variance[..., band], self.degrees)
             variance[..., band][outlier] = quiet[outlier]
-        noise, ones = replace(self, variance=variance), np.ones(variance.shape[-1])
+        noise, all_bands = replace(self, variance=variance), np.ones(variance.shape[-1])
         for row in np.flatnonzero(outlier.any(axis=1)):
-            total[row] = noise._over_row(int(row), ones)
+            total[row] = noise._over_row(int(row), all_bands)
         return replace(noise, total=total)
 
 
 def local_range(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest less smallest value among 3 x 3 pixels, after a median filter that removes single outliers.
+    """Largest less smallest value among 3 x 3 pixels, after a median filter.
+
+    The filter removes single outliers.
 
     Parameters
     ----------
@@ -255,7 +257,7 @@ def variance_of(
     difference: NDArray[np.float64],
     level: NDArray[np.float64],
     smooth: NDArray[np.bool_],
-    stated: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
+    side_variances: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
 ) -> tuple[NDArray[np.float64], float]:
@@ -269,7 +271,7 @@ def variance_of(
         (y, x, w) radiance of either.
     smooth
         (y, x) pixels away from edges.
-    stated
+    side_variances
         (y, x, w) variance that each side states, or None.
     degrees
         Degrees of freedom of each side's variance.
@@ -284,14 +286,14 @@ def variance_of(
     degrees
         Degrees of freedom behind each variance.
     """
-    variances = [v for v in stated if v is not None]
+    variances = [v for v in side_variances if v is not None]
     variance = np.zeros_like(difference)
     for part in variances:
         variance += part
     variance += rounding
     for row, radiance in zip(variance, level, strict=True):
         row += (_ROUNDING * radiance) ** 2
-    if len(variances) == len(stated):
+    if len(variances) == len(side_variances):
         return variance, float(sum(degrees))
     for first in range(0, difference.shape[-1], _BANDS_AT_ONCE):
         bands = np.s_[..., first : first + _BANDS_AT_ONCE]
@@ -304,7 +306,7 @@ def noise_of(
     difference: NDArray[np.float64],
     level: NDArray[np.float64],
     smooth: NDArray[np.bool_],
-    stated: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
+    side_variances: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
 ) -> Noise:
@@ -312,7 +314,7 @@ def noise_of(
 
     Parameters
     ----------
-    difference, level, smooth, stated, degrees, rounding
+    difference, level, smooth, side_variances, degrees, rounding
         As in ``variance_of``.
 
     Returns
@@ -320,18 +322,18 @@ def noise_of(
     Noise
         Variances, correlation between wavelengths, clustering of pixels.
     """
-    variance, freedom = variance_of(difference, level, smooth, stated, degrees, rounding)
-    estimated = any(v is None for v in stated)
+    variance, freedom = variance_of(difference, level, smooth, side_variances, degrees, rounding)
+    estimated = any(v is None for v in side_variances)
     correlation = _correlation(difference, variance, level, smooth)
-    ones = np.ones(difference.shape[-1])
+    all_bands = np.ones(difference.shape[-1])
     noise = Noise(variance, freedom, correlation, np.zeros(()), 1.0, 1.0, estimated)
-    total = noise.over(ones)
+    total = noise.over(all_bands)
     clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
 def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth: NDArray) -> NDArray[np.float64] | None:
-    """(w, w) correlation between wavelengths, from second differences over their standard deviations."""
+    """(w, w) correlation between wavelengths, from scaled second differences."""
     count, height = difference.shape[-1], len(difference)
     inner = minimum_filter(smooth, 3)
     pixels = int(inner.sum())
@@ -365,7 +367,7 @@ def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth:
 def _clustering(
     total: NDArray, variance: NDArray, level: NDArray, smooth: NDArray, degrees: float
 ) -> tuple[float, float]:
-    """Scatter of block means over that of independent pixels, and of single pixels over the stated variance.
+    """Scatter of block means over independent pixels', and of pixels over the variance.
 
     Both come from differences of neighbouring pixels and blocks inside smooth parts.
     """
@@ -386,7 +388,7 @@ def _clustering(
 
 
 def _difference_variance(values: NDArray, inside: NDArray[np.bool_]) -> float:
-    """Half the mean square of differences between neighbours inside, outliers cut; NaN for few pairs."""
+    """Half the mean square of differences between neighbours; NaN for few pairs."""
     differences = []
     for axis in (0, 1):
         pairs = np.diff(values, axis=axis)

@@ -1,5 +1,4 @@
-"""The outcome of a regression: verdict, statistics, thresholds and tables; as JUnit XML, and as lines that GitHub shows
-beside a pull request."""
+"""Outcome of a regression: verdict, tests, tables; as JUnit XML and as lines for GitHub."""
 
 from __future__ import annotations
 
@@ -18,87 +17,149 @@ from scipy.stats import t
 
 from .pooled import PooledMean
 
-__all__ = ["NamedChange", "Outcome", "as_percent", "github_lines", "summary", "told_change", "write_junit"]
+__all__ = [
+    "UNKNOWN",
+    "NamedChange",
+    "Outcome",
+    "as_percent",
+    "github_lines",
+    "name_line",
+    "summary",
+    "told_change",
+    "write_junit",
+]
 
-#: What is left of the light from which down a difference is told as a part of it, not in per cent.
-_LITTLE = 1e-3
+#: Identifier of a change that no explanation of the list fits.
+UNKNOWN = "unknown"
+
+#: Remaining part of the light below which it is stated itself, not as a difference in per cent.
+_LITTLE_LIGHT = 1e-3
+#: Deciding pools listed for GitHub.
+_MAX_GITHUB_POOLS = 3
+#: Probability of the one-sided limit of ``Outcome.equivalence_95``.
+_EQUIVALENCE_TAIL = 0.05
 
 
 @dataclass(frozen=True)
 class NamedChange(OwnMappings):
-    """One explanation. change : its identifier. probability : among all that were tried. chi2 : per number."""
+    """One explanation of a change, with its probability."""
 
+    #: Identifier of the change; "unknown" where no explanation fits.
     change: str
+    #: Parameters by name.
     parameters: Mapping[str, Any]
+    #: Probability among all explanations.
     probability: float
+    #: Chi-square of the remainder per number.
     chi2: float = float("nan")
+    #: Whether it leaves no more than noise and the known error of computed shapes.
+    fits: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(OwnMappings):
-    """Whether two pictures show the same light.
+    """Verdict on two pictures, with its tests and the named change."""
 
-    pools : all pooled tests. false_alarms : the verdict's rate of false alarms. outliers, outlier_share :
-    pixels set aside as fireflies and the light in them, relative. pixels_differing : pixels that differ by
-    themselves (false discovery rate 1 %); they do not enter the verdict. relative : (y, x)
-    difference over the baseline, summed over wavelengths.
-    """
-
+    #: Source of the baseline.
     baseline: str
+    #: Source of the candidate.
     candidate: str
+    #: All pooled tests, the entire picture first.
     pools: tuple[PooledMean, ...]
+    #: Rate of false alarms of the verdict.
     false_alarms: float
+    #: Number of pixels set aside as outliers.
     outliers: int
+    #: Light set aside in them, relative to all light.
     outlier_share: float
+    #: Pixels that differ by themselves (false discovery rate 1 %); they do not enter the verdict.
     pixels_differing: int
+    #: (y, x) difference over the baseline, summed over wavelengths; NaN without light.
     relative: NDArray[np.float64]
+    #: Explanations of the change, the most probable first; none where the pictures are the same.
     named: tuple[NamedChange, ...] = ()
+    #: Remarks for the reader.
     notes: tuple[str, ...] = ()
+    #: Kind of each input by its name, for reports.
     kinds: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def same(self) -> bool:
-        """True where no pool tells the pictures apart."""
+        """Whether no pool differs significantly."""
         return not any(row.different for row in self.pools)
 
     @property
     def whole(self) -> PooledMean:
-        """The mean over the picture, the lamp left out."""
+        """Test of the mean over the picture without the lamp."""
         return self.pools[0]
 
     @property
     def would_have_seen(self) -> float:
-        """Size of an even change of the light, relative, found in 90 of 100 runs like this."""
+        """Relative size of an even change of the light that is found in 90 of 100 runs like this."""
         return min(row.detectable for row in (self.whole, *self.of_kind("even")))
 
     @property
     def equivalence_95(self) -> float:
-        """The mean light agrees within this, relative, at 95 %."""
-        whole = self.whole
-        return abs(whole.difference) + float(t.isf(0.05, whole.degrees)) * whole.sigma
+        """Relative limit within which the mean light agrees at 95 %."""
+        mean = self.whole
+        return abs(mean.difference) + float(t.isf(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
+
+    @property
+    def best_name(self) -> NamedChange | None:
+        """Most probable explanation but `unknown`; None where there is none."""
+        return next((change for change in self.named if change.change != UNKNOWN), None)
+
+    @property
+    def left_chi2_per_number(self) -> float:
+        """Chi-square per number that the best name leaves; noise gives about 1. NaN without a name."""
+        return float("nan") if self.best_name is None else self.best_name.chi2
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether the best name leaves no more than noise and error of shapes; None without one."""
+        return None if self.best_name is None else self.best_name.fits
 
     def of_kind(self, kind: str) -> tuple[PooledMean, ...]:
-        """The pools of one kind."""
+        """Tests of one kind of pool.
+
+        Parameters
+        ----------
+        kind
+            As in ``PooledMean.kind``.
+
+        Returns
+        -------
+        tuple of PooledMean
+            The tests.
+        """
         return tuple(row for row in self.pools if row.kind == kind)
 
     @property
     def deciding(self) -> tuple[PooledMean, ...]:
-        """The pools that make the verdict "different", the clearest first."""
+        """Tests that make the verdict "different", the clearest first."""
         rows = [row for row in self.pools if row.different]
         return tuple(sorted(rows, key=lambda row: row.probability / row.critical))
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` writes; only finite numbers, None for others."""
-        whole = self.whole
+        """Content of the JSON file.
+
+        Returns
+        -------
+        dict
+            Finite numbers; None in place of others.
+        """
+        mean = self.whole
         record = {
             "same": self.same,
-            "mean_relative_difference": whole.difference,
-            "sigma": whole.sigma,
+            "mean_relative_difference": mean.difference,
+            "sigma": mean.sigma,
             "equivalence_95": self.equivalence_95,
             "would_have_seen": self.would_have_seen,
             "named": [
                 {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.named
             ],
+            "left_chi2_per_number": self.left_chi2_per_number,
+            "fits": self.fits,
             "surfaces": {row.name: _record(row) for row in self.of_kind("surface")},
             "bands": {row.name: _record(row) for row in self.of_kind("band")},
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
@@ -117,6 +178,7 @@ class Outcome(OwnMappings):
 
 
 def _record(row: PooledMean) -> dict[str, Any]:
+    """Figures of one test."""
     return {
         "relative_difference": row.difference,
         "sigma": row.sigma,
@@ -129,6 +191,7 @@ def _record(row: PooledMean) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
+    """Value for JSON: None in place of numbers that are not finite, at any depth."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -139,21 +202,72 @@ def _finite(value: Any) -> Any:
 
 
 def as_percent(difference: float, of: str, form: str = "+.3f", unit: str = "") -> str:
-    """A relative difference in per cent; where less than a thousandth is left, as a part of what it is compared with.
+    """Relative difference as text.
 
-    of : what that is called.
+    Parameters
+    ----------
+    difference
+        Difference over the reference.
+    of
+        Name of the reference.
+    form
+        Format of the percentage.
+    unit
+        Text after the percentage.
+
+    Returns
+    -------
+    str
+        The percentage, or, where less than a thousandth of the light remains, the remaining part.
     """
-    left = 1 + difference
-    return f"{left:.3g} of {of}" if 0 < left < _LITTLE else f"{100 * difference:{form}}{unit}"
+    remaining = 1 + difference
+    return f"{remaining:.3g} of {of}" if 0 < remaining < _LITTLE_LIGHT else f"{100 * difference:{form}}{unit}"
 
 
-def told_change(named: NamedChange) -> str:
-    """The change and its parameters, as text."""
-    values = ", ".join(f"{key} {_written(value, 4)}" for key, value in named.parameters.items())
-    return f"{named.change} ({values})" if values else named.change
+def told_change(change: NamedChange) -> str:
+    """Change and parameters as text.
+
+    Parameters
+    ----------
+    change
+        The change.
+
+    Returns
+    -------
+    str
+        Identifier, and the parameters in brackets.
+    """
+    values = ", ".join(f"{key} {_written(value, 4)}" for key, value in change.parameters.items())
+    return f"{change.change} ({values})" if values else change.change
+
+
+def name_line(outcome: Outcome) -> str:
+    """Name of the change in words: "named" where it fits, otherwise "most like".
+
+    Parameters
+    ----------
+    outcome
+        Outcome of two different pictures, with explanations.
+
+    Returns
+    -------
+    str
+        The words; empty without explanations.
+    """
+    if not outcome.named:
+        return ""
+    first, name = outcome.named[0], outcome.best_name
+    if first.fits and first.change != UNKNOWN:
+        return f"named {told_change(first)}"
+    if name is None:
+        return f"cause {told_change(first)}"
+    cause = f"cause {told_change(first)}, " if first.change == UNKNOWN else ""
+    remainder = "" if name.fits else f", which leaves {name.chi2:.2g} times the noise"
+    return f"{cause}most like {told_change(name)}{remainder}"
 
 
 def _written(value: Any, digits: int) -> str:
+    """Parameter as text, numbers with some digits."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_written(item, 5)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -162,7 +276,17 @@ def _written(value: Any, digits: int) -> str:
 
 
 def write_junit(path: Path, outcome: Outcome) -> None:
-    """One test case for each pool but the blocks, which share one; a case fails where its pool decides."""
+    """Write a JUnit file: one test case for each pool, and one for all blocks.
+
+    A case fails where its pool decides.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced.
+    outcome
+        The outcome.
+    """
     rows = [row for row in outcome.pools if row.kind != "block"]
     blocks = [row for row in outcome.of_kind("block") if row.different]
     failures = sum(row.different for row in rows) + bool(blocks)
@@ -176,36 +300,61 @@ def write_junit(path: Path, outcome: Outcome) -> None:
 
 
 def _case(suite: ET.Element, name: str, failing: list[PooledMean]) -> None:
+    """Append a test case with its failures."""
     case = ET.SubElement(suite, "testcase", classname="cbox.regress", name=name)
     for row in failing:
-        ET.SubElement(case, "failure", message=_told(row))
+        ET.SubElement(case, "failure", message=_pool_text(row))
 
 
 def github_lines(outcome: Outcome) -> list[str]:
-    """Workflow commands of GitHub Actions: an error where the pictures differ, a notice where not."""
+    """Workflow commands of GitHub Actions, shown next to a pull request.
+
+    Parameters
+    ----------
+    outcome
+        The outcome.
+
+    Returns
+    -------
+    list of str
+        A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
+    """
     if outcome.same:
         return [f"::notice title=cbox regress::{_escaped(summary(outcome))}"]
     return [f"::error title=cbox regress::{_escaped(summary(outcome))}"] + [
-        f"::error title=cbox regress::{_escaped(_told(row))}" for row in outcome.deciding[:3]
+        f"::error title=cbox regress::{_escaped(_pool_text(row))}" for row in outcome.deciding[:_MAX_GITHUB_POOLS]
     ]
 
 
 def summary(outcome: Outcome) -> str:
-    """The verdict in one line."""
-    whole = outcome.whole
+    """Verdict in one line.
+
+    Parameters
+    ----------
+    outcome
+        The outcome.
+
+    Returns
+    -------
+    str
+        The line.
+    """
+    mean = outcome.whole
     if outcome.same:
         return (
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
             f"{outcome.would_have_seen:.3%} would have been seen"
         )
-    named = f", named {told_change(outcome.named[0])}" if outcome.named else ""
-    return f"different: mean light {as_percent(whole.difference, 'the baseline', unit='%')} +- {whole.sigma:.3%}{named}"
+    cause = f", {name_line(outcome)}" if outcome.named else ""
+    return f"different: mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}{cause}"
 
 
-def _told(row: PooledMean) -> str:
+def _pool_text(row: PooledMean) -> str:
+    """One test in a line."""
     unit = "" if row.unit == "1" else f" {row.unit}"
     return f"{row.kind} {row.name}: {row.difference:+.4g}{unit} +- {row.sigma:.2g}, {abs(row.statistic):.1f} sigma"
 
 
 def _escaped(text: str) -> str:
+    """Text of a workflow command."""
     return text.replace("%", "%25").replace("\n", "%0A")

@@ -1,4 +1,4 @@
-"""Tests of pooled means: ratios of sums over pixels, over their standard deviations, as Student's t.
+"""Tests of pooled means: ratios of sums over pixels, as Student's t.
 
 The rate of false alarms of the verdict is divided among kinds of pools beforehand, most of it to the entire picture.
 Within a kind the shares are equal (Bonferroni).
@@ -159,13 +159,13 @@ class Pooling:
     @cached_property
     def summed(self) -> _Sums:
         """Sums over all wavelengths."""
-        ones = np.ones(self.bands)
-        difference = self.trimmed.difference @ ones
+        all_bands = np.ones(self.bands)
+        difference = self.trimmed.difference @ all_bands
         return _Sums(
-            self.trimmed.level @ ones,
+            self.trimmed.level @ all_bands,
             difference,
             self.noise.total,
-            None if self.shared is None else self.shared @ ones,
+            None if self.shared is None else self.shared @ all_bands,
             float(np.mean(self.interpolation)),
             1.0,
             high_pass(difference),
@@ -197,7 +197,7 @@ class Pooling:
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """Weight of the candidate in the mean of two pictures, each weighted by the other's variance.
+    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
 
     The variances are those of neighbouring pixels inside smooth parts.
 
@@ -285,7 +285,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
 def _pool_of(
     pooling: Pooling, sums: _Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
 ) -> PooledMean | None:
-    """Test of one pool, one of ``count`` of its kind; None where it holds too few pixels or no light."""
+    """Test of one of ``count`` pools of a kind; None for too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
     level = float(sums.level[mask].sum())
     pixels = int(mask.sum())
@@ -294,16 +294,16 @@ def _pool_of(
     difference = float(sums.difference[mask].sum())
     each = sums.variance[mask]
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
-    stated = float(quiet.sum())
+    noise_sum = float(quiet.sum())
     scatter = _scatter(pooling, sums, kind, mask, difference / level)
-    variance = max(stated, scatter) * noise.clustering
+    variance = max(noise_sum, scatter) * noise.clustering
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
     variance += aside**2 + (SYSTEMATIC * level) ** 2 + (sums.interpolation * level) ** 2
     if sums.shared is not None:
         variance += float(sums.shared[mask].sum()) ** 2
-    degrees = max(2.0, min(stated**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
+    degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
     if kind in _SMALL_POOLS:
         degrees = min(degrees, _MAX_BLOCK_DEGREES)
     return _row(
@@ -341,12 +341,12 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     shared = 0 * total if pooling.shared is None else pooling.shared[body].sum(axis=-1)
     by_pixel = (bound, total, quiet, scatter, aside, rough, shared)
     used = (pixels >= _MIN_PIXELS) & (np.bincount(cell, bound) > 0)
-    level, difference, stated, about, excess, unrest, common = (np.bincount(cell, v)[used] for v in by_pixel)
+    level, difference, expected, about, excess, unrest, common = (np.bincount(cell, v)[used] for v in by_pixel)
     if level.size < _MIN_PIXELS:
         return []
     inflation = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
     floor = (_CELL_FLOOR * level) ** 2
-    variance = np.maximum(inflation * stated, noise.clustering * about) + floor
+    variance = np.maximum(inflation * expected, noise.clustering * about) + floor
     weight = level**2 / (unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor)  # of relative differences
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
@@ -367,7 +367,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
 
 
 def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
-    """Variance of a pool's sum by the scatter of its own pixels.
+    """Variance of a pool's sum by the scatter of the pool's pixels.
 
     Their squares about the mean bound the effect of a single pixel: a firefly that is not set aside raises no alarm.
     """
@@ -412,8 +412,9 @@ def _row(
 
 
 def _patterns(pooling: Pooling) -> list[PooledMean]:
-    """Tests of patterns at edges: shifts along x and y, magnification, turn (px at half a width), blur (px^2).
+    """Tests of patterns at edges: shift, magnification, turn, blur.
 
+    Shifts are px, magnification and turn px at half a width from the centre, blur is an added variance in px^2.
     Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
     no known variance, and heavy tails make it smaller, not larger.
     """
@@ -424,14 +425,14 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     quiet = median_filter(half, 3, mode="nearest")
     span = maximum_filter(half, 3) - minimum_filter(half, 3)
     sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
-    down, right = np.gradient(half)
+    down, right = (np.asarray(slope) for slope in np.gradient(half))
     curved = -_laplacian(half)
     inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
     at_edges = strata.used & inside & (strata.edges | strata.lamp)
     weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     residual = total - scale * half
-    common = 0 * total if pooling.shared is None else pooling.shared.sum(axis=-1)
+    common = np.asarray(0 * total if pooling.shared is None else pooling.shared.sum(axis=-1))
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
     patterns: tuple[tuple[str, Any, str, float], ...] = (
@@ -445,7 +446,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     for name, slope, unit, sharpness in patterns:
         used = at_edges & (np.abs(slope) > sharpness * span)
         # neither light that brightens all pixels alike is a pattern, nor the error of ``scale``, which they share
-        w, s, light = weight[used], slope[used], half[used]
+        w, s, light = weight[used], np.asarray(slope)[used], half[used]
         s = s - light * (w * s * light).sum() / max(float((w * light**2).sum()), 1e-300)
         terms, norms = w * s * residual[used], w * s**2
         root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))

@@ -1,4 +1,4 @@
-"""One side of a regression: spectral cubes of one picture, with what is known of their noise."""
+"""Sides of a regression: spectral cubes of one picture, and their noise."""
 
 from __future__ import annotations
 
@@ -41,42 +41,50 @@ __all__ = [
     "side_of",
 ]
 
-#: Batches behind a standard error whose cube does not state them.
+#: Batches assumed behind a standard error whose cube does not state them: few, for cautious tests.
 _ASSUMED_BATCHES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """index : (y, x) into names; negative for the lamp and for what lies outside. lamp : (y, x) sees the lamp."""
+    """Surface that each pixel shows."""
 
+    #: (y, x) index into ``names``; negative for the lamp and outside of the scene.
     index: NDArray[np.int64]
+    #: Names of the surfaces.
     names: tuple[str, ...]
+    #: (y, x) pixels that see the lamp.
     lamp: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Side(OwnMappings):
-    """radiance : (y, x, w), W m^-2 sr^-1 nm^-1. variance : of it, the same shape, or None where unknown.
+    """One picture of a regression."""
 
-    degrees : of freedom behind each variance. surfaces : the cube's own map, or None. notes : what the reader of a
-    verdict has to know about this input. in_colour : the three planes are X, Y, Z in cd m^-2, without wavelengths
-    (NaN). declared : what the user declared in place of the file or as it says, names of fields of ``Declared``.
-    stated : by such names, what the file says instead. camera : as the file states it, None where it does not.
-    rounding : (2, y, x, w) standard deviations from the steps in which a file stores its values, of each pixel, and of
-    the part that neighbouring pixels share; None for fine steps.
-    """
-
+    #: Name for messages: files, or a command.
     source: str
+    #: (w,) wavelengths, nm; NaN in colour.
     wavelength_nm: NDArray[np.float64]
+    #: (y, x, w) radiance, W m^-2 sr^-1 nm^-1; in colour X, Y, Z, cd m^-2.
     radiance: NDArray[np.float64]
+    #: (y, x, w) variance of the radiance; None where unknown.
     variance: NDArray[np.float64] | None
+    #: Degrees of freedom behind each variance.
     degrees: float
+    #: Map of surfaces of the cube; None without one.
     surfaces: SurfaceMap | None
+    #: Remarks for the reader of a verdict.
     notes: tuple[str, ...] = ()
+    #: Whether the three planes are X, Y, Z, without wavelengths.
     in_colour: bool = False
+    #: Fields of ``Declared`` that the user declared and that were used.
     declared: tuple[str, ...] = ()
+    #: Camera that the file states; None without one.
     camera: Camera | None = None
+    #: (2, y, x, w) standard deviations from the steps in which a file stores values: of each pixel, and of the part
+    #: that neighbouring pixels share. None for fine steps.
     rounding: NDArray[np.float64] | None = None
+    #: Statements of the file by field of ``Declared``, where they overrule the user's.
     stated: Mapping[str, str] = field(default_factory=dict)
     #: Place of the pixels in a larger picture; None for a complete picture.
     window: Window | None = None
@@ -89,7 +97,7 @@ class Side(OwnMappings):
 
     @property
     def bands(self) -> tuple[str, ...]:
-        """What each plane is called."""
+        """Name of each plane: wavelength in nm, or X, Y, Z."""
         return ("X", "Y", "Z") if self.in_colour else tuple(f"{w:.10g}" for w in self.wavelength_nm)
 
     @property
@@ -98,7 +106,18 @@ class Side(OwnMappings):
         return self.radiance.shape[0], self.radiance.shape[1]
 
     def at(self, index: NDArray) -> Side:
-        """The side at some of its wavelengths; itself, without a copy, at all of them in order."""
+        """Side at some of its wavelengths.
+
+        Parameters
+        ----------
+        index
+            Indices of the wavelengths.
+
+        Returns
+        -------
+        Side
+            The side; itself, without a copy, where ``index`` lists all wavelengths in order.
+        """
         if np.array_equal(index, np.arange(self.wavelength_nm.size)):
             return self
         variance = None if self.variance is None else self.variance[..., index]
@@ -116,7 +135,7 @@ def on_common_pixels(first: Side, second: Side) -> tuple[Side, Side, tuple[str, 
     Parameters
     ----------
     first, second
-        Sides of one picture, of which a file may hold a part.
+        Sides of one picture; a file may hold a part of it.
 
     Returns
     -------
@@ -195,35 +214,78 @@ def cut_camera(camera: Camera, pixels: Window, part: Window) -> Camera:
 
 
 def cube_paths(text: str) -> tuple[Path, ...]:
-    """The cubes that an argument names: one file, files joined by commas, or all cubes of a folder."""
-    whole = Path(text)
-    if whole.is_dir():
-        found = tuple(sorted(p for p in whole.iterdir() if p.suffix.lower() in READABLE))
-        if not found:
-            raise InputError(whole, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
-        return found
-    return (whole,) if whole.exists() else tuple(Path(part) for part in text.split(","))
+    """Cubes that an argument names.
+
+    Parameters
+    ----------
+    text
+        One file, files joined by commas, or a folder of cubes.
+
+    Returns
+    -------
+    tuple of Path
+        The files, those of a folder in alphabetical order.
+
+    Raises
+    ------
+    InputError
+        If a folder holds no cube.
+    """
+    path = Path(text)
+    if path.is_dir():
+        cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
+        if not cubes:
+            raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
+        return cubes
+    return (path,) if path.exists() else tuple(Path(part) for part in text.split(","))
 
 
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
-    """Independent pictures of the same view as one input, whose mean is known by their scatter.
+    """Mean of independent pictures of the same view, with variance from their scatter.
 
-    declared : what the files do not state. Raises InputError for what ``read_picture`` cannot read, for
-    pictures that do not fit together, and for radiance that is not finite.
+    Parameters
+    ----------
+    paths
+        Cubes of the same size and wavelengths.
+    declared
+        Properties that the files do not state.
+
+    Returns
+    -------
+    Side
+        The mean.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, if the pictures do not fit together or are equal, or if radiance is not finite.
     """
     return side_of([read_picture(path, declared) for path in paths], [str(path) for path in paths])
 
 
 def in_common_quantity(first: Side, second: Side) -> tuple[Side, Side]:
-    """Both as they are, or, where one is in colour, both in X, Y, Z."""
+    """Both sides in spectral radiance, or both in X, Y, Z where one is in colour.
+
+    Parameters
+    ----------
+    first, second
+        The sides.
+
+    Returns
+    -------
+    tuple of Side
+        Both sides in one quantity.
+    """
     if first.in_colour == second.in_colour:
         return first, second
     return _in_colour(first), _in_colour(second)
 
 
 def _in_colour(side: Side) -> Side:
-    """X, Y, Z in cd m^-2 of the side's own range of wavelengths, as far as the observer's table goes (360 to 830 nm);
-    errors as of fully correlated wavelengths."""
+    """X, Y, Z in cd m^-2 over the side's range of wavelengths, within the observer's table.
+
+    The table of the CIE 1931 observer goes from 360 to 830 nm. Errors are those of fully correlated wavelengths.
+    """
     if side.in_colour:
         return side
     weights = LUMINOUS_EFFICACY * xyz_weights(side.wavelength_nm)
@@ -240,22 +302,40 @@ def _in_colour(side: Side) -> Side:
 
 
 def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
-    """As ``read_side``, of cubes in memory; sources : what to call them."""
-    sides = [_one(cube, source) for cube, source in zip(cubes, sources, strict=True)]
+    """Mean of independent cubes in memory; see ``read_side``.
+
+    Parameters
+    ----------
+    cubes
+        Cubes of the same size and wavelengths.
+    sources
+        Name of each, for messages.
+
+    Returns
+    -------
+    Side
+        The mean.
+
+    Raises
+    ------
+    InputError
+        If the cubes do not fit together or are equal, or if radiance is not finite.
+    """
+    sides = [_side_of_cube(cube, source) for cube, source in zip(cubes, sources, strict=True)]
     first = sides[0]
     for side in sides[1:]:
         if side.radiance.shape != first.radiance.shape or side.bands != first.bands:
-            found = f"{side.shape[1]} x {side.shape[0]} px, {side.wavelength_nm.size} wavelengths"
-            raise InputError(side.source, found, f"size and wavelengths of {first.source}, its companion")
+            size = f"{side.shape[1]} x {side.shape[0]} px, {side.wavelength_nm.size} wavelengths"
+            raise InputError(side.source, size, f"size and wavelengths of {first.source}, its companion")
         if side.pixels != first.pixels:
             raise InputError(side.source, f"the pixels {side.pixels}", f"{first.pixels}, as {first.source}")
     if len(sides) == 1:
         return first
-    known: dict[bytes, Side] = {}
+    by_digest: dict[bytes, Side] = {}
     for side in sides:
         digest = hashlib.sha256(side.radiance.tobytes()).digest()
-        if (same := known.setdefault(digest, side)) is not side:
-            expected = "pictures with random numbers of their own, whose scatter tells their error"
+        if (same := by_digest.setdefault(digest, side)) is not side:
+            expected = "pictures with independent random numbers, whose scatter gives their error"
             raise InputError(side.source, f"the same numbers as {same.source}", expected)
     stack, count = np.stack([side.radiance for side in sides]), len(sides)
     variances = [side.variance for side in sides if side.variance is not None]
@@ -276,15 +356,16 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
     )
 
 
-def _one(cube: xr.Dataset, source: str) -> Side:
+def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
+    """Side of one cube, with notes on its standard error."""
     in_colour = "xyz" in cube
     ordered = cube.transpose("y", "x", "component" if in_colour else "wavelength", ...)
     radiance = ordered["xyz" if in_colour else "radiance"].values.astype(np.float64)
     bad = ~np.isfinite(radiance)
     if bad.any():
         row, column, _ = (int(i[0]) for i in np.nonzero(bad))
-        found = f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
-        raise InputError(f"{source}: radiance", found, "a finite radiance in every pixel and wavelength")
+        fault = f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
+        raise InputError(f"{source}: radiance", fault, "a finite radiance in every pixel and wavelength")
     notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]
     variance, degrees = None, 0.0
     if "standard_error" in cube:
@@ -318,24 +399,27 @@ def _one(cube: xr.Dataset, source: str) -> Side:
 
 
 def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:
-    found = camera_of_attribute(cube.attrs.get("camera"))
-    return found if found is not None and (found.height_px, found.width_px) == (height_px, width_px) else None
+    """Camera that a cube states; None where it has another size."""
+    camera = camera_of_attribute(cube.attrs.get("camera"))
+    return camera if camera is not None and (camera.height_px, camera.width_px) == (height_px, width_px) else None
 
 
 def _rounding(picture: xr.Dataset) -> NDArray[np.float64] | None:
+    """(2, y, x, w) standard deviations from the steps of a file; None for fine steps."""
     if "rounding" not in picture:
         return None
     return np.stack([picture[name].values for name in ("rounding", "rounding_shared")])
 
 
 def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
+    """Map of surfaces of a cube; None without one, or where it names too few."""
     if "surface" not in cube or set(cube["surface"].dims) != {"y", "x"}:
         return None
-    stated = cube["surface"]
-    names = tuple(name.strip() for name in str(stated.attrs.get("names", "")).split(",") if name.strip())
-    index = stated.values.astype(np.int64)
+    surface = cube["surface"]
+    names = tuple(name.strip() for name in str(surface.attrs.get("names", "")).split(",") if name.strip())
+    index = surface.values.astype(np.int64)
     if not names:
         names = tuple(f"surface {i}" for i in range(int(index.max()) + 1))
     if index.max() >= len(names):
         return None
-    return SurfaceMap(index, names, index == int(stated.attrs.get("lamp", -1)))
+    return SurfaceMap(index, names, index == int(surface.attrs.get("lamp", -1)))

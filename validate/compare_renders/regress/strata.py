@@ -1,4 +1,4 @@
-"""The parts of a picture that are judged on their own: surfaces, edges, lamp, image border, a grid of blocks."""
+"""Parts of a picture that are judged separately: surfaces, edges, lamp, border, blocks."""
 
 from __future__ import annotations
 
@@ -16,43 +16,68 @@ from .sides import SurfaceMap
 
 __all__ = ["BLOCKS", "Strata", "strata_of"]
 
-#: Blocks along each side of the picture.
+#: Blocks along each side of the picture: small enough to show a shadow, large enough for a mean.
 BLOCKS = 8
-#: Brighter than the 97th percentile by so much is the lamp, where no surface map tells.
+#: Percentile of the radiance above which the lamp is looked for where there is no map of surfaces.
+_LAMP_PERCENTILE = 97
+#: Radiance over that percentile, from which a pixel shows the lamp: paints differ less.
 _LAMP_FACTOR = 4.0
-#: A pixel whose neighbourhood spans this part of its level, and so many standard deviations, lies at an edge.
-_EDGE_STEP, _EDGE_SIGMA = 0.25, 8.0
+#: Range of the radiance in 3 x 3 pixels over its level, from which a pixel lies at an edge: gradients are smaller.
+_EDGE_STEP = 0.25
+#: The same range in standard deviations of noise, which must be exceeded too.
+_EDGE_SIGMAS = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class Strata(OwnMappings):
-    """Masks (y, x). used : shows anything. lamp : sees the lamp, or touches a pixel that does. edges, border, smooth
-    : parts of the rest. surfaces : by name, away from edges. block : (y, x) number of the block, 0 to 63.
-    """
+    """Parts of a picture, as masks (y, x)."""
 
+    #: Pixels with light.
     used: NDArray[np.bool_]
+    #: Pixels that see the lamp, or touch one that does.
     lamp: NDArray[np.bool_]
+    #: Pixels next to a step of the radiance or a change of surface, without lamp and border.
     edges: NDArray[np.bool_]
+    #: The outermost pixels, without the lamp.
     border: NDArray[np.bool_]
+    #: All other pixels with light.
     smooth: NDArray[np.bool_]
+    #: Smooth pixels by surface; none without a map of surfaces.
     surfaces: Mapping[str, NDArray[np.bool_]]
+    #: Number of each pixel's block, 0 to 63, row by row.
     block: NDArray[np.int64]
+    #: Whether there is a map of surfaces.
     mapped: bool
 
     @property
     def body(self) -> NDArray[np.bool_]:
-        """(y, x) everything but the lamp and what shows nothing."""
+        """(y, x) pixels with light, without the lamp."""
         return self.used & ~self.lamp
 
 
 def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata:
-    """level : (y, x) radiance summed over wavelengths, of the baseline."""
+    """Parts of a picture.
+
+    Parameters
+    ----------
+    level
+        (y, x) radiance of the baseline, summed over wavelengths.
+    surfaces
+        Map of surfaces; None where unknown. Lamp and edges then follow from the radiance alone.
+
+    Returns
+    -------
+    Strata
+        The parts.
+    """
     used = level > 1e-9 * max(float(level.max()), 1e-300)
     quiet = median_filter(level, 3, mode="nearest")
     span = local_range(level)
     edges = _sharp(quiet, span, level)
     if surfaces is None:
-        bright = quiet > _LAMP_FACTOR * np.percentile(quiet[used], 97) if used.any() else np.zeros_like(used)
+        bright = (
+            quiet > _LAMP_FACTOR * np.percentile(quiet[used], _LAMP_PERCENTILE) if used.any() else np.zeros_like(used)
+        )
         names: dict[str, NDArray[np.bool_]] = {}
     else:
         bright = surfaces.lamp
@@ -72,7 +97,7 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
 
 
 def _sharp(quiet: NDArray, span: NDArray, level: NDArray) -> NDArray[np.bool_]:
-    """(y, x) next to a step of the radiance that noise does not explain."""
+    """(y, x) pixels next to a step of the radiance that noise does not explain."""
     scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
     noise = 1.4826 * np.median(np.abs(high_pass(level) / scale))
-    return span > np.maximum(_EDGE_STEP, min(_EDGE_SIGMA * noise, 1.0)) * scale
+    return span > np.maximum(_EDGE_STEP, min(_EDGE_SIGMAS * noise, 1.0)) * scale

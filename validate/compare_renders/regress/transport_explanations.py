@@ -1,4 +1,4 @@
-"""Explanations that need the scene: path depth, paints, swapped walls, the lamp's size, gloss, an ambient cache."""
+"""Explanations by the scene: path depth, paints, walls, lamp's size, gloss, ambient cache."""
 
 from __future__ import annotations
 
@@ -11,28 +11,53 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from .evidence import Evidence
+from .evidence import Evidence, Fit
 from .explanations import Explanation, group_name
 from .variants import Variants, build_variants, with_lamp_size
 
-__all__ = ["coats", "from_scene"]
+__all__ = ["coats", "from_scene", "smooth_over_surfaces"]
 
-#: Depths tried, and survival probabilities of a roulette whose loss is not made up for.
+#: Numbers of reflections after which paths may end: later ones carry too little light of the box.
 _DEPTHS = range(1, 13)
+#: Survival probabilities of a roulette whose loss is not compensated.
 _SURVIVALS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
-#: Steps of finite differences: of reflectance and of the lamp's edges, relative.
-_PAINT_STEP, _LAMP_STEP = 0.02, 0.1
-#: Larger changes of the lamp's edges are not of first order.
-_LARGEST_LAMP_CHANGE = 0.5
-#: No paint reflects more.
-_BRIGHTEST = 0.98
-#: Widths of interpolation between records of an ambient cache, part of the picture's width.
+#: Reflections that such a roulette may spare.
+_SPARED = range(5)
+#: Relative step of a reflectance in finite differences.
+_PAINT_STEP = 0.02
+#: Relative step of the lamp's edges in finite differences.
+_LAMP_STEP = 0.1
+#: Largest relative change of the lamp's edges to which first order applies.
+_MAX_LAMP_CHANGE = 0.5
+#: Largest reflectance of a paint.
+_MAX_REFLECTANCE = 0.98
+#: Smallest factor on a paint.
+_MIN_PAINT_FACTOR = 0.05
+#: Widths of interpolation between records of an ambient cache, over the picture's width.
 _CACHE_WIDTHS = (0.03, 0.06, 0.12)
+#: Roughnesses of a coat: polished, satin, rough.
 _ROUGHNESSES = (0.05, 0.15, 0.35)
+#: Ratio of a rendering with a larger or smaller lamp to the unchanged one, above which a pixel shows the lamp.
+_LAMP_RATIO = 5
+#: Fewest wavelengths for which shifts of wavelengths are fitted.
+_MIN_WAVELENGTHS = 4
 
 
 def from_scene(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """All but gloss, fitted."""
+    """Fitted explanations by the scene, without gloss.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    variants
+        Rendering of the scene.
+
+    Yields
+    ------
+    Explanation
+        Path depth, paints, swapped walls, ambient cache, lamp's size, wavelengths.
+    """
     depths = [variants.light.change(max_bounces=k).picture() for k in _DEPTHS]
     yield from _depth(evidence, variants, depths)
     yield from _paints(evidence, variants)
@@ -43,27 +68,28 @@ def from_scene(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
 
 
 def _change(evidence: Evidence, variants: Variants, picture: NDArray) -> NDArray[np.float64]:
+    """(y, x, w) change of the baseline where the scene's rendering becomes ``picture``."""
     return evidence.baseline * (variants.ratio(picture) - 1)
 
 
 def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Iterator[Explanation]:
-    """Light after more reflections is missing; or it is there by a power of a survival probability only."""
+    """Paths that end after some reflections, or by a roulette whose loss is not compensated."""
     for number, picture in zip(_DEPTHS, depths, strict=True):
-        chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
-        yield Explanation("path-depth", {"max_bounces": number}, chi2, 1)
+        fit = evidence.fit([], _change(evidence, variants, picture))
+        yield Explanation("path-depth", {"max_bounces": number}, fit, 1)
     orders = [b - a for a, b in zip(depths, [*depths[1:], variants.picture], strict=True)]
-    for spared in (0, 1, 2, 3, 4):
+    for spared in _SPARED:
         for survival in _SURVIVALS:
-            kept = depths[0] * (survival if spared == 0 else 1.0)
+            remaining = depths[0] * (survival if spared == 0 else 1.0)
             for reflections, light in enumerate(orders, start=2):
-                kept = kept + light * survival ** max(reflections - spared, 0)
-            picture = np.where(variants.light.seen_lamps > 0, variants.picture, kept)
-            chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
-            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, chi2, 2)
+                remaining = remaining + light * survival ** max(reflections - spared, 0)
+            picture = np.where(variants.light.seen_lamps > 0, variants.picture, remaining)
+            fit = evidence.fit([], _change(evidence, variants, picture))
+            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, fit, 2)
 
 
 def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """One material, or the paint of one surface, by a factor; and by a factor of its own in each group of bands."""
+    """Reflectance of a material or a surface times a factor, or times one for each group."""
     light, transport = variants.light, variants.light.transport
     materials, surfaces = list(variants.scene.materials), [s.name for s in variants.scene.surfaces]
     choices = [
@@ -76,32 +102,32 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             continue
 
         def picture(factor: float, n: int = number, p: NDArray = of_patch, f: NDArray = of_fragment) -> NDArray:
-            by_patch, by_fragment = (np.where(own == n, factor, 1.0)[:, None] for own in (p, f))
+            by_patch, by_fragment = (np.where(index == n, factor, 1.0)[:, None] for index in (p, f))
             return variants.with_paints(light.patch_reflectance * by_patch, light.fragment_reflectance * by_fragment)
 
-        most = _BRIGHTEST / float(light.patch_reflectance[of_patch == number].max())
+        most = _MAX_REFLECTANCE / float(light.patch_reflectance[of_patch == number].max())
         if most <= 1 + _PAINT_STEP:
             continue
         step = _change(evidence, variants, picture(1 + _PAINT_STEP)) / _PAINT_STEP
         fit = evidence.fit([step])
-        factor = float(np.clip(1 + fit.amplitudes[0], 0.05, most))
-        chi2 = fit.chi2
+        factor = float(np.clip(1 + fit.amplitudes[0], _MIN_PAINT_FACTOR, most))
+        best = fit
         if abs(factor - 1) > 2 * _PAINT_STEP:
             for _ in range(2):
                 now = _change(evidence, variants, picture(factor))
                 fit = evidence.fit([step], now)
-                chi2 = min(chi2, evidence.fit([], now).chi2)
-                factor = float(np.clip(factor + fit.amplitudes[0], 0.05, most))
-        yield Explanation("paint", {kind: name, "factor": factor}, chi2, 1)
+                best = min(best, evidence.fit([], now), key=lambda f: f.chi2)
+                factor = float(np.clip(factor + fit.amplitudes[0], _MIN_PAINT_FACTOR, most))
+        yield Explanation("paint", {kind: name, "factor": factor}, best, 1)
         if kind == "material" and evidence.groups > 1:
             masks = [evidence.group == g for g in range(evidence.groups)]
             fit = evidence.fit([step * mask for mask in masks])
             factors = {group_name(variants.side, m): 1 + float(a) for m, a in zip(masks, fit.amplitudes, strict=True)}
-            yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit.chi2, len(masks))
+            yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit, len(masks))
 
 
 def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """The paints of two surfaces of different materials exchanged."""
+    """Paints of two surfaces of different materials exchanged."""
     scene, light = variants.scene, variants.light
     table = np.array([m.reflectance.at(variants.coarse_nm) for m in scene.materials.values()])
     number = {name: i for i, name in enumerate(scene.materials)}
@@ -113,14 +139,14 @@ def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             patches[variants.patch_surface == index] = table[number[material]]
             fragments[light.transport.surface == index] = table[number[material]]
         change = _change(evidence, variants, variants.with_paints(patches, fragments))
-        yield Explanation("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change).chi2, 1)
+        yield Explanation("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change), 1)
 
 
 def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[Explanation]:
-    """Light reflected more than once is smoothed over each surface, or wrong by a smooth function on each."""
+    """Light reflected more than once smoothed over each surface, and times a factor."""
     surfaces = variants.surface_map().index
     indirect = np.maximum(variants.picture - direct, 0)
-    whole = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
+    doubled = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
     for width in _CACHE_WIDTHS:
         smooth = np.zeros_like(indirect)
         for index in np.unique(surfaces[surfaces >= 0]):
@@ -131,78 +157,115 @@ def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[
                 smooth[band] += np.where(mask, gaussian_filter(picture * mask, sigma) / share, 0.0)
         change = np.where(surfaces >= 0, smooth - indirect, 0.0)
         template = _change(evidence, variants, variants.picture + change)
-        fit = evidence.fit([template, whole])
+        fit = evidence.fit([template, doubled])
         smoothed, factor = float(fit.amplitudes[0]), 1 + float(fit.amplitudes[1])
         parameters = {"width_of_picture": width, "smoothed": smoothed, "indirect_factor": factor}
-        yield Explanation("ambient-cache", parameters, fit.chi2, 3)
+        yield Explanation("ambient-cache", parameters, fit, 3)
+
+
+def smooth_over_surfaces(evidence: Evidence, variants: Variants) -> tuple[Fit, int]:
+    """Fit of changes of indirect light that are smooth over each surface, whatever their cause.
+
+    Second-order polynomials of the picture's coordinates, one on each surface, fit many changes. They describe a change
+    that has no name, and name none.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    variants
+        Rendering of the scene.
+
+    Returns
+    -------
+    fit
+        The fit.
+    free
+        Number of free amplitudes, six for each surface.
+    """
+    surfaces = variants.surface_map().index
+    indirect = np.maximum(variants.picture - variants.light.change(max_bounces=1).picture(), 0)
+    change = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
     rows, columns = (np.linspace(-1, 1, size) for size in surfaces.shape)
     y, x = np.meshgrid(rows, columns, indexing="ij")
     shapes = [np.ones_like(x), x, y, x * x, x * y, y * y]
     templates = [
-        whole * ((surfaces == index) * shape)[..., None]
+        change * ((surfaces == index) * shape)[..., None]
         for index in np.unique(surfaces[surfaces >= 0])
         for shape in shapes
     ]
-    fit = evidence.fit(templates)
-    yield Explanation("ambient-cache", {"smooth_functions": len(templates)}, fit.chi2, len(templates))
+    return evidence.fit(templates), len(templates)
 
 
 def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """Larger or smaller edges of the lamp, at a radiance of its own; to first order, up to a change by half."""
+    """Larger or smaller edges of the lamp, with its radiance, to first order."""
     grown, smaller = (
         build_variants(with_lamp_size(variants.scene, 1 + step), variants.camera, variants.side)
         for step in (_LAMP_STEP, -_LAMP_STEP)
     )
-    found = []
+    fitted = []
     for picture, step in ((grown.picture, _LAMP_STEP), (smaller.picture, -_LAMP_STEP)):
-        change = np.clip(variants.ratio(picture) - 1, -1, 5) * evidence.baseline
-        lamp = evidence.baseline.sum(axis=-1) * (variants.ratio(picture).mean(axis=-1) > 5)
+        change = np.clip(variants.ratio(picture) - 1, -1, _LAMP_RATIO) * evidence.baseline
+        lamp = evidence.baseline.sum(axis=-1) * (variants.ratio(picture).mean(axis=-1) > _LAMP_RATIO)
         change = np.where((lamp > 0)[..., None], 0.0, change) / step
         fit = evidence.fit([change, evidence.baseline])
         parameters = {
             "edge_factor": 1 + float(fit.amplitudes[0]),
             "radiance_factor": 1 + float(fit.amplitudes[1]),
         }
-        if abs(fit.amplitudes[0]) <= _LARGEST_LAMP_CHANGE and parameters["radiance_factor"] > 0:
-            found.append(Explanation("lamp-size", parameters, fit.chi2, 2))
-    yield from sorted(found, key=lambda e: e.chi2)[:1]
+        if abs(fit.amplitudes[0]) <= _MAX_LAMP_CHANGE and parameters["radiance_factor"] > 0:
+            fitted.append(Explanation("lamp-size", parameters, fit, 2))
+    yield from sorted(fitted, key=lambda e: e.chi2)[:1]
 
 
 def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """Edges of bins of equal width taken for points: off by half a step, or at both ends outwards or inwards.
+    """Edges of wavelength bins taken for their centres: half a step off, or stretched by a step.
 
-    Paints are known between the wavelengths, the lamp's spectrum is the baseline's, linear between them.
+    Paints are those of the scene. The lamp's spectrum is that of the baseline, linear between wavelengths.
     """
     at = variants.side.wavelength_nm
-    if at.size < 4 or variants.side.in_colour:
+    if at.size < _MIN_WAVELENGTHS or variants.side.in_colour:
         return
     half = float(np.median(np.diff(at))) / 2
-    here = variants.at(at)
-    seen = evidence.baseline.reshape(-1, at.size).sum(axis=0)
-    lamp = seen / np.maximum(here.reshape(-1, at.size).sum(axis=0), 1e-300)
+    unmoved = variants.at(at)
+    total = evidence.baseline.reshape(-1, at.size).sum(axis=0)
+    lamp = total / np.maximum(unmoved.reshape(-1, at.size).sum(axis=0), 1e-300)
     across = np.linspace(-1, 1, at.size)
     for name, off in {"shift_nm": half * np.ones(at.size), "stretch_nm": half * across}.items():
         for sign in (1.0, -1.0):
-            there = at + sign * off
-            slope = np.interp(there, (at[1:] + at[:-1]) / 2, np.diff(lamp) / np.diff(at))
-            light = np.maximum(np.interp(there, at, lamp) + slope * (there - np.clip(there, at[0], at[-1])), 0)
+            moved = at + sign * off
+            slope = np.interp(moved, (at[1:] + at[:-1]) / 2, np.diff(lamp) / np.diff(at))
+            light = np.maximum(np.interp(moved, at, lamp) + slope * (moved - np.clip(moved, at[0], at[-1])), 0)
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = np.where(here * lamp > 0, variants.at(there) * light / (here * lamp), 1.0)
+                ratio = np.where(unmoved * lamp > 0, variants.at(moved) * light / (unmoved * lamp), 1.0)
             fit = evidence.fit([], evidence.baseline * (ratio - 1))
-            yield Explanation("wavelengths", {name: sign * half}, fit.chi2, 1)
+            yield Explanation("wavelengths", {name: sign * half}, fit, 1)
 
 
 def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
-    """A specular coat on one material, of a few roughnesses, its strength fitted beside the diffuse part's.
+    """Fitted explanations by a specular coat on one material.
 
-    Glossy models (rough plastic, principled) also change the diffuse part, each by a factor of its own.
+    Strength and factor on the diffuse part are fitted together: glossy models (rough plastic, principled) change the
+    diffuse part too.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    variants
+        Rendering of the scene.
+
+    Yields
+    ------
+    Explanation
+        One for each material and roughness whose strength is positive.
     """
     names, light = names_in(variants.scene), variants.light
     for number, material in enumerate(variants.scene.materials):
         fewer = 1 - _PAINT_STEP
         patches, fragments = (
-            np.where(own == number, fewer, 1.0)[:, None]
-            for own in (light.transport.light.patches.material, light.transport.material)
+            np.where(index == number, fewer, 1.0)[:, None]
+            for index in (light.transport.light.patches.material, light.transport.material)
         )
         darker = variants.with_paints(light.patch_reflectance * patches, light.fragment_reflectance * fragments)
         diffuse = -_change(evidence, variants, darker) / _PAINT_STEP
@@ -222,4 +285,4 @@ def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
                 "diffuse_factor": factor,
             }
             if specular > 0:
-                yield Explanation("gloss", parameters, fit.chi2, 3)
+                yield Explanation("gloss", parameters, fit, 3)

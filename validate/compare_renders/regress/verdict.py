@@ -1,4 +1,4 @@
-"""Did a picture change? Two sides, one verdict at a stated rate of false alarms."""
+"""Verdict on two sides, same or different, at a stated rate of false alarms."""
 
 from __future__ import annotations
 
@@ -19,31 +19,58 @@ from .strata import Strata, strata_of
 
 __all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
 
-#: Of all verdicts on equal pictures, at most this part says "different".
+#: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
-#: Of the pixels said to differ by themselves, this part may be wrong.
+#: Largest expected part of the pixels listed as differing that do not differ (Benjamini and Hochberg 1995).
 _FALSE_DISCOVERIES = 0.01
-#: Shortest side of a picture, px: edges and noise are found in 3 x 3 pixels.
+#: Shortest side of a picture, px: edges and noise come from 3 x 3 pixels.
 _SHORTEST_SIDE_PX = 3
-#: Scatter of neighbours over what the sides state, from which on it is said.
-_TELLING = 1.5
+#: Scatter of neighbours over the stated variance, from which a note says so.
+_NOTED_RATIO = 1.5
+#: Most degrees of freedom of a single pixel, whose noise is not normal.
+_MAX_PIXEL_DEGREES = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What the verdict and the naming share: both sides on one grid, strata, noise, outliers set aside."""
+    """Data that verdict and naming share."""
 
+    #: Both sides on one grid of wavelengths.
     common: Common
+    #: Parts of the picture.
     strata: Strata
+    #: Noise of the difference.
     noise: Noise
+    #: Difference and baseline without outliers.
     trimmed: Trimmed
+    #: Input of the pooled tests.
     pooling: Pooling
 
 
 def compared_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
 ) -> Comparison:
-    """surfaces : in place of those of the cubes. Raises InputError where the sides cannot be compared."""
+    """Comparison of two sides, before any test.
+
+    Parameters
+    ----------
+    baseline, candidate
+        The sides.
+    surfaces
+        Map of surfaces in place of those of the cubes.
+    false_alarms
+        Rate of false alarms of the verdict.
+
+    Returns
+    -------
+    Comparison
+        Sides, parts, noise, outliers.
+
+    Raises
+    ------
+    InputError
+        If the pictures differ in size or their wavelengths do not overlap.
+    """
     rows, columns = baseline.shape
     if min(rows, columns) < _SHORTEST_SIDE_PX:
         least = f"{_SHORTEST_SIDE_PX} x {_SHORTEST_SIDE_PX} px or more: noise and edges come from neighbouring pixels"
@@ -51,15 +78,17 @@ def compared_sides(
         raise InputError(baseline.source, f"a picture of {columns} x {rows} px", least, hint)
     common = common_wavelengths(candidate, baseline)
     a, b = common.candidate, common.baseline
-    own = surfaces or b.surfaces or a.surfaces
-    strata = strata_of(b.radiance.sum(axis=-1), own)
+    strata = strata_of(b.radiance.sum(axis=-1), surfaces or b.surfaces or a.surfaces)
     difference = a.radiance - b.radiance
     coarse = [side.rounding for side in (a, b) if side.rounding is not None]
-    rounding, shared = sum((part**2 for part in coarse[1:]), coarse[0] ** 2) if coarse else (0.0, None)
-    stated = (a.variance, b.variance), (a.degrees, b.degrees), rounding
-    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *stated), strata.lamp)
+    rounding: NDArray[np.float64] | float = 0.0
+    shared: NDArray[np.float64] | None = None
+    if coarse:
+        rounding, shared = np.sum([part**2 for part in coarse], axis=0)
+    errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
+    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
     del difference
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *stated)
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
@@ -73,74 +102,96 @@ def compared_sides(
 def regress_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
 ) -> tuple[Outcome, Comparison]:
-    """The verdict, unnamed, and what naming needs. Arguments as ``compared_sides``."""
-    found = compared_sides(baseline, candidate, surfaces, false_alarms)
-    pools = pooled_means(found.pooling, found.common.baseline.bands)
+    """Verdict on two sides, without a name of the change.
+
+    Parameters
+    ----------
+    baseline, candidate, surfaces, false_alarms
+        As in ``compared_sides``.
+
+    Returns
+    -------
+    outcome
+        The verdict with all tests.
+    comparison
+        Input of the naming.
+
+    Raises
+    ------
+    InputError
+        If the sides cannot be compared, or if the baseline has no light.
+    """
+    comparison = compared_sides(baseline, candidate, surfaces, false_alarms)
+    pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     if not pools or pools[0].kind != "whole":
         raise InputError(
             baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
         )
-    body = found.strata.body
-    level = float(found.trimmed.level[body].sum())
+    body = comparison.strata.body
+    level = float(comparison.trimmed.level[body].sum())
     notes = [
-        *found.common.baseline.notes,
-        *found.common.candidate.notes,
-        *found.common.notes,
-        *_remarks(found),
+        *comparison.common.baseline.notes,
+        *comparison.common.candidate.notes,
+        *comparison.common.notes,
+        *_remarks(comparison),
     ]
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
         pools=pools,
         false_alarms=false_alarms,
-        outliers=int((found.trimmed.outlier & body).sum()),
-        outlier_share=float(found.trimmed.excess[body].sum()) / level if level else 0.0,
-        pixels_differing=_differing(found),
-        relative=_relative(found),
+        outliers=int((comparison.trimmed.outlier & body).sum()),
+        outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
+        pixels_differing=_differing(comparison),
+        relative=_relative(comparison),
         notes=tuple(notes),
     )
-    return outcome, found
+    return outcome, comparison
 
 
-def _remarks(found: Comparison) -> list[str]:
+def _remarks(comparison: Comparison) -> list[str]:
+    """Notes on maps, equal numbers, and noise that is not as stated."""
     notes = []
-    if not found.strata.mapped:
-        notes.append("no surface map: edges and lamp are told by the picture, and no surface by name")
-    if np.array_equal(found.common.candidate.radiance, found.common.baseline.radiance):
+    if not comparison.strata.mapped:
+        notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
+    if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):
         notes.append(
             "both sides have the same numbers to the bit: between independent pictures noise would hide a larger "
             "change than is stated as detectable"
         )
-    ratio = found.noise.ratio
-    if np.isfinite(ratio) and ratio > _TELLING and not found.noise.estimated:
+    ratio = comparison.noise.ratio
+    if np.isfinite(ratio) and ratio > _NOTED_RATIO and not comparison.noise.estimated:
         notes.append(f"neighbouring pixels scatter {np.sqrt(ratio):.2g} times as much as the standard errors say")
-    if found.noise.clustering > 1:
+    if comparison.noise.clustering > 1:
         notes.append(
-            f"neighbouring pixels are correlated: variances of means are {found.noise.clustering:.2g} times larger"
+            f"neighbouring pixels are correlated: variances of means are {comparison.noise.clustering:.2g} times larger"
         )
     return notes
 
 
-def _relative(found: Comparison) -> NDArray[np.float64]:
-    level = found.common.baseline.radiance.sum(axis=-1)
+def _relative(comparison: Comparison) -> NDArray[np.float64]:
+    """(y, x) difference over the baseline, summed over wavelengths; NaN without light."""
+    level = comparison.common.baseline.radiance.sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(level > 0, found.common.candidate.radiance.sum(axis=-1) / level - 1, np.nan)
+        return np.where(level > 0, comparison.common.candidate.radiance.sum(axis=-1) / level - 1, np.nan)
 
 
-def _differing(found: Comparison) -> int:
-    """Pixels with a false discovery rate of 1 % (Benjamini and Hochberg), as Student's t.
+def _differing(comparison: Comparison) -> int:
+    """Count of pixels that differ by themselves, at a false discovery rate of 1 %.
 
-    Degrees of freedom : twice those behind a variance, which neighbours share, but no more than 8, since single
-    pixels are not normal.
+    Pixels are tested as Student's t. The degrees of freedom are twice those behind a variance, since neighbours share
+    variances, and at most 8, since single pixels are not normal.
     """
-    body = found.strata.body
-    total = found.common.candidate.radiance.sum(axis=-1) - found.common.baseline.radiance.sum(axis=-1)
-    sigma = np.sqrt(smooth_variance(found.trimmed.level.sum(axis=-1), found.noise.total, found.noise.degrees))
-    sigma = sigma * np.sqrt(max(1.0, found.noise.ratio if np.isfinite(found.noise.ratio) else 1.0))
+    body = comparison.strata.body
+    total = comparison.common.candidate.radiance.sum(axis=-1) - comparison.common.baseline.radiance.sum(axis=-1)
+    sigma = np.sqrt(
+        smooth_variance(comparison.trimmed.level.sum(axis=-1), comparison.noise.total, comparison.noise.degrees)
+    )
+    sigma = sigma * np.sqrt(max(1.0, comparison.noise.ratio if np.isfinite(comparison.noise.ratio) else 1.0))
     size, scatter = np.abs(total[body]), sigma[body]
     # without scatter every difference is one
     sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
-    probability = np.sort(2 * t.sf(sigmas, min(8.0, 2 * found.noise.degrees)))
+    probability = np.sort(2 * t.sf(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
     below = np.flatnonzero(
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )

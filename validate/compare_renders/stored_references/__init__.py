@@ -1,4 +1,4 @@
-"""Stored references of a picture's mean light, which change by an explicit command alone."""
+"""Stored references of a picture's mean light, which change only by an explicit command."""
 
 from .stored import Reference, measured_reference, read_reference, require_same_light, write_reference
 

@@ -1,6 +1,6 @@
-"""Means over surfaces and bands of a picture, as a small JSON file beside a renderer's tests.
+"""Mean light of a picture by surface and band, as a JSON file next to a renderer's tests.
 
-A reference is known to 0.05 %, and says with which seed, samples and versions it was made.
+A reference is known to 0.05 %, and states seed, samples and versions of its rendering.
 """
 
 from __future__ import annotations
@@ -27,32 +27,55 @@ from ..regress import FALSE_ALARMS, SYSTEMATIC, Side, strata_of
 __all__ = ["Reference", "measured_reference", "read_reference", "require_same_light", "write_reference"]
 
 FORMAT = "light-reference/1"
-#: Largest relative standard deviation of a mean of a reference.
+#: Largest relative standard deviation of a mean of a reference: half of the 0.1 % that a change should be seen at.
 LARGEST_SIGMA = 5e-4
-#: Fewer pixels make no mean.
-_FEWEST = 12
+#: Fewest pixels of a mean.
+_MIN_PIXELS = 12
 
 
 @dataclass(frozen=True)
 class Reference(OwnMappings):
-    """means : radiance by pool ("surface: floor", "band: 550", "whole picture"), summed over the bands but of a band.
-    sigma : relative standard deviations, with ``degrees`` of freedom or more.
-    seed, samples, versions : of the renderer, as its user states them.
-    """
+    """Mean light of a picture."""
 
+    #: Mean radiance by pool: "surface: floor", "band: 550", "whole picture". It is summed over bands, except of a band.
     means: Mapping[str, float]
+    #: Relative standard deviation by pool.
     sigma: Mapping[str, float]
+    #: Degrees of freedom of ``sigma``, at least.
     degrees: float
+    #: Seed of the renderer, as its user states it.
     seed: int
+    #: Samples per pixel, as the user states them.
     samples: int
+    #: Version by name of a program.
     versions: Mapping[str, str]
 
 
 def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[str, str]) -> Reference:
-    """The means of a picture, the lamp left out, and of surfaces without the pixels at their edges.
+    """Mean light of a picture without its lamp, and of surfaces without their edges.
 
-    The pixels of a mean are told by the map of surfaces alone, never by the radiance, which is noisy.
-    Raises InputError for a picture without standard errors, whose means cannot be judged.
+    The pixels of a mean are selected by the map of surfaces alone, never by the radiance, which is noisy.
+
+    Parameters
+    ----------
+    side
+        The picture, with standard errors.
+    seed
+        Seed of the renderer.
+    samples
+        Samples per pixel.
+    versions
+        Version by name of a program; those of this program and of Python are added.
+
+    Returns
+    -------
+    Reference
+        Means of all pools with enough pixels and light.
+
+    Raises
+    ------
+    InputError
+        If the picture has no standard errors.
     """
     if side.variance is None:
         raise InputError(
@@ -61,39 +84,59 @@ def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[st
             "a cube with standard_error, or several cubes of other seeds",
             "Without them nothing says how well its means are known.",
         )
-    body, surfaces = _places(side)
-    ones = np.ones(len(side.bands))
-    pools = {"whole picture": (body, ones)}
-    pools |= {f"surface: {name}": (mask, ones) for name, mask in surfaces.items()}
-    pools |= {f"band: {name}": (body, row) for name, row in zip(side.bands, np.eye(ones.size), strict=True)}
+    body, surfaces = _regions(side)
+    all_bands = np.ones(len(side.bands))
+    pools = {"whole picture": (body, all_bands)}
+    pools |= {f"surface: {name}": (mask, all_bands) for name, mask in surfaces.items()}
+    pools |= {f"band: {name}": (body, row) for name, row in zip(side.bands, np.eye(all_bands.size), strict=True)}
     means, sigma = {}, {}
     for name, (mask, weights) in pools.items():
-        mean = float((side.radiance[mask] @ weights).mean()) if mask.sum() >= _FEWEST else 0.0
+        mean = float((side.radiance[mask] @ weights).mean()) if mask.sum() >= _MIN_PIXELS else 0.0
         if mean > 0:
             means[name], sigma[name] = mean, _deviation(side.variance[mask], weights) / mean
-    own = {"cboxlab": version("cboxlab"), "python": platform.python_version()}
-    # every pixel of a pool brings its own
-    return Reference(means, sigma, side.degrees * _FEWEST, seed, samples, {**own, **versions})
+    programs = {"cboxlab": version("cboxlab"), "python": platform.python_version()}
+    # each pixel of a pool has independent degrees of freedom
+    return Reference(means, sigma, side.degrees * _MIN_PIXELS, seed, samples, {**programs, **versions})
 
 
-def _places(side: Side) -> tuple[NDArray[np.bool_], dict[str, NDArray[np.bool_]]]:
-    """(y, x) all but the lamp, and each surface away from its edges; of a cube without a map, what is not a lamp."""
-    known = side.surfaces
-    if known is None:
+def _regions(side: Side) -> tuple[NDArray[np.bool_], dict[str, NDArray[np.bool_]]]:
+    """(y, x) pixels without the lamp, and of each surface away from its edges.
+
+    Without a map of surfaces the lamp is found by its brightness, and there are no surfaces.
+    """
+    surface_map = side.surfaces
+    if surface_map is None:
         return strata_of(side.radiance.sum(axis=-1), None).body, {}
-    inside = maximum_filter(known.index, 3) == minimum_filter(known.index, 3)
+    index = surface_map.index
+    inside = maximum_filter(index, 3) == minimum_filter(index, 3)
     inside[[0, -1], :] = inside[:, [0, -1]] = False
-    surfaces = {name: (known.index == i) & inside for i, name in enumerate(known.names)}
-    return ~known.lamp, surfaces
+    surfaces = {name: (index == i) & inside for i, name in enumerate(surface_map.names)}
+    return ~surface_map.lamp, surfaces
 
 
 def _deviation(variance: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Of the mean of weighted sums over bands, whose errors are taken as fully correlated; pixels are independent."""
+    """Standard deviation of the mean of weighted sums over bands.
+
+    Errors of bands are taken as fully correlated, those of pixels as independent.
+    """
     return float(np.sqrt(((np.sqrt(variance) @ weights) ** 2).sum())) / len(variance)
 
 
 def write_reference(path: Path, reference: Reference) -> None:
-    """Raises InputError unless every mean is known to 0.05 %."""
+    """Write a reference.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced.
+    reference
+        The reference.
+
+    Raises
+    ------
+    InputError
+        If a mean is not known to 0.05 %; the message states the samples that are needed.
+    """
     worst = max(reference.sigma, key=lambda name: reference.sigma[name])
     if reference.sigma[worst] > LARGEST_SIGMA:
         raise InputError(
@@ -107,7 +150,23 @@ def write_reference(path: Path, reference: Reference) -> None:
 
 
 def read_reference(path: Path) -> Reference:
-    """Raises InputError for a missing file, and for one that is no reference."""
+    """Read a reference.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Reference
+        The reference.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is no reference.
+    """
     record = read_json(path, "a stored reference")
     try:
         return _checked(record)
@@ -116,6 +175,7 @@ def read_reference(path: Path) -> Reference:
 
 
 def _checked(record: dict[str, Any]) -> Reference:
+    """Reference of a file's content; any error of look-up or conversion says that it is none."""
     if record["format"] != FORMAT:
         raise ValueError(record["format"])
     means, sigma = ({str(k): float(v) for k, v in record[key].items()} for key in ("means", "sigma"))
@@ -127,10 +187,24 @@ def _checked(record: dict[str, Any]) -> Reference:
 
 
 def require_same_light(reference: Reference, measured: Reference, false_alarms: float = FALSE_ALARMS) -> None:
-    """Raise AssertionError that names the pools whose means differ by more than both uncertainties explain.
+    """Require that two references show the same light.
 
-    Student's t of each; the rate of false alarms is shared among the pools (Bonferroni). Pools that only one
-    side has differ, too.
+    The difference of each pool is tested as Student's t, with the rate of false alarms divided among the pools
+    (Bonferroni). A pool that only one side has counts as different.
+
+    Parameters
+    ----------
+    reference
+        The stored reference.
+    measured
+        The reference of the new picture.
+    false_alarms
+        Rate of false alarms of the verdict.
+
+    Raises
+    ------
+    AssertionError
+        If any pool differs; the message lists these pools.
     """
     lines = [f"{name}: in one side only" for name in sorted(set(reference.means) ^ set(measured.means))]
     names = sorted(set(reference.means) & set(measured.means))
@@ -142,6 +216,6 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
         if abs(difference) > threshold * sigma:
             lines.append(f"{name}: {difference:+.3%} ± {sigma:.3%}")
     if lines:
-        made = ", ".join(f"{key} {value}" for key, value in reference.versions.items())
-        head = f"the light differs from the reference (seed {reference.seed}, {reference.samples} samples, {made}):"
+        versions = ", ".join(f"{key} {value}" for key, value in reference.versions.items())
+        head = f"the light differs from the reference (seed {reference.seed}, {reference.samples} samples, {versions}):"
         raise AssertionError("\n  ".join([head, *lines]))

@@ -326,12 +326,20 @@ def test_a_capture_repeats_by_its_seed(tmp_path, cbox):
 def test_calibrate_init_writes_a_first_manifest(tmp_path, cbox):
     tifffile.imwrite(tmp_path / "f550_2s_0.tif", np.full((8, 10), 700, np.uint16))
     code, out, _ = cbox("calibrate", "--init", tmp_path)
-    assert code == 0 and "capture.toml" in out and "[geometry]" in out
+    assert code == 0 and "capture.toml" in out and "[geometry]" in out and "does not name" not in out
     assert "• [camera]: bit_depth = 12" in out
     code, _, err = cbox("calibrate", tmp_path, "--out", tmp_path / "out")
     assert code == 2 and "bit_depth" in err and not (tmp_path / "out").exists()
     code, _, err = cbox("calibrate", "--init", tmp_path)
     assert code == 2 and "exists already" in err
+
+
+def test_calibrate_init_names_the_files_it_left_out(tmp_path, cbox):
+    tifffile.imwrite(tmp_path / "f550_2s_0.tif", np.full((8, 10), 700, np.uint16))
+    (tmp_path / "notes.txt").write_text("taken on a Saturday")
+    code, out, _ = cbox("calibrate", "--init", tmp_path, "--json", tmp_path / "init.json")
+    assert code == 0 and "Files that capture.toml does not name:" in out and "• notes.txt: " in out
+    assert [item["file"] for item in json.loads((tmp_path / "init.json").read_text())["left_out"]] == ["notes.txt"]
 
 
 @pytest.mark.parametrize("command", ["diagnose", "studio"])

@@ -1,5 +1,5 @@
 /* Colour: XYZ of band signals, CIELab, colour differences, sRGB. The formulas are those of
-   validate/compare/colour_difference.py; a test compares the two. */
+   validate/compare/colour_difference.py, whose table names the function of each difference; a test compares the two. */
 
 /** XYZ [X, Y, Z] of pixel `i` of band signals (band, y, x). */
 function xyzOf(picture, signals, i) {
@@ -51,6 +51,18 @@ function deltaE2000(p, q) {
   const rotation =
     -2 * Math.sqrt(seventh(mean)) * Math.sin(60 * Math.exp(-(((hue - 275) / 25) ** 2)) * radian);
   return Math.sqrt(Math.max(dL ** 2 + dC ** 2 + dH ** 2 + rotation * dC * dH, 0));
+}
+
+/** Functions of two CIELab colours, by the name that the table of differences gives them. */
+const COLOUR_DIFFERENCES = { deltaE1976, deltaE2000 };
+
+/** A colour difference {script} of the table, or the luminance difference in %, of measured and rendered pixel `i`. */
+function colourValue(picture, difference, i) {
+  if (leftOut(picture, i) || picture.surface[i] < 0) return NaN;
+  const measured = xyzOf(picture, picture.measured, i);
+  const rendered = xyzOf(picture, picture.rendered, i);
+  if (!difference) return rendered[1] > 0 ? 100 * (measured[1] / rendered[1] - 1) : NaN;
+  return COLOUR_DIFFERENCES[difference.script](labOf(measured, picture.white), labOf(rendered, picture.white));
 }
 
 /** Bytes RGBA of sRGB of band signals at an exposure in stops; the white is 255 at 0 stops. */

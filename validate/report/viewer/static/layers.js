@@ -1,4 +1,4 @@
-/* What can be shown of a picture: layers, their values in every pixel, their scales and colours. */
+/* Layers of a picture: their values in every pixel, their scales and colours. */
 
 /** Named ends of the scales; they are the same for every capture. `null`: the largest value in the picture. */
 const SCALES = {
@@ -8,16 +8,17 @@ const SCALES = {
   own: { name: "largest value of this picture", sigma: null, colour: null, percent: null },
 };
 
-/** Colours of mask reasons, told apart in all common colour vision deficiencies, each with a hatch of its own. */
+/** Colours of mask reasons, distinct in all common colour vision deficiencies. */
 const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
 
 /** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. */
-const LAYERS = [
+const fixedLayers = (picture) => [
   { id: "measured", name: "Photograph", kind: "picture" },
-  { id: "rendered", name: "Render", kind: "picture" },
-  { id: "residual", name: "Difference in σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
-  { id: "delta_e_ab", name: "ΔE*ab (1976)", kind: "size", end: "colour", unit: "" },
-  { id: "delta_e_2000", name: "CIEDE2000", kind: "size", end: "colour", unit: "" },
+  { id: "rendered", name: "Rendering", kind: "picture" },
+  { id: "residual", name: "Photograph minus rendering, σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
+  ...picture.colour_differences.map((difference) => ({
+    id: difference.id, name: difference.title, kind: "size", end: "colour", unit: difference.unit, difference,
+  })),
   { id: "luminance", name: "Luminance difference", kind: "difference", end: "percent", unit: "%" },
   { id: "masks", name: "Pixels left out", kind: "reason" },
 ];
@@ -28,7 +29,7 @@ function layersOf(picture) {
     id: map.id, name: map.name, kind: "difference", end: "sigma", unit: map.unit || "σ",
     perBand: map.perBand, values: map.values,
   }));
-  return [...LAYERS, ...own];
+  return [...fixedLayers(picture), ...own];
 }
 
 /** Whether pixel `i` is left out in some band. */
@@ -88,17 +89,7 @@ function layerValues(picture, layer, band) {
         if (band < 0 || band === b) out[i] |= picture.mask[b * count + i];
       continue;
     }
-    if (leftOut(picture, i) || picture.surface[i] < 0) {
-      out[i] = NaN;
-      continue;
-    }
-    const seen = xyzOf(picture, picture.measured, i);
-    const model = xyzOf(picture, picture.rendered, i);
-    if (layer.id === "luminance") out[i] = model[1] > 0 ? 100 * (seen[1] / model[1] - 1) : NaN;
-    else {
-      const [p, q] = [labOf(seen, picture.white), labOf(model, picture.white)];
-      out[i] = layer.id === "delta_e_ab" ? deltaE1976(p, q) : deltaE2000(p, q);
-    }
+    out[i] = colourValue(picture, layer.difference, i);
   }
   return out;
 }

@@ -1,4 +1,4 @@
-/* What is known of one pixel: a record of numbers, and its panel with charts and tables. */
+/* Data of one pixel: a record of numbers, and its panel with charts and tables. */
 
 /** Number with `digits` significant digits and a minus sign; a dash where there is none. */
 function shown(value, digits = 4) {
@@ -12,7 +12,7 @@ function signed(value, places = 2) {
   return ((value > 0 ? "+" : "") + value.toFixed(places)).replace("-", "−");
 }
 
-/** Everything known of pixel (x, y): plain numbers and names, NaN where there is no value. */
+/** Data of pixel (x, y): plain numbers and names, NaN where there is no value. */
 function pixelRecord(picture, x, y) {
   const count = picture.width * picture.height;
   const i = y * picture.width + x;
@@ -23,7 +23,7 @@ function pixelRecord(picture, x, y) {
     const reasons = picture.reasons.filter((r) => mask & r.bit).map((r) => r.name);
     return { ...band, measured, rendered, sigma, reasons, residual: mask ? NaN : (measured - rendered) / sigma };
   });
-  const of = (id) => layerValues1(picture, id, i);
+  const differences = picture.colour_differences.map((difference) => [difference.id, colourValue(picture, difference, i)]);
   const light = picture.light && picture.light.names.map((name, k) => ({
     name, share: picture.light.share[k * count + i],
   }));
@@ -41,18 +41,8 @@ function pixelRecord(picture, x, y) {
     x, y, bands, light, spectrum,
     surface: label >= 0 ? picture.surfaces[label] : label === -1 ? "lamp" : "outside the box",
     xyz_measured: xyzOf(picture, picture.measured, i), xyz_rendered: xyzOf(picture, picture.rendered, i),
-    delta_e_ab: of("delta_e_ab"), delta_e_2000: of("delta_e_2000"), luminance_percent: of("luminance"),
+    ...Object.fromEntries(differences), luminance_percent: colourValue(picture, null, i),
   };
-}
-
-/** Value of a colour layer in one pixel. */
-function layerValues1(picture, id, i) {
-  if (leftOut(picture, i) || picture.surface[i] < 0) return NaN;
-  const seen = xyzOf(picture, picture.measured, i);
-  const model = xyzOf(picture, picture.rendered, i);
-  if (id === "luminance") return model[1] > 0 ? 100 * (seen[1] / model[1] - 1) : NaN;
-  const [p, q] = [labOf(seen, picture.white), labOf(model, picture.white)];
-  return id === "delta_e_ab" ? deltaE1976(p, q) : deltaE2000(p, q);
 }
 
 function svg(name, attributes, text) {
@@ -201,7 +191,7 @@ function bandTable(record) {
 /** The panel of a pixel as elements. */
 function pixelPanel(picture, record) {
   const values = [
-    ["ΔE*ab", shown(record.delta_e_ab, 3)], ["CIEDE2000", shown(record.delta_e_2000, 3)],
+    ...picture.colour_differences.map((difference) => [difference.label, shown(record[difference.id], 3)]),
     ["luminance", Number.isFinite(record.luminance_percent) ? signed(record.luminance_percent) + " %" : "–"],
     ["XYZ measured", record.xyz_measured.map((v) => shown(v, 4)).join(", ")],
     ["XYZ rendered", record.xyz_rendered.map((v) => shown(v, 4)).join(", ")],

@@ -6,7 +6,7 @@
  *   await viewer.update({rendered, sigma});   // new predictions, drawn at once; also measured, mask, light, spectrum, maps
  *   viewer.set({mode: "side", band: 2}); // change what is shown, see `state`
  *   viewer.select(x, y);                 // what a click does; viewer.select(null) closes the panel
- *   viewer.values(x, y);                 // everything known of a pixel, as plain numbers
+ *   viewer.values(x, y);                 // all data of a pixel, as plain numbers
  *   viewer.state;                        // a copy: mode "slider" | "flip" | "side", layers a, b (compared) and c (beside
  *                                        // them), band, exposure, scale "standard" | "fine" | "coarse" | "own",
  *                                        // zoom, x, y (centre, px), split (%), showing "a" | "b", pixel [x, y] or null
@@ -16,10 +16,10 @@
  *   "cbox-view"   detail: viewer.state after a change by the user or by set()
  *
  * options: the state to begin with, e.g. {mode: "slider", a: "measured", b: "rendered", c: "residual"}.
- * Layers: measured, rendered, residual, delta_e_ab, delta_e_2000, luminance, masks, and the ids in data.maps.
+ * Layers: measured, rendered, residual, luminance, masks, and the ids in data.colour_differences and data.maps.
  * band: number of a band; -1 all bands (pictures as sRGB); -2, -3, -4 for X, Y, Z.
  *
- * data (validate/viewer/payload.py makes it; bands stand in the order of their wavelengths):
+ * data (validate/report/viewer/payload.py makes it; bands stand in the order of their wavelengths):
  *   width, height       px; block   side of the blocks of the capture's pixels that one of these is the mean of
  *   bands               [{id, nm}], nm null where not known
  *   measured, rendered, sigma   (band, y, x) DN      mask   (band, y, x) sum of the bits of `reasons`
@@ -27,6 +27,7 @@
  *   surface             (y, x) index into `surfaces`, -1 the lamp, -2 outside the box; surfaces  [name]
  *   xyz_per_dn          3 rows of one number per band; xyz_unit   its unit; white  {x, y, luminance}
  *   srgb                3 x 3, XYZ over the white's luminance to linear sRGB, adapted to the white
+ *   colour_differences  [{id, label, title, unit, script}], script a name in COLOUR_DIFFERENCES of colour.js
  *   colours             {diverging, sequential}: hexadecimal stops
  *   light               null or {names, share: (k, y, x)}
  *   spectrum            null or {wavelength_nm, basis: (k, w), coefficients: (k, y, x), rank, unit}
@@ -258,7 +259,7 @@ class CBoxViewer {
       const names = ids.map((id) => this._caption(id));
       figure.querySelector("figcaption").textContent = names.join(" | ");
       figure.querySelector("canvas").setAttribute("aria-label",
-        `${names.join(", and right of the line ")}. Arrow keys mark a pixel and tell its values.`);
+        `${names.join(", and right of the line ")}. Arrow keys mark a pixel and announce its values.`);
       const bars = ids.map((id) => this._bar(id)).filter(Boolean);
       figure.querySelector(".cbv-bars").replaceChildren(...bars);
     });

@@ -11,7 +11,7 @@ from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.predict.foreign import ForeignPicture, foreign_picture, require_level
+from cboxlab.validation.predict.external_picture import ExternalPicture, external_picture, require_level
 from scipy.interpolate import interp1d
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
@@ -33,7 +33,7 @@ def image():
 def test_a_cube_of_ours_read_as_another_renderers_is_the_same_picture(tmp_path, light, image, ending):
     path = tmp_path / f"cube.{ending}"
     write_cube(path, image.cube())
-    other = foreign_picture(path, SCENE, CAMERA, light).image
+    other = external_picture(path, SCENE, CAMERA, light).image
     weights = np.eye(WAVELENGTH_NM.size)[:, ::10]
     mean, variance = other.project(weights)
     expected, error = image.project(np.eye(image.wavelength_nm.size))
@@ -50,7 +50,7 @@ def test_between_wavelengths_ratios_to_our_spectrum_are_linear(tmp_path, light):
     whole = ours.project(np.eye(WAVELENGTH_NM.size))[0][walls]
     coarse = replace(ours, spectra=ours.spectra[:, ::20], wavelength_nm=WAVELENGTH_NM[::20])
     write_cube(tmp_path / "cube.nc", coarse.cube())
-    found = foreign_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
+    found = external_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
     linear = interp1d(WAVELENGTH_NM[::20], whole[:, ::20])(WAVELENGTH_NM)
     plain, by_ratio = ((one - whole) / whole.max(axis=1, keepdims=True) for one in (linear, found[walls]))
     assert np.sqrt(np.mean(by_ratio**2)) < 0.1 * np.sqrt(np.mean(plain**2))
@@ -61,7 +61,7 @@ def test_another_renderers_picture_moves_as_ours_does(tmp_path):
     light = solve_light(SCENE, WAVELENGTH_NM[::10], patch_edge_mm=120.0, patch_samples=64)
     moved = CAMERA.with_parameters(CAMERA.parameters + 0.3 * np.eye(10)[7])
     ours = gather(light, CAMERA, 256, 4, seed=5)
-    shown = ForeignPicture(ours, CAMERA, light, tmp_path)
+    shown = ExternalPicture(ours, CAMERA, light, tmp_path)
     assert shown.through(CAMERA, 5) is ours
     found, expected = shown.through(moved, 5), gather(light, moved, 256, 4, seed=5)
     weights = np.eye(light.wavelength_nm.size)
@@ -81,10 +81,10 @@ def test_a_cube_that_does_not_fit_is_refused(tmp_path, light, image):
     path = tmp_path / "cube.nc"
     write_cube(path, image.cube())
     with pytest.raises(InputError, match="16 x 16 px"):
-        foreign_picture(path, SCENE, cornell_camera(24), light)
+        external_picture(path, SCENE, cornell_camera(24), light)
     write_cube(path, replace(image, wavelength_nm=image.wavelength_nm + 50.0).cube())
     with pytest.raises(InputError, match="450 to 750 nm"):
-        foreign_picture(path, SCENE, CAMERA, light)
+        external_picture(path, SCENE, CAMERA, light)
 
 
 def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_path, light):
@@ -95,7 +95,7 @@ def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_
     cube = clean.drop_vars("standard_error")
     cube["radiance"] = (clean["radiance"] * (1 + noise)).assign_attrs(clean["radiance"].attrs)
     write_cube(tmp_path / "cube.nc", cube)
-    picture = foreign_picture(tmp_path / "cube.nc", SCENE, camera, light)
+    picture = external_picture(tmp_path / "cube.nc", SCENE, camera, light)
     assert picture.estimated
     found = picture.image
     inside = found.single_surface & (found.surface >= 0)

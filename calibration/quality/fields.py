@@ -1,0 +1,134 @@
+"""Check of flats and references for a different distribution of light over the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture import Capture
+from ..correction import DarkLibrary
+from .stacks import Stack
+from .suspicion import Suspicion
+
+__all__ = ["check_fields"]
+
+#: Smallest suspicious range of reference over flat in the picture: sound captures have less than 0.5 %, and the sphere
+#: or panel of a laboratory is even to 1 %.
+SMALLEST_RANGE = 0.03
+
+#: The range must be larger than its standard deviation by this factor.
+RANGE_SIGMAS = 8
+
+#: Rows and columns of the blocks whose means are compared.
+BLOCKS = 8
+
+#: Smallest picture, px: blocks of smaller ones have fewer than 16 pixels.
+SMALLEST_PICTURE_PX = 32
+
+#: Smallest share of the bands that differ in the same way: one band alone may have another flat.
+SMALLEST_SHARE = 0.5
+
+#: A surface varies in one way if its range along rows is larger than that along columns by this factor, or the reverse.
+ONE_WAY = 3
+
+#: Places of the picture, by thirds of its rows and columns.
+PLACES = (
+    ("at the upper left", "at the top", "at the upper right"),
+    ("at the left", "in the middle", "at the right"),
+    ("at the lower left", "at the bottom", "at the lower right"),
+)
+
+
+def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
+    """Detect that flats and references of most bands show fields of different shape.
+
+    A quadratic surface is fitted to reference over flat. Bands whose flat has another f-number or image distance than
+    the reference are left out, because the lens then changes the shape.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        Its dark frames.
+
+    Yields
+    ------
+    Suspicion
+        One for the capture, with the largest range and its place.
+    """
+    surfaces = [surface for band in capture.band_ids if (surface := _surface(capture, stacks, dark, band)) is not None]
+    uneven = [surface for surface, sigma in surfaces if _range(surface) > max(SMALLEST_RANGE, RANGE_SIGMAS * sigma)]
+    if not uneven or len(uneven) < SMALLEST_SHARE * len(surfaces):
+        return
+    ranges = [_range(surface) for surface in uneven]
+    brightest, darkest = _places(np.mean(uneven, axis=0))
+    yield Suspicion(
+        "flats and references show fields of different shape (an uneven flat field or reference, or light from aside)",
+        "flat, reference",
+        f"Reference over flat is higher by {min(ranges):.1%} to {max(ranges):.1%} {brightest} than {darkest} in "
+        f"{len(uneven)} of {len(surfaces)} bands; fields of one shape agree within 1%.",
+    )
+
+
+def _surface(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, band: str
+) -> tuple[NDArray[np.float64], float] | None:
+    """Fitted reference over flat of a band, and the standard deviation of its range.
+
+    (BLOCKS, BLOCKS), median about 1. None without comparable frames.
+    """
+    flats, references = capture.flats(band), capture.references(band)
+    if not flats or not references:
+        return None
+    settings = {(capture.f_number(table), capture.image_distance_mm(table)) for table in (flats[0], references[0])}
+    flat, reference = (next(s for s in stacks if s.paths == table.frames) for table in (flats[0], references[0]))
+    if len(settings) > 1 or min(flat.mean.shape) < SMALLEST_PICTURE_PX:
+        return None
+    saturated = capture.saturation_dn
+    usable = (flat.counts.max(axis=0) < saturated) & (reference.counts.max(axis=0) < saturated)
+    net = [np.where(usable, s.mean - s.thinned(dark.at(s.exposure_s)), 0.0) for s in (reference, flat)]
+    above, below = (_block_sums(image) for image in net)
+    if not np.all(below > 0) or not np.all(above > 0):
+        return None
+    ratio = above / below
+    ratio = ratio / np.median(ratio)
+    v, u = (axis.ravel() for axis in np.mgrid[-1 : 1 : BLOCKS * 1j, -1 : 1 : BLOCKS * 1j])
+    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    fit, *_ = np.linalg.lstsq(design, ratio.ravel(), rcond=None)
+    residual = ratio.ravel() - design @ fit
+    scatter = float(np.sqrt(np.sum(residual**2) / (residual.size - design.shape[1])))
+    # The variance of a fitted value is, in the mean, that of a block times parameters over blocks.
+    sigma = scatter * float(np.sqrt(2 * design.shape[1] / residual.size))
+    return (design @ fit).reshape(BLOCKS, BLOCKS), sigma
+
+
+def _block_sums(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(BLOCKS, BLOCKS) sums of an image (y, x) over blocks, without rows and columns left over."""
+    height, width = (n // BLOCKS for n in image.shape)
+    cut = image[: height * BLOCKS, : width * BLOCKS]
+    return np.asarray(cut.reshape(BLOCKS, height, BLOCKS, width).sum(axis=(1, 3)), np.float64)
+
+
+def _range(surface: NDArray[np.float64]) -> float:
+    """Difference of the largest and the smallest value."""
+    return float(np.ptp(surface))
+
+
+def _places(surface: NDArray[np.float64]) -> tuple[str, str]:
+    """Words for the places of the largest and the smallest mean over thirds of the picture.
+
+    A surface that varies along rows much more than along columns, or the reverse, has them at its sides.
+    """
+    means = np.array([[part.mean() for part in np.array_split(row, 3, axis=1)] for row in np.array_split(surface, 3)])
+    by_row, by_column = means.mean(axis=1), means.mean(axis=0)
+    if np.ptp(by_column) > ONE_WAY * np.ptp(by_row):
+        return PLACES[1][int(by_column.argmax())], PLACES[1][int(by_column.argmin())]
+    if np.ptp(by_row) > ONE_WAY * np.ptp(by_column):
+        return PLACES[int(by_row.argmax())][1], PLACES[int(by_row.argmin())][1]
+    largest, smallest = (divmod(int(index), 3) for index in (means.argmax(), means.argmin()))
+    return PLACES[largest[0]][largest[1]], PLACES[smallest[0]][smallest[1]]
