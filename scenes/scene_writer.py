@@ -73,7 +73,7 @@ def _lamp_table(lamp: Lamp) -> dict[str, Any]:
     if quads is None:
         raise InputError(where, "triangles", "a lamp of quads, which a scene file states")
     if lamp.edge_ratio != 1.0 or lamp.exponent != 0.0:
-        hint = "Write the scene without them, and add the effects of the lamp to a model: cbox effects lists them."
+        hint = "Write the scene without them, and add the effects of the lamp to a model."
         raise InputError(where, "an edge ratio or an exponent", "neither", hint)
     table: dict[str, Any] = {"name": lamp.surface.name, "quads_mm": quads, "radiance": _spectrum(lamp.radiance)}
     if lamp.reflects:
